@@ -1,0 +1,4 @@
+//! The `catheter` command.
+fn main() -> std::process::ExitCode {
+    host_tool::cli::main()
+}

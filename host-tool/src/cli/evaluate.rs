@@ -1,0 +1,21 @@
+//! `catheter evaluate`.
+
+use anyhow::{Result, bail};
+
+use super::{Common, Outcome};
+
+/// Judge a model on recordings, free running.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On bad input.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let _ = &arguments.common;
+    bail!("not there yet")
+}

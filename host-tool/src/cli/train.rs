@@ -1,0 +1,21 @@
+//! `catheter train`.
+
+use anyhow::{Result, bail};
+
+use super::{Common, Outcome};
+
+/// Train a network on recordings.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On bad input.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let _ = &arguments.common;
+    bail!("not there yet")
+}

@@ -1,0 +1,1 @@
+//! Judging models: errors per file and family, the ladder, the acceptance suite.

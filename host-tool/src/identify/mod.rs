@@ -1,0 +1,1 @@
+//! Physics models from recordings.

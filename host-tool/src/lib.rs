@@ -1,0 +1,18 @@
+//! The host side of the catheter rig: everything behind the `catheter` command.
+//!
+//! Data flows one way through the modules: [`excitation`] makes input signals, [`plant`] turns them into recordings,
+//! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`model`] is what all models have in common,
+//! [`evaluate`] judges them, [`export`] takes them to the microcontroller and [`report`] shows them.
+
+pub mod cli;
+pub mod evaluate;
+pub mod excitation;
+pub mod export;
+pub mod identify;
+pub mod model;
+pub mod network;
+pub mod output;
+pub mod plant;
+pub mod recording;
+pub mod report;
+pub mod train;

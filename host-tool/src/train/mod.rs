@@ -1,0 +1,1 @@
+//! Fitting networks to recordings: data preparation, schedules, checkpoints.
