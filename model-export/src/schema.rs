@@ -65,6 +65,9 @@ pub enum FeatureSource {
     PathDifference,
     /// `H_i`, the play operator of this index.
     Play(u8),
+    /// `(v - H_i) / threshold_i`, the stop operator of this index, -1 to 1; the threshold must be positive. Bounded and blind to
+    /// where in the range the loop lies, so a network learns from it what a reversal does once for the whole range.
+    Stop(u8),
     /// `L`, the linear readout.
     Readout,
     /// `C_j`, the creep filter of this index.
