@@ -1,0 +1,226 @@
+//! Trained models on disk: safetensors, with everything but the weights as JSON in the header's metadata.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use model_export::schema;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use serde::{Deserialize, Serialize};
+
+use super::{Activation, Channel, Layer, Mode, Network, Provenance, TrainedModel};
+use crate::output;
+
+/// Version of the metadata and tensor names; a file of another version is refused.
+pub const FORMAT_VERSION: u32 = 1;
+
+const METADATA_KEY: &str = "catheter-model";
+
+/// Why a model file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelFileError {
+    /// The file cannot be read or written.
+    #[error("{path}: {message}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system said.
+        message: String,
+    },
+    /// Not a safetensors file, or damaged.
+    #[error("{path}: not a readable safetensors file ({message}); train the model again or restore the file")]
+    Format {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// A safetensors file, but not one of ours.
+    #[error(
+        "{path}: the metadata entry `catheter-model` is missing or unreadable ({message}); only files written by `catheter train` can be loaded"
+    )]
+    Metadata {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// Another version of the format.
+    #[error(
+        "{path}: model format version {found}, this tool reads version {FORMAT_VERSION}; train the model again with this version of the tool"
+    )]
+    Version {
+        /// The file.
+        path: String,
+        /// The file's version.
+        found: u32,
+    },
+    /// A tensor is missing or has another shape than the metadata says.
+    #[error("{path}: tensor `{tensor}`: {message}")]
+    Tensor {
+        /// The file.
+        path: String,
+        /// The tensor's name.
+        tensor: String,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+#[derive(Serialize, Deserialize)]
+struct Architecture {
+    activation: Activation,
+    state_limit: f32,
+    features: usize,
+    units: Vec<usize>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Metadata {
+    format_version: u32,
+    input: Channel,
+    output: Channel,
+    sample_period_s: f64,
+    mode: Mode,
+    front_end: schema::FrontEnd,
+    network: Option<Architecture>,
+    provenance: Provenance,
+}
+
+fn bytes_of(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+/// The model as the bytes of a safetensors file.
+///
+/// # Errors
+/// When the model cannot be encoded, for example because a value of the front end is not finite.
+pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
+    let metadata = Metadata {
+        format_version: FORMAT_VERSION,
+        input: model.input.clone(),
+        output: model.output.clone(),
+        sample_period_s: model.sample_period_s,
+        mode: model.mode,
+        front_end: model.front_end.clone(),
+        network: model.network.as_ref().map(|network| Architecture {
+            activation: network.activation,
+            state_limit: network.state_limit,
+            features: network.features(),
+            units: network.layers.iter().map(|layer| layer.units).collect(),
+        }),
+        provenance: model.provenance.clone(),
+    };
+    let json = serde_json::to_string(&metadata).map_err(|error| error.to_string())?;
+    let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
+    if let Some(network) = &model.network {
+        for (index, layer) in network.layers.iter().enumerate() {
+            let rows = 4 * layer.units;
+            tensors.push((format!("layers.{index}.input_weights"), vec![rows, layer.inputs], bytes_of(&layer.input_weights)));
+            tensors.push((format!("layers.{index}.recurrent_weights"), vec![rows, layer.units], bytes_of(&layer.recurrent_weights)));
+            tensors.push((format!("layers.{index}.bias"), vec![rows], bytes_of(&layer.bias)));
+        }
+        tensors.push(("dense.weights".to_owned(), vec![network.dense_weights.len()], bytes_of(&network.dense_weights)));
+        tensors.push(("dense.bias".to_owned(), vec![1], bytes_of(&[network.dense_bias])));
+    }
+    let mut views = Vec::with_capacity(tensors.len());
+    for (name, shape, bytes) in &tensors {
+        let view = TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(|error| error.to_string())?;
+        views.push((name.clone(), view));
+    }
+    serialize(views, Some(HashMap::from([(METADATA_KEY.to_owned(), json)]))).map_err(|error| error.to_string())
+}
+
+/// Writes a model, whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn save(path: &Path, model: &TrainedModel) -> Result<(), ModelFileError> {
+    let failed = |message: String| ModelFileError::Io { path: path.display().to_string(), message };
+    let bytes = to_bytes(model).map_err(failed)?;
+    output::write_atomic(path, &bytes).map_err(|error| failed(format!("{error:#}")))
+}
+
+/// Reads a model.
+///
+/// # Errors
+/// When the file cannot be read, is damaged, is of another version, or a tensor does not fit the metadata.
+pub fn load(path: &Path) -> Result<TrainedModel, ModelFileError> {
+    let bytes = std::fs::read(path).map_err(|error| ModelFileError::Io { path: path.display().to_string(), message: error.to_string() })?;
+    from_bytes(&bytes, &path.display().to_string())
+}
+
+/// Reads a model from the bytes of a file; `path` is for messages.
+///
+/// # Errors
+/// As [`load`].
+pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileError> {
+    let format = |message: String| ModelFileError::Format { path: path.to_owned(), message };
+    let unreadable = |message: String| ModelFileError::Metadata { path: path.to_owned(), message };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| format(error.to_string()))?;
+    let json =
+        header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY)).ok_or_else(|| unreadable("no such entry".to_owned()))?;
+    // The version is read on its own first, so that a file of another version is named as such and not as damaged.
+    let value: serde_json::Value = serde_json::from_str(json).map_err(|error| unreadable(error.to_string()))?;
+    let found = value.get("format_version").and_then(serde_json::Value::as_u64).and_then(|version| u32::try_from(version).ok());
+    match found {
+        Some(FORMAT_VERSION) => {}
+        Some(found) => return Err(ModelFileError::Version { path: path.to_owned(), found }),
+        None => return Err(unreadable("no format version".to_owned())),
+    }
+    let metadata: Metadata = serde_json::from_value(value).map_err(|error| unreadable(error.to_string()))?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|error| format(error.to_string()))?;
+    let network = metadata.network.map(|architecture| read_network(&tensors, &architecture, path)).transpose()?;
+    if let Some(network) = &network
+        && network.features() != metadata.front_end.features.len()
+    {
+        return Err(unreadable(format!(
+            "the front end offers {} features, the network takes {}",
+            metadata.front_end.features.len(),
+            network.features()
+        )));
+    }
+    Ok(TrainedModel {
+        input: metadata.input,
+        output: metadata.output,
+        sample_period_s: metadata.sample_period_s,
+        mode: metadata.mode,
+        front_end: metadata.front_end,
+        network,
+        provenance: metadata.provenance,
+    })
+}
+
+fn read_network(tensors: &SafeTensors<'_>, architecture: &Architecture, path: &str) -> Result<Network, ModelFileError> {
+    let read = |name: String, shape: &[usize]| -> Result<Vec<f32>, ModelFileError> {
+        let refuse = |message: String| ModelFileError::Tensor { path: path.to_owned(), tensor: name.clone(), message };
+        let tensor = tensors.tensor(&name).map_err(|error| refuse(error.to_string()))?;
+        if tensor.dtype() != Dtype::F32 || tensor.shape() != shape {
+            return Err(refuse(format!("{:?} {:?} where F32 {shape:?} is expected", tensor.dtype(), tensor.shape())));
+        }
+        let (words, _) = tensor.data().as_chunks::<4>();
+        let values: Vec<f32> = words.iter().map(|&word| f32::from_le_bytes(word)).collect();
+        match values.iter().position(|value| !value.is_finite()) {
+            Some(index) => Err(refuse(format!("element {index} is not finite"))),
+            None => Ok(values),
+        }
+    };
+    let mut inputs = architecture.features;
+    let mut layers = Vec::with_capacity(architecture.units.len());
+    for (index, &units) in architecture.units.iter().enumerate() {
+        layers.push(Layer {
+            inputs,
+            units,
+            input_weights: read(format!("layers.{index}.input_weights"), &[4 * units, inputs])?,
+            recurrent_weights: read(format!("layers.{index}.recurrent_weights"), &[4 * units, units])?,
+            bias: read(format!("layers.{index}.bias"), &[4 * units])?,
+        });
+        inputs = units;
+    }
+    Ok(Network {
+        activation: architecture.activation,
+        state_limit: architecture.state_limit,
+        layers,
+        dense_weights: read("dense.weights".to_owned(), &[inputs])?,
+        dense_bias: read("dense.bias".to_owned(), &[1])?[0],
+    })
+}
