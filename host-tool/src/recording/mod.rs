@@ -1,9 +1,31 @@
-//! Recordings: one run of input and output over time, and the errors of reading one.
+//! Recordings: one run of input and output over time, read from and written to CSV, never repaired.
+//!
+//! Terms. A *recording* is one file, one run. A *gap* is a step of time longer than [`GAP_FACTOR`] median steps, or a jump of the
+//! `sequence` column: samples are missing there and nobody knows what the input did meanwhile. *Jitter* is any smaller unevenness of
+//! the steps; it is tolerated and can be reported with [`Recording::timing`].
+//!
+//! Our own files have one header line and the columns `time_s,pressure_bar,displacement_mm`, optionally `pressure_measured_bar`,
+//! `sequence`, `temperature_c` and `session_time_s`. Any other file is read with a [`ColumnMap`].
 
-use std::path::PathBuf;
+mod columns;
+mod error;
+mod read;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+pub use columns::{ColumnMap, ColumnName};
+pub use error::RecordingError;
+pub use read::{files, load, parse, read};
+pub use write::{encode, write};
+
+/// A step longer than this many median steps is a gap: one lost sample of an even clock (two steps) is found, the ordinary jitter of
+/// the measured sets (up to 1.8 steps in the pneumatic cylinder's 100 Hz files) is not.
+pub const GAP_FACTOR: f64 = 1.9;
 
 /// Name and unit of one channel.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Signal {
     /// Quantity, for example `pressure`.
     pub quantity: String,
@@ -11,8 +33,37 @@ pub struct Signal {
     pub unit: String,
 }
 
+impl Signal {
+    /// The input of our own files, pressure in bar.
+    #[must_use]
+    pub fn pressure_bar() -> Self {
+        Self { quantity: "pressure".into(), unit: "bar".into() }
+    }
+
+    /// The output of our own files, displacement in mm.
+    #[must_use]
+    pub fn displacement_mm() -> Self {
+        Self { quantity: "displacement".into(), unit: "mm".into() }
+    }
+
+    /// The name of this signal's column: `quantity_unit`.
+    #[must_use]
+    pub fn column(&self) -> String {
+        format!("{}_{}", self.quantity, self.unit)
+    }
+}
+
+/// One more column of a recording, carried along unchanged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExtraColumn {
+    /// Its header, for example `temperature_c`.
+    pub name: String,
+    /// One value a sample.
+    pub values: Vec<f64>,
+}
+
 /// One run: input and output at common times, free of non-finite values.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     /// Where it came from; also its name in reports.
     pub path: PathBuf,
@@ -28,8 +79,149 @@ pub struct Recording {
     pub input: Vec<f64>,
     /// Output, one value a sample.
     pub output: Vec<f64>,
-    /// Median sample period in s.
+    /// Sample period in s: the mean step where the clock is even (which undoes the rounding of printed times), else the median step.
     pub sample_period_s: f64,
     /// Index of the first sample after each gap.
     pub gaps: Vec<usize>,
+    /// Optional columns of our own files (`pressure_measured_bar`, `sequence`, `temperature_c`, `session_time_s`).
+    pub extra: Vec<ExtraColumn>,
+    /// SHA-256 of the file's bytes in hexadecimal; empty for a recording that never was a file.
+    pub sha256: String,
 }
+
+/// How even a recording's clock is.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Timing {
+    /// Median step in s.
+    pub median_step_s: f64,
+    /// Shortest step in s.
+    pub shortest_step_s: f64,
+    /// Longest step in s, gaps included.
+    pub longest_step_s: f64,
+    /// Share of steps that differ from the median by more than 5 %.
+    pub uneven_share: f64,
+    /// Number of gaps.
+    pub gaps: usize,
+}
+
+impl Recording {
+    /// Makes a recording from samples in memory: checks them, finds the period and the gaps; `path` gives the name and the family.
+    ///
+    /// # Errors
+    /// When the lengths differ, there are fewer than two samples, a value is not finite, or a time does not increase. The line named
+    /// is that of a file with one header line.
+    pub fn new(
+        path: &Path,
+        input_signal: Signal,
+        output_signal: Signal,
+        time_s: Vec<f64>,
+        input: Vec<f64>,
+        output: Vec<f64>,
+    ) -> Result<Self, RecordingError> {
+        let line_of = |index: usize| index as u64 + 2;
+        if time_s.len() != input.len() || time_s.len() != output.len() {
+            return Err(RecordingError::Lengths { path: path.into(), time: time_s.len(), input: input.len(), output: output.len() });
+        }
+        let columns = [("time_s".to_owned(), &time_s), (input_signal.column(), &input), (output_signal.column(), &output)];
+        for (column, values) in &columns {
+            if let Some(index) = values.iter().position(|value| !value.is_finite()) {
+                let text = values[index].to_string();
+                return Err(RecordingError::NotFinite { path: path.into(), line: line_of(index), column: column.clone(), text });
+            }
+        }
+        if let Some(index) = (1..time_s.len()).find(|&index| time_s[index] <= time_s[index - 1]) {
+            let (previous_s, time_s) = (time_s[index - 1], time_s[index]);
+            return Err(RecordingError::TimeNotIncreasing { path: path.into(), line: line_of(index), previous_s, time_s });
+        }
+        if time_s.len() < 2 {
+            return Err(RecordingError::TooShort { path: path.into(), rows: time_s.len() });
+        }
+        let (sample_period_s, gaps) = clock(&time_s);
+        let family = family(path);
+        let path = path.to_path_buf();
+        Ok(Self {
+            path,
+            family,
+            input_signal,
+            output_signal,
+            time_s,
+            input,
+            output,
+            sample_period_s,
+            gaps,
+            extra: Vec::new(),
+            sha256: String::new(),
+        })
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// Whether there is no sample; never the case for a recording that was read.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+
+    /// The stretches between gaps as index ranges, in order; one stretch when there is no gap.
+    #[must_use]
+    pub fn segments(&self) -> Vec<std::ops::Range<usize>> {
+        let starts = std::iter::once(0).chain(self.gaps.iter().copied());
+        let ends = self.gaps.iter().copied().chain(std::iter::once(self.len()));
+        starts.zip(ends).map(|(start, end)| start..end).collect()
+    }
+
+    /// How even the clock is.
+    #[must_use]
+    pub fn timing(&self) -> Timing {
+        let mut steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        let median = steps.get(steps.len() / 2).copied().unwrap_or(self.sample_period_s);
+        let uneven = steps.iter().filter(|&&step| (step - median).abs() > 0.05 * median).count();
+        Timing {
+            median_step_s: median,
+            shortest_step_s: steps.first().copied().unwrap_or(median),
+            longest_step_s: steps.last().copied().unwrap_or(median),
+            uneven_share: uneven as f64 / steps.len().max(1) as f64,
+            gaps: self.gaps.len(),
+        }
+    }
+}
+
+/// The sample period and the gaps of strictly increasing times.
+fn clock(time_s: &[f64]) -> (f64, Vec<usize>) {
+    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mut gaps = Vec::new();
+    let middle = steps.len() / 2;
+    let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
+    for (index, step) in steps.drain(..).enumerate() {
+        if step > GAP_FACTOR * median {
+            gaps.push(index + 1);
+        }
+    }
+    let span = time_s[time_s.len() - 1] - time_s[0];
+    let mean = span / (time_s.len() - 1) as f64;
+    // A clock is even when every time lies within 5 % of a period of the straight line: then printed times are only rounded.
+    let even = time_s.iter().enumerate().all(|(index, time)| (time - time_s[0] - index as f64 * mean).abs() < 0.05 * mean);
+    // Nine digits: files of one clock get the same period although each file's rounding differs.
+    (significant(if even { mean } else { median }, 9), gaps)
+}
+
+/// `value` rounded to so many significant decimal digits.
+fn significant(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
+}
+
+/// The family of a file: the leading word of its name, without a running number. `a_03.csv` and `a3.csv` are of family `a`.
+fn family(path: &Path) -> String {
+    let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let word = stem.split(['_', ' ', '.']).next().unwrap_or_default();
+    let bare = word.trim_end_matches(|character: char| character.is_ascii_digit());
+    if bare.len() == 1 { bare.to_owned() } else { word.to_owned() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,78 @@
+//! What can be wrong with a recording; every message names the file, the line where there is one, and what to do.
+
+use std::path::PathBuf;
+
+/// Why a recording could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what each field is")]
+pub enum RecordingError {
+    /// The file or folder does not exist or cannot be opened.
+    #[error("{}: cannot be read ({source}); check the path and its permissions", path.display())]
+    Open { path: PathBuf, source: std::io::Error },
+    /// A folder was given where one file is wanted.
+    #[error("{}: is a folder, a CSV file is wanted here; name one of the files in it", path.display())]
+    IsFolder { path: PathBuf },
+    /// A folder without any CSV file.
+    #[error("{}: the folder and its subfolders hold no .csv file; point to the folder with the recordings", path.display())]
+    NoFiles { path: PathBuf },
+    /// No path at all.
+    #[error("no recordings were given; name at least one CSV file or folder")]
+    NoPaths,
+    /// Nothing in the file.
+    #[error("{}: the file is empty; a header line such as `time_s,pressure_bar,displacement_mm` and rows are wanted", path.display())]
+    Empty { path: PathBuf },
+    /// Bytes that are not UTF-8 text.
+    #[error("{}:{line}: the text is not UTF-8; save the file again as CSV in UTF-8", path.display())]
+    NotText { path: PathBuf, line: u64 },
+    /// The first line is data.
+    #[error("{}:{line}: the first line holds numbers, not column names; put a header line such as `time_s,pressure_bar,displacement_mm` on top", path.display())]
+    NoHeader { path: PathBuf, line: u64 },
+    /// The separator is not a comma.
+    #[error("{}:{line}: the columns seem to be separated by {separator}; save the file again with commas between columns and points in numbers", path.display())]
+    Separator { path: PathBuf, line: u64, separator: &'static str },
+    /// A wanted column does not exist.
+    #[error("{}:{line}: there is no column `{column}` (the file has {found}); {hint}", path.display())]
+    MissingColumn { path: PathBuf, line: u64, column: String, found: String, hint: String },
+    /// A column name occurs twice.
+    #[error("{}:{line}: the column `{column}` occurs twice; remove or rename one", path.display())]
+    DuplicateColumn { path: PathBuf, line: u64, column: String },
+    /// A column that our own format does not know.
+    #[error("{}:{line}: the column `{column}` is not part of our format; remove it, or say which columns to read with `--columns time=time_s,input=pressure_bar,output=displacement_mm`", path.display())]
+    UnknownColumn { path: PathBuf, line: u64, column: String },
+    /// The map of columns cannot be understood.
+    #[error("--columns `{text}`: {problem}; write for example `time=t_s,input=voltage_V,output=displacement_um`")]
+    Columns { text: String, problem: String },
+    /// A header and nothing below it, or a single row.
+    #[error("{}: has {rows} row(s) of data, at least two are needed; was the recording interrupted?", path.display())]
+    TooShort { path: PathBuf, rows: usize },
+    /// A row with more or fewer cells than the header.
+    #[error("{}:{line}: the row has {cells} cell(s), the header has {columns}; was the file cut off or edited? Correct or remove the row", path.display())]
+    Ragged { path: PathBuf, line: u64, cells: usize, columns: usize },
+    /// A cell that is no number.
+    #[error("{}:{line}: column `{column}` holds {}, a number is wanted; correct or remove the row", path.display(), shown(text))]
+    NotANumber { path: PathBuf, line: u64, column: String, text: String },
+    /// A cell that is infinite or not a number.
+    #[error("{}:{line}: column `{column}` holds {}, a finite number is wanted; remove the row (a gap is better than an invented value)", path.display(), shown(text))]
+    NotFinite { path: PathBuf, line: u64, column: String, text: String },
+    /// A time that is equal to or before the one above.
+    #[error("{}:{line}: the time {time_s} s does not come after the {previous_s} s of the row before; were two recordings joined? Split them into files of their own", path.display())]
+    TimeNotIncreasing { path: PathBuf, line: u64, previous_s: f64, time_s: f64 },
+    /// A sequence number that is no whole number or does not increase.
+    #[error("{}:{line}: the sequence number {text} is not a whole number above that of the row before; were two recordings joined? Split them into files of their own", path.display())]
+    Sequence { path: PathBuf, line: u64, text: String },
+    /// Columns of unequal length, in memory.
+    #[error("{}: {time} times, {input} inputs and {output} outputs; the lengths must be equal", path.display())]
+    Lengths { path: PathBuf, time: usize, input: usize, output: usize },
+    /// Writing failed.
+    #[error("{}: cannot be written ({problem}); check the folder and the free space", path.display())]
+    Write { path: PathBuf, problem: String },
+}
+
+/// A cell as shown in a message: quoted, shortened, an empty one called so.
+fn shown(text: &str) -> String {
+    if text.is_empty() {
+        return "nothing".to_owned();
+    }
+    let short: String = text.chars().take(40).collect();
+    if short.len() < text.len() { format!("`{short}…`") } else { format!("`{short}`") }
+}
