@@ -1,6 +1,6 @@
 //! The model blob: what a trained estimator looks like on its way to the microcontroller.
 //!
-//! [`schema`] holds the wire types, [`blob`] the frame around them (magic, version, length, CRC-32).
+//! [`schema`] holds the wire types, [`validate`] what they must satisfy.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -8,3 +8,4 @@
 extern crate std;
 
 pub mod schema;
+pub mod validate;

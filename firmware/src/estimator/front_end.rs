@@ -1,0 +1,353 @@
+//! The front end: the physics part of an estimator in `f32`, by the equations of [`model_export::schema`].
+//!
+//! Terms. *Normalised input* `u`: the raw sample through the input channel's map. *Input path* `v`: `u` after the dead time and the
+//! lag. *Play sum* `s`: the weighted play operators. *Readout* `L`: the front end's estimate in normalised output.
+//!
+//! Every operation is a single `f32` addition, multiplication, division or comparison, so that desktop and Cortex-M4F give the same
+//! bits. A sample that is not finite, or lies more than [`MAX_NORMALISED`] spans from the channel's centre, is no measurement: the
+//! last good one is held in its place and the event counted. Play operators never forget, so one such sample let through would spoil
+//! the memory for good.
+
+use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+use model_export::validate::Invalid;
+
+/// Largest magnitude of the normalised input that is believed.
+pub const MAX_NORMALISED: f32 = 1000.0;
+
+/// Two more than the longest dead time: the newest sample itself, and the older neighbour of a fractional delay.
+const DELAY_LINE: usize = MAX_DEAD_TIME_SAMPLES + 2;
+
+/// The physics part, ready to run; immutable.
+#[derive(Clone, Debug)]
+pub struct FrontEnd {
+    config: schema::FrontEnd,
+    input_offset: f32,
+    input_scale: f32,
+    /// Normalised input at the low end of the range: stands in until the first good sample.
+    rest: f32,
+    delay_whole: usize,
+    delay_fraction: f32,
+}
+
+/// The memory of a [`FrontEnd`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrontEndState {
+    started: bool,
+    delay_line: [f32; DELAY_LINE],
+    newest: usize,
+    input: f32,
+    path: f32,
+    plays: [f32; MAX_PLAY],
+    creeps: [f32; MAX_CREEP],
+    held_samples: u32,
+}
+
+/// What one step of the front end gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrontEndOutput {
+    /// `u`, the normalised input that was used.
+    pub input: f32,
+    /// `v`, the output of the input path.
+    pub path: f32,
+    /// `L`, the linear readout in normalised output.
+    pub linear: f32,
+    /// The sample was no measurement and the last good one was used.
+    pub held: bool,
+}
+
+impl Default for FrontEndState {
+    fn default() -> Self {
+        Self {
+            started: false,
+            delay_line: [0.0; DELAY_LINE],
+            newest: 0,
+            input: 0.0,
+            path: 0.0,
+            plays: [0.0; MAX_PLAY],
+            creeps: [0.0; MAX_CREEP],
+            held_samples: 0,
+        }
+    }
+}
+
+impl FrontEndState {
+    /// Samples that were no measurement, since the last reset; saturates.
+    #[must_use]
+    pub fn held_samples(&self) -> u32 {
+        self.held_samples
+    }
+
+    /// Forgets everything: the next good sample starts from its equilibrium.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Paper eq. (2): the play operator follows `v` at the distance of the threshold.
+fn play(path: f32, threshold: f32, last: f32) -> f32 {
+    let (low, high) = (path - threshold, path + threshold);
+    if last < low {
+        low
+    } else if last > high {
+        high
+    } else {
+        last
+    }
+}
+
+impl FrontEnd {
+    /// Builds the front end of a model.
+    ///
+    /// # Errors
+    /// When a field of `config` or of `input` is out of its domain.
+    pub fn new(config: &schema::FrontEnd, input: &Channel<'_>) -> Result<Self, Invalid> {
+        config.validate()?;
+        input.validate()?;
+        // The dead time is at most 32 samples, so counting up is exact and needs no float-to-integer cast.
+        let (mut delay_whole, mut delay_fraction) = (0, config.dead_time_samples);
+        while delay_fraction >= 1.0 {
+            delay_whole += 1;
+            delay_fraction -= 1.0;
+        }
+        let rest = (input.minimum - input.offset) / input.scale;
+        Ok(Self {
+            config: config.clone(),
+            input_offset: input.offset,
+            input_scale: input.scale,
+            rest: rest.clamp(-MAX_NORMALISED, MAX_NORMALISED),
+            delay_whole,
+            delay_fraction,
+        })
+    }
+
+    /// The parameters it was built from.
+    #[must_use]
+    pub fn config(&self) -> &schema::FrontEnd {
+        &self.config
+    }
+
+    /// Number of features it computes.
+    #[must_use]
+    pub fn features(&self) -> usize {
+        self.config.features.len()
+    }
+
+    /// One sample: `raw` in the input channel's unit; `features` receives the network's inputs before quantisation, about -1 to 1, in
+    /// the schema's order (features beyond the slice's end are not computed).
+    ///
+    /// # Deadline
+    /// Runs in the control tick: about 15 instructions a play operator and 10 a feature.
+    pub fn step(&self, state: &mut FrontEndState, raw: f32, features: &mut [f32]) -> FrontEndOutput {
+        let measured = (raw - self.input_offset) / self.input_scale;
+        let held = !(measured.abs() <= MAX_NORMALISED);
+        if held {
+            state.held_samples = state.held_samples.saturating_add(1);
+        }
+        let input = match (held, state.started) {
+            (false, _) => measured,
+            (true, true) => state.input,
+            (true, false) => self.rest,
+        };
+        let first = !state.started;
+        let (last_input, last_path) = if first { (input, input) } else { (state.input, state.path) };
+        if first {
+            state.delay_line = [input; DELAY_LINE];
+            state.plays = [0.0; MAX_PLAY];
+            // A stand-in is no start: the first good sample shall find its own equilibrium.
+            state.started = !held;
+        }
+
+        let delayed = self.delay(state, input);
+        let lag = self.config.lag_coefficient;
+        let path = if first || lag >= 1.0 { delayed } else { last_path + lag * (delayed - last_path) };
+
+        let mut sum = 0.0;
+        let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights);
+        for ((threshold, weight), memory) in operators.zip(&mut state.plays) {
+            *memory = play(path, *threshold, *memory);
+            sum += weight * *memory;
+        }
+
+        let mut linear = self.config.bias + self.config.input_weight * path + sum;
+        let filters = self.config.creep_coefficients.iter().zip(&self.config.creep_weights);
+        for ((coefficient, weight), memory) in filters.zip(&mut state.creeps) {
+            *memory = if first { sum } else { *memory + coefficient * (sum - *memory) };
+            linear += weight * *memory;
+        }
+
+        state.input = input;
+        state.path = path;
+        for (feature, value) in self.config.features.iter().zip(features) {
+            let signal = match feature.source {
+                FeatureSource::Input => input,
+                FeatureSource::InputDifference => input - last_input,
+                FeatureSource::Path => path,
+                FeatureSource::PathDifference => path - last_path,
+                FeatureSource::Play(index) => element(&state.plays, index),
+                FeatureSource::Stop(index) => (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index),
+                FeatureSource::Readout => linear,
+                FeatureSource::Creep(index) => element(&state.creeps, index),
+            };
+            *value = (signal - feature.offset) * feature.gain;
+        }
+        FrontEndOutput { input, path, linear, held }
+    }
+
+    /// Dead time by linear interpolation between the two samples around it.
+    fn delay(&self, state: &mut FrontEndState, input: f32) -> f32 {
+        state.newest = if state.newest == 0 { DELAY_LINE - 1 } else { state.newest - 1 };
+        if let Some(slot) = state.delay_line.get_mut(state.newest) {
+            *slot = input;
+        }
+        let at = |age: usize| {
+            let index = state.newest + age;
+            let index = if index >= DELAY_LINE { index - DELAY_LINE } else { index };
+            state.delay_line.get(index).copied().unwrap_or(input)
+        };
+        let (younger, older) = (at(self.delay_whole), at(self.delay_whole + 1));
+        younger + self.delay_fraction * (older - younger)
+    }
+}
+
+/// Validation has put every index inside its table; the default is never taken.
+fn element(values: &[f32], index: u8) -> f32 {
+    values.get(usize::from(index)).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use heapless::Vec;
+    use model_export::schema::Feature;
+
+    fn channel() -> Channel<'static> {
+        Channel { quantity: "pressure", unit: "bar", offset: 1.0, scale: 2.0, minimum: 0.0, maximum: 3.0 }
+    }
+
+    fn feature(source: FeatureSource) -> Feature {
+        Feature { source, offset: 0.0, gain: 1.0 }
+    }
+
+    fn config() -> schema::FrontEnd {
+        schema::FrontEnd {
+            lag_coefficient: 1.0,
+            play_thresholds: Vec::from_slice(&[0.0, 0.25]).unwrap(),
+            play_weights: Vec::from_slice(&[0.5, 0.25]).unwrap(),
+            ..schema::FrontEnd::default()
+        }
+    }
+
+    #[test]
+    fn follows_the_play_equation_by_hand() {
+        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        // u = -0.5, 0.5, 0.25, -0.5: the second operator goes -0.25, 0.25, 0.25, -0.25. All values are exact in binary.
+        let expected = [(0.0, -0.3125), (2.0, 0.3125), (1.5, 0.1875), (0.0, -0.3125)];
+        for (raw, readout) in expected {
+            assert_eq!(front_end.step(&mut state, raw, &mut []).linear, readout);
+        }
+    }
+
+    #[test]
+    fn delays_by_fractions_of_a_sample_and_lags() {
+        let config = schema::FrontEnd { dead_time_samples: 1.25, lag_coefficient: 0.5, input_weight: 1.0, ..schema::FrontEnd::default() };
+        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        front_end.step(&mut state, 1.0, &mut []);
+        // A unit step in u, delayed: 0, 0.75, 1, 1; lagged by halves: 0, 0.375, 0.6875, 0.84375.
+        let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, 3.0, &mut []).path, expected));
+        for (path, expected) in paths {
+            assert_eq!(path, expected);
+        }
+    }
+
+    #[test]
+    fn the_longest_dead_time_is_exact() {
+        let config = schema::FrontEnd { dead_time_samples: 32.0, lag_coefficient: 1.0, input_weight: 1.0, ..schema::FrontEnd::default() };
+        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        for sample in 0..100u8 {
+            let path = front_end.step(&mut state, f32::from(sample), &mut []).path;
+            assert_eq!(path, (f32::from(sample.saturating_sub(32)) - 1.0) / 2.0);
+        }
+    }
+
+    #[test]
+    fn creep_starts_at_equilibrium_and_follows_the_sum() {
+        let mut config = config();
+        config.creep_coefficients.push(0.25).unwrap();
+        config.creep_weights.push(2.0).unwrap();
+        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        assert_eq!(front_end.step(&mut state, 0.0, &mut []).linear, -0.3125 * 3.0);
+        assert_eq!(front_end.step(&mut state, 2.0, &mut []).linear, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+    }
+
+    #[test]
+    fn features_are_the_signals_the_schema_names() {
+        let mut config = config();
+        config.dead_time_samples = 1.0;
+        let sources = [
+            FeatureSource::Input,
+            FeatureSource::InputDifference,
+            FeatureSource::Path,
+            FeatureSource::PathDifference,
+            FeatureSource::Play(1),
+            FeatureSource::Stop(1),
+            FeatureSource::Readout,
+        ];
+        config.features.extend(sources.map(feature));
+        config.features.push(Feature { source: FeatureSource::Input, offset: 0.5, gain: 2.0 }).unwrap();
+        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        let mut features = [f32::NAN; 8];
+        front_end.step(&mut state, 0.0, &mut features);
+        assert_eq!(features, [-0.5, 0.0, -0.5, 0.0, -0.25, -1.0, -0.3125, -2.0]);
+        front_end.step(&mut state, 2.0, &mut features);
+        assert_eq!(features, [0.5, 1.0, -0.5, 0.0, -0.25, -1.0, -0.3125, 0.0]);
+        front_end.step(&mut state, 2.0, &mut features);
+        assert_eq!(features, [0.5, 0.0, 0.5, 1.0, 0.25, 1.0, 0.3125, 0.0]);
+    }
+
+    #[test]
+    fn a_sample_that_is_no_measurement_is_held_and_counted() {
+        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1.0e5] {
+            let (mut state, mut reference) = (FrontEndState::default(), FrontEndState::default());
+            front_end.step(&mut state, 2.0, &mut []);
+            front_end.step(&mut reference, 2.0, &mut []);
+            let output = front_end.step(&mut state, bad, &mut []);
+            assert!(output.held);
+            assert_eq!(output.linear, front_end.step(&mut reference, 2.0, &mut []).linear);
+            assert_eq!(state.held_samples(), 1);
+        }
+    }
+
+    #[test]
+    fn a_bad_first_sample_leaves_the_start_to_the_first_good_one() {
+        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        let (mut state, mut fresh) = (FrontEndState::default(), FrontEndState::default());
+        // At rest: u = -0.5, as in the hand calculation.
+        assert_eq!(front_end.step(&mut state, f32::NAN, &mut []).linear, -0.3125);
+        for raw in [2.5, 1.0, 1.7] {
+            assert_eq!(front_end.step(&mut state, raw, &mut []), front_end.step(&mut fresh, raw, &mut []));
+        }
+    }
+
+    #[test]
+    fn refuses_what_it_could_not_run() {
+        let refused = |change: fn(&mut schema::FrontEnd)| {
+            let mut config = config();
+            change(&mut config);
+            FrontEnd::new(&config, &channel()).unwrap_err().field
+        };
+        assert_eq!(refused(|config| config.dead_time_samples = 32.5), "front_end.dead_time_samples");
+        assert_eq!(refused(|config| config.dead_time_samples = f32::NAN), "front_end.dead_time_samples");
+        assert_eq!(refused(|config| config.lag_coefficient = 0.0), "front_end.lag_coefficient");
+        assert_eq!(refused(|config| config.play_thresholds[0] = 0.5), "front_end.play_thresholds");
+        assert_eq!(refused(|config| config.play_weights.truncate(1)), "front_end.play_weights");
+        assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Play(2))).unwrap()), "front_end.features");
+        // The first operator has threshold zero: there is no stop to divide by.
+        assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Stop(0))).unwrap()), "front_end.features");
+    }
+}
