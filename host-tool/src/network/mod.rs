@@ -13,13 +13,19 @@
 //!
 //! `act` is one of [`Activation`]. Everything is normalised: the input by the input channel, the output by the output channel.
 
+mod activation;
 mod file;
+mod parameters;
+mod product;
+mod sequence;
 mod step;
 
 use model_export::schema;
 use serde::{Deserialize, Serialize};
 
 pub use file::{FORMAT_VERSION, ModelFileError, from_bytes, load, save, to_bytes};
+pub use parameters::{Architecture, LayerLayout, Layout};
+pub use sequence::Sequence;
 pub use step::NetworkState;
 
 /// The cell activation, used for the candidate and for the cell output; gates are always sigmoid.
@@ -198,3 +204,6 @@ pub struct TrainedModel {
     /// Where the model came from.
     pub provenance: Provenance,
 }
+
+#[cfg(test)]
+mod tests;

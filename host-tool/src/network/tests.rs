@@ -1,0 +1,158 @@
+//! The fast passes against the plain step, finite differences in f64, and files against damage.
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+/// A network with weights of order one, so that gates, clamps and both saturations are all exercised.
+fn random_network(seed: u64, features: usize, units: &[usize], activation: Activation, state_limit: f32) -> Network {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let shape = Network::zeros(features, units, activation, state_limit).architecture();
+    let flat: Vec<f32> = (0..Layout::new(&shape).len()).map(|_| random.random_range(-0.6..0.6)).collect();
+    Network::from_flat(&shape, &flat)
+}
+
+fn random_values(seed: u64, count: usize) -> Vec<f32> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..count).map(|_| random.random_range(-1.5..1.5)).collect()
+}
+
+const SHAPES: [(Activation, f32); 4] = [(Activation::Tanh, 8.0), (Activation::Relu, 0.5), (Activation::Hard, 0.3), (Activation::Relu, 8.0)];
+
+#[test]
+fn flat_parameters_survive_the_round_trip() {
+    let network = random_network(1, 3, &[5, 7], Activation::Tanh, 4.0);
+    assert_eq!(Network::from_flat(&network.architecture(), &network.to_flat()), network);
+    assert_eq!(network.to_flat().len(), network.parameters());
+}
+
+#[test]
+fn the_paper_network_has_49_472_macs_a_step() {
+    let network = Network::zeros(1, &[64, 64], Activation::Relu, 8.0);
+    assert_eq!(network.macs_per_step(), 49_472);
+    assert_eq!(network.parameters(), 49_472 + 2 * 256 + 1);
+}
+
+#[test]
+fn batched_forward_over_two_chunks_equals_single_steps() {
+    for (activation, limit) in SHAPES {
+        let network = random_network(7, 3, &[20, 33], activation, limit);
+        let flat = network.to_flat();
+        let (lanes, steps, features) = (5, 9, 3);
+        let mut sequence = Sequence::new(&network.architecture(), lanes, steps);
+        let mut states: Vec<NetworkState> = (0..lanes).map(|_| NetworkState::new(&network)).collect();
+        for chunk in 0..2 {
+            let inputs = random_values(11 + chunk, lanes * steps * features);
+            sequence.features_mut(steps).copy_from_slice(&inputs);
+            let outputs = sequence.forward(&flat).to_vec();
+            for step in 0..steps {
+                for (lane, state) in states.iter_mut().enumerate() {
+                    let row = step * lanes + lane;
+                    let expected = network.step(state, &inputs[row * features..(row + 1) * features]);
+                    // Sums in another order and activations within 3e-7, over 18 recurrent steps.
+                    assert!((outputs[row] - expected).abs() < 2e-5, "{activation:?} row {row}: {} {expected}", outputs[row]);
+                }
+            }
+            sequence.carry();
+            if chunk == 0 {
+                sequence.reset_lane(2);
+                states[2].reset();
+            }
+        }
+    }
+}
+
+/// The equations of the module documentation in f64, from zero state: sum over rows of `factor * output`.
+fn weighted_output_f64(architecture: &Architecture, flat: &[f64], inputs: &[f32], factors: &[f32], lanes: usize, steps: usize) -> f64 {
+    let layout = Layout::new(architecture);
+    let limit = f64::from(architecture.state_limit);
+    let act = |x: f64| match architecture.activation {
+        Activation::Tanh => x.tanh(),
+        Activation::Relu => x.clamp(0.0, limit),
+        Activation::Hard => x.clamp(-1.0, 1.0),
+    };
+    let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+    let mut total = 0.0;
+    for lane in 0..lanes {
+        let mut hidden: Vec<Vec<f64>> = architecture.units.iter().map(|&units| vec![0.0; units]).collect();
+        let mut cell = hidden.clone();
+        for step in 0..steps {
+            let row = step * lanes + lane;
+            let mut input: Vec<f64> =
+                inputs[row * architecture.features..][..architecture.features].iter().map(|&x| f64::from(x)).collect();
+            for (index, place) in layout.layers.iter().enumerate() {
+                let units = place.units;
+                let mut z: Vec<f64> = flat[place.bias.clone()].to_vec();
+                for (gate, z) in z.iter_mut().enumerate() {
+                    for (k, x) in input.iter().enumerate() {
+                        *z += flat[place.input_weights.start + k * 4 * units + gate] * x;
+                    }
+                    for (k, h) in hidden[index].iter().enumerate() {
+                        *z += flat[place.recurrent_weights.start + k * 4 * units + gate] * h;
+                    }
+                }
+                for unit in 0..units {
+                    let c = sigmoid(z[units + unit]) * cell[index][unit] + sigmoid(z[unit]) * act(z[2 * units + unit]);
+                    cell[index][unit] = c.clamp(-limit, limit);
+                    hidden[index][unit] = sigmoid(z[3 * units + unit]) * act(cell[index][unit]);
+                }
+                input.clone_from(&hidden[index]);
+            }
+            let dense = &flat[layout.dense_weights.clone()];
+            let output = flat[layout.dense_bias] + input.iter().zip(dense).map(|(h, w)| h * w).sum::<f64>();
+            total += f64::from(factors[row]) * output;
+        }
+    }
+    total
+}
+
+#[test]
+fn gradients_equal_central_differences_in_f64() {
+    for (activation, limit) in SHAPES {
+        let (lanes, steps, features) = (3, 6, 2);
+        let network = random_network(3, features, &[4, 17], activation, limit);
+        let architecture = network.architecture();
+        let flat = network.to_flat();
+        let inputs = random_values(5, lanes * steps * features);
+        let factors = random_values(6, lanes * steps);
+        let mut sequence = Sequence::new(&architecture, lanes, steps);
+        sequence.features_mut(steps).copy_from_slice(&inputs);
+        sequence.forward(&flat);
+        sequence.output_gradient_mut().copy_from_slice(&factors);
+        let mut gradient = vec![0.0; flat.len()];
+        sequence.backward(&flat, &mut gradient);
+
+        let exact: Vec<f64> = flat.iter().map(|&value| f64::from(value)).collect();
+        let largest = gradient.iter().fold(0.0f32, |largest, value| largest.max(value.abs()));
+        assert!(largest > 0.5, "the test needs gradients to speak of, got {largest}");
+        for index in 0..flat.len() {
+            let shifted = |by: f64| {
+                let mut parameters = exact.clone();
+                parameters[index] += by;
+                weighted_output_f64(&architecture, &parameters, &inputs, &factors, lanes, steps)
+            };
+            let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+            let error = (f64::from(gradient[index]) - difference).abs();
+            // f32 rounding and the 3e-7 of the activations, over 6 steps and 3 lanes; the largest gradient sets the scale.
+            assert!(error < 1e-5 * f64::from(largest).max(1.0), "{activation:?} parameter {index}: {} {difference}", gradient[index]);
+        }
+    }
+}
+
+#[test]
+fn carried_state_restores_the_next_chunk_bit_for_bit() {
+    let network = random_network(9, 2, &[16, 16], Activation::Tanh, 8.0);
+    let flat = network.to_flat();
+    let run = |sequence: &mut Sequence, seed| {
+        sequence.features_mut(5).copy_from_slice(&random_values(seed, 5 * 4 * 2));
+        let outputs = sequence.forward(&flat).to_vec();
+        sequence.carry();
+        outputs
+    };
+    let mut first = Sequence::new(&network.architecture(), 4, 5);
+    run(&mut first, 1);
+    let mut second = Sequence::new(&network.architecture(), 4, 5);
+    second.restore_state(&first.carried_state());
+    assert_eq!(run(&mut first, 2), run(&mut second, 2));
+}
