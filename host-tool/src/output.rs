@@ -1,24 +1,81 @@
-//! What commands leave behind: files written whole or not at all, JSON results, progress.
+//! What commands leave behind: files written whole or not at all, JSON results, lines on standard output, progress.
 
-use std::io::Write;
-use std::path::Path;
+use std::fmt::Arguments;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
+/// Prints a line on standard output like `println!`, but a reader that left early (`catheter inspect M.blob | head`) is no error: the
+/// command goes on and still leaves its files.
+#[macro_export]
+macro_rules! say {
+    () => { $crate::output::print_line(format_args!("")) };
+    ($($argument:tt)*) => { $crate::output::print_line(format_args!($($argument)*)) };
+}
+
+/// The first error of standard output other than a closed pipe, for example a full disk behind `> report.txt`.
+static STANDARD_OUTPUT_ERROR: Mutex<Option<std::io::Error>> = Mutex::new(None);
+
+/// Prints a line on standard output; see [`say!`].
+pub fn print_line(text: Arguments<'_>) {
+    let mut output = std::io::stdout().lock();
+    let result = output.write_fmt(text).and_then(|()| output.write_all(b"\n"));
+    remember(result);
+}
+
+/// Prints bytes on standard output as they are; see [`say!`].
+pub fn print_bytes(bytes: &[u8]) {
+    remember(std::io::stdout().lock().write_all(bytes));
+}
+
+fn remember(result: std::io::Result<()>) {
+    if let Err(error) = result
+        && error.kind() != ErrorKind::BrokenPipe
+        && let Ok(mut slot) = STANDARD_OUTPUT_ERROR.lock()
+    {
+        slot.get_or_insert(error);
+    }
+}
+
+/// Flushes standard output and tells whether everything said so far arrived.
+///
+/// # Errors
+/// When a line could not be written for any reason but a reader that left.
+pub fn finish() -> Result<()> {
+    remember(std::io::stdout().lock().flush());
+    match STANDARD_OUTPUT_ERROR.lock().map(|mut slot| slot.take()) {
+        Ok(Some(error)) => Err(error).context("standard output cannot be written; is the disk full?"),
+        _ => Ok(()),
+    }
+}
+
 /// Writes `bytes` to `path` through a temporary file in the same folder, so that a reader sees the old file or the new one.
+/// Folders on the way are created. A pipe or device (`/dev/stdout`) is written straight.
 ///
 /// # Errors
 /// When the folder cannot be created or written to.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
-    let mut file = tempfile::NamedTempFile::new_in(folder).with_context(|| format!("cannot write in {}", folder.display()))?;
-    file.write_all(bytes).with_context(|| format!("cannot write {}", path.display()))?;
-    file.persist(path).with_context(|| format!("cannot write {}", path.display()))?;
+    if is_stream(path) {
+        let mut stream =
+            std::fs::OpenOptions::new().write(true).open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
+        return match stream.write_all(bytes) {
+            Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+                Err(error).with_context(|| format!("{}: cannot be written", path.display()))
+            }
+            _ => Ok(()),
+        };
+    }
+    check_file(path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))?;
+    // A link to a file stays a link: what it points to is replaced.
+    let path = &std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let folder = folder_of(path);
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be created", folder.display()))?;
+    let mut file = new_temporary(folder).with_context(|| format!("{}: no file can be written in this folder", folder.display()))?;
+    file.write_all(bytes).with_context(|| format!("{}: cannot be written; is the disk full?", path.display()))?;
+    file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     Ok(())
 }
 
@@ -32,6 +89,115 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     write_atomic(path, &bytes)
 }
 
+/// Checks, before any work is done, that a file can be written at `path`: it is no folder, and the nearest folder that exists takes
+/// files. Creates nothing.
+///
+/// # Errors
+/// What is in the way and what to do; the message does not repeat the path.
+pub fn check_file(path: &Path) -> Result<(), String> {
+    if is_stream(path) {
+        return Ok(());
+    }
+    if path.is_dir() || path.file_name().is_none() {
+        return Err("is a folder, a file name is wanted; add one".to_owned());
+    }
+    check_writable(folder_of(path))
+}
+
+/// Checks, before any work is done, that files can be written into the folder `path`, which need not exist yet. Creates nothing.
+///
+/// # Errors
+/// As [`check_file`].
+pub fn check_folder(path: &Path) -> Result<(), String> {
+    check_writable(path)
+}
+
+/// Checks the nearest folder that exists at or above `folder`.
+fn check_writable(folder: &Path) -> Result<(), String> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let Some(existing) =
+        here.ancestors().map(|path| if path.as_os_str().is_empty() { Path::new(".") } else { path }).find(|path| path.exists())
+    else {
+        return Err("cannot be reached; check the path".to_owned());
+    };
+    if !existing.is_dir() {
+        return Err(format!("{} is a file, a folder is wanted there; choose another place", existing.display()));
+    }
+    match new_temporary(existing) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(format!("the folder {} takes no files ({}); choose another place", existing.display(), reason(&error))),
+    }
+}
+
+/// What the system says, without the name of the temporary file.
+fn reason(error: &std::io::Error) -> String {
+    error.raw_os_error().map_or_else(|| error.kind().to_string(), |code| std::io::Error::from_raw_os_error(code).to_string())
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Whether something other than a file or folder is there: a terminal, a pipe, a device.
+fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+}
+
+/// A temporary file that, once renamed, has the rights of any newly made file instead of the owner's alone.
+fn new_temporary(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".catheter-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+/// A file the user asks for, checked while the command line is read: with the right ending, where a file can be written.
+pub fn file_argument(ending: &'static str) -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    use clap::builder::{PathBufValueParser, TypedValueParser};
+    PathBufValueParser::new().try_map(move |path: PathBuf| {
+        if !ending.is_empty() && !is_stream(&path) && path.extension().is_none_or(|found| found != ending) {
+            return Err(format!("the name must end in .{ending}"));
+        }
+        check_file(&path)?;
+        Ok(path)
+    })
+}
+
+/// A folder the user asks for, checked while the command line is read; it need not exist yet.
+pub fn folder_argument() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    use clap::builder::{PathBufValueParser, TypedValueParser};
+    PathBufValueParser::new().try_map(|path: PathBuf| {
+        check_folder(&path)?;
+        Ok::<_, String>(path)
+    })
+}
+
+/// Refuses to overwrite what a command reads, as `--data run.csv --json run.csv` would.
+///
+/// # Errors
+/// When an output is one of the inputs.
+pub fn refuse_overwriting(inputs: &[PathBuf], outputs: &[&Path]) -> Result<()> {
+    for output in outputs {
+        let Ok(canonical) = std::fs::canonicalize(output) else { continue };
+        if is_stream(output) {
+            continue;
+        }
+        for input in inputs {
+            if std::fs::canonicalize(input).is_ok_and(|input| input == canonical) {
+                bail!("{}: is read by this command and would be overwritten by it; choose another name for the result", output.display());
+            }
+        }
+    }
+    Ok(())
+}
+
 /// A progress bar on standard error with message and time left; silent when standard error is not a terminal.
 #[must_use]
 pub fn progress(length: u64, label: &str) -> ProgressBar {
@@ -41,4 +207,75 @@ pub fn progress(length: u64, label: &str) -> ProgressBar {
     }
     bar.set_prefix(label.to_owned());
     bar
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_appears_whole_with_its_folders_and_nothing_else() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a/b/result.json");
+        write_json(&path, &[1, 2])?;
+        write_json(&path, &[3])?;
+        assert_eq!(std::fs::read_to_string(&path)?, "[\n  3\n]\n");
+        assert_eq!(std::fs::read_dir(folder.path().join("a/b"))?.count(), 1);
+        Ok(())
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn others_may_read_the_files_we_write() -> Result<()> {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir()?;
+        let (plain, ours) = (folder.path().join("plain"), folder.path().join("ours"));
+        std::fs::write(&plain, b"x")?;
+        write_atomic(&ours, b"x")?;
+        let rights = |path: &Path| std::fs::metadata(path).map(|metadata| metadata.permissions().mode());
+        assert_eq!(rights(&ours)?, rights(&plain)?);
+        Ok(())
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_stays_a_link_and_a_device_stays_a_device() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
+        std::fs::write(&target, b"old")?;
+        std::os::unix::fs::symlink(&target, &link)?;
+        write_atomic(&link, b"new")?;
+        assert!(std::fs::symlink_metadata(&link)?.is_symlink());
+        assert_eq!(std::fs::read(&target)?, b"new");
+        write_atomic(Path::new("/dev/null"), b"new")?;
+        assert!(is_stream(Path::new("/dev/null")));
+        Ok(())
+    }
+
+    #[test]
+    fn a_folder_or_a_file_in_the_way_is_found_before_the_work_and_nothing_is_created() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"kept")?;
+        assert!(check_file(folder.path()).is_err_and(|problem| problem.contains("is a folder")));
+        assert!(check_file(&file.join("below.toml")).is_err_and(|problem| problem.contains("is a file")));
+        assert!(check_folder(&file).is_err_and(|problem| problem.contains("is a file")));
+        assert!(write_atomic(&file.join("below.toml"), b"x").is_err());
+        assert_eq!(check_file(&folder.path().join("new/deep/result.toml")), Ok(()));
+        assert_eq!(check_file(&file), Ok(()));
+        assert_eq!(std::fs::read_dir(folder.path())?.count(), 1);
+        assert_eq!(std::fs::read(&file)?, b"kept");
+        Ok(())
+    }
+
+    #[test]
+    fn an_input_is_not_overwritten() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let input = folder.path().join("run.csv");
+        std::fs::write(&input, b"x")?;
+        let roundabout = folder.path().join("../").join(folder.path().file_name().unwrap_or_default()).join("run.csv");
+        assert!(refuse_overwriting(std::slice::from_ref(&input), &[&roundabout]).is_err());
+        assert!(refuse_overwriting(&[input], &[&folder.path().join("other.toml"), Path::new("/dev/null")]).is_ok());
+        Ok(())
+    }
 }
