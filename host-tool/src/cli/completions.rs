@@ -1,21 +1,25 @@
-//! `catheter completions`.
+//! `catheter completions`: the completion script of a shell, on standard output.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
+use clap::CommandFactory;
 
-use super::{Common, Outcome};
+use super::{Cli, Outcome};
+use crate::output;
 
-/// Print shell completions.
+/// Print the completion script of a shell.
 #[derive(clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    common: Common,
+    /// Which shell.
+    shell: clap_complete::Shell,
 }
 
-/// Runs the command.
+/// Prints the script.
 ///
 /// # Errors
-/// On bad input.
+/// Never.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let _ = &arguments.common;
-    bail!("not there yet")
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut Cli::command(), "catheter", &mut script);
+    output::print_bytes(&script);
+    Ok(Outcome::Success)
 }

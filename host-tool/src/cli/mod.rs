@@ -4,15 +4,19 @@ mod completions;
 mod demo;
 mod evaluate;
 mod export;
+mod help;
 mod identify;
 mod inspect;
 mod simulate;
 mod train;
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+
+use crate::output;
 
 /// How a command ended; the exit code is a contract.
 pub enum Outcome {
@@ -24,7 +28,7 @@ pub enum Outcome {
 
 /// Hysteresis of a pneumatic catheter: simulate, identify, train, evaluate, export.
 #[derive(Parser)]
-#[command(name = "catheter", version, about, long_about = None)]
+#[command(name = "catheter", version, about, long_about = None, after_long_help = help::OVERVIEW)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -32,27 +36,35 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    #[command(after_long_help = help::SIMULATE)]
     Simulate(simulate::Arguments),
+    #[command(after_long_help = help::IDENTIFY)]
     Identify(identify::Arguments),
+    #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
+    #[command(after_long_help = help::EVALUATE)]
     Evaluate(evaluate::Arguments),
+    #[command(after_long_help = help::EXPORT)]
     Export(export::Arguments),
+    #[command(after_long_help = help::INSPECT)]
     Inspect(inspect::Arguments),
+    #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
+    #[command(after_long_help = help::COMPLETIONS)]
     Completions(completions::Arguments),
 }
 
 /// Options that every computing command takes.
 #[derive(Args, Clone, Debug)]
 pub struct Common {
-    /// Write the result as JSON to this file.
-    #[arg(long, value_name = "FILE")]
+    /// Write the result as JSON to this file; folders on the way are created.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
     pub json: Option<PathBuf>,
     /// Seed of every random choice; equal seeds give equal results.
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub seed: u64,
     /// Worker threads; all cores when absent. Results are bit-identical for an equal count.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = thread_count)]
     pub threads: Option<usize>,
 }
 
@@ -65,6 +77,16 @@ pub struct Data {
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
     #[arg(long, value_name = "MAP")]
     pub columns: Option<String>,
+}
+
+/// More threads than this is a slip of the finger.
+const MOST_THREADS: usize = 1024;
+
+fn thread_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=MOST_THREADS).contains(&count) => Ok(count),
+        _ => Err(format!("a whole number from 1 to {MOST_THREADS} is wanted")),
+    }
 }
 
 /// Runs the command line and turns the outcome into the exit code: 0 done, 1 a check failed, 2 usage or input.
@@ -81,11 +103,14 @@ pub fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     };
+    // What the command said belongs to its result: a full disk behind `> table.txt` must not look like success.
+    let result = result.and_then(|outcome| output::finish().map(|()| outcome));
     match result {
         Ok(Outcome::Success) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            // Not eprintln: it panics when nobody reads standard error any more.
+            let _ = writeln!(std::io::stderr(), "error: {error:#}");
             ExitCode::from(2)
         }
     }

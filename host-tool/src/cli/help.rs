@@ -1,0 +1,125 @@
+//! What `--help` teaches below the options: what a command reads and leaves behind, and examples to copy.
+//!
+//! A test runs every line of these texts that starts with `catheter` through the parser, so no example outlives an option.
+
+/// Below the help of `catheter` itself.
+pub const OVERVIEW: &str = "\
+From nothing to a verified model, one command after the other:
+  catheter simulate rich --out data
+  catheter identify --data data/train --out physics.toml
+  catheter train --data data/train --out model.safetensors
+  catheter export model.safetensors --calibration data/train --out model.blob
+  catheter evaluate --model model.blob --data data/test --suite
+
+All of it at once, with a report to look at:
+  catheter demo --out demo
+
+Exit codes:
+  0  done
+  1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector)
+  2  usage or input: the message says which file, which line and what to do; nothing was half-written";
+
+/// Below the help of `simulate`.
+pub const SIMULATE: &str = "\
+Leaves DIR/train/*.csv and DIR/test/*.csv; the letter a test file's name starts with is its family: a descending sine, b descending
+triangle, c ascending sine, d ascending sine of changing frequency.
+
+Examples:
+  catheter simulate paper --out data/paper
+  catheter simulate rich --out data/rich --seed 7";
+
+/// Below the help of `identify`.
+pub const IDENTIFY: &str = "\
+Leaves a physics model as TOML, made to be read: thresholds and weights with units, confidence intervals and where they came from.
+
+Examples:
+  catheter identify --data data/train --out physics.toml
+  catheter identify --data run1.csv run2.csv --out physics.toml --json fit.json
+  catheter identify --data piezo.csv --columns time=t_s,input=voltage_V,output=displacement_um --out piezo.toml";
+
+/// Below the help of `train`.
+pub const TRAIN: &str = "\
+Leaves the trained model as safetensors. The same seed and the same number of threads give the same bits.
+
+Examples:
+  catheter train --data data/train --out model.safetensors
+  catheter train --preset stream-1x32 --data data/train --out small.safetensors --budget-cpu-s 250
+  catheter train --preset paper-window --data data/paper/train --out window.safetensors --seed 3 --threads 1";
+
+/// Below the help of `evaluate`.
+pub const EVALUATE: &str = "\
+The model runs freely from the first sample: it sees the input and never the measured output. Takes .toml, .safetensors and .blob;
+a blob is run by the very code of the microcontroller. With --suite a failed limit ends in exit code 1.
+
+Examples:
+  catheter evaluate --model model.blob --data data/test --suite
+  catheter evaluate --model physics.toml --data run.csv --json errors.json
+  catheter evaluate --model piezo.toml --data piezo_test.csv --columns time=t_s,input=voltage_V,output=displacement_um";
+
+/// Below the help of `export`.
+pub const EXPORT: &str = "\
+The calibration recordings set the ranges of activations and state: take the training data, or more of the same kind, never the test data.
+
+Examples:
+  catheter export model.safetensors --calibration data/train --out model.blob
+  catheter export model.safetensors --calibration data/train --out model.blob --json export.json";
+
+/// Below the help of `inspect`.
+pub const INSPECT: &str = "\
+A blob with a flipped bit, a missing tail or another schema is refused with exit code 2 and the reason.
+
+Examples:
+  catheter inspect model.blob
+  catheter inspect model.blob --json model.json";
+
+/// Below the help of `demo`.
+pub const DEMO: &str = "\
+Simulates, identifies, trains, quantises, verifies and evaluates with a small budget; about a minute on two cores.
+
+Example:
+  catheter demo --out demo";
+
+/// Below the help of `completions`.
+pub const COMPLETIONS: &str = "\
+Put the script where your shell looks for it.
+
+Examples:
+  catheter completions bash > ~/.local/share/bash-completion/completions/catheter
+  catheter completions fish > ~/.config/fish/completions/catheter.fish
+  catheter completions zsh > ~/.zfunc/_catheter";
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use crate::cli::Cli;
+
+    /// The lines of `text` that call the command, split into words, redirections left out.
+    fn examples(text: &str) -> impl Iterator<Item = Vec<&str>> {
+        text.lines()
+            .map(str::trim)
+            .filter(|line| line.starts_with("catheter "))
+            .map(|line| line.split_whitespace().take_while(|word| *word != ">").collect())
+    }
+
+    #[test]
+    fn every_example_in_the_help_is_understood_by_the_parser() {
+        let mut command = Cli::command();
+        let mut texts = vec![command.render_long_help().to_string()];
+        for subcommand in command.get_subcommands_mut() {
+            let help = subcommand.render_long_help().to_string();
+            assert!(examples(&help).next().is_some(), "no example in the help of {}", subcommand.get_name());
+            texts.push(help);
+        }
+        for words in texts.iter().flat_map(|text| examples(text)) {
+            if let Err(error) = Cli::command().try_get_matches_from(&words) {
+                panic!("`{}`: {error}", words.join(" "));
+            }
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}
