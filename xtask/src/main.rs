@@ -1,2 +1,50 @@
-//! The project's chores: `cargo xtask test | ci | bench`.
-fn main() {}
+//! The project's chores: `cargo xtask test | ci | setup`, the same for a person and for continuous integration.
+
+mod checks;
+mod emulator;
+mod process;
+mod setup;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// The project's chores.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target.
+    Test,
+    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
+    Ci,
+    /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
+    Setup,
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().chore {
+        Chore::Test => test(),
+        Chore::Ci => checks::desktop(),
+        Chore::Setup => setup::everything(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn test() -> anyhow::Result<()> {
+    setup::everything()?;
+    checks::desktop()?;
+    checks::target_builds()?;
+    emulator::boots()
+}

@@ -1,0 +1,26 @@
+//! The checks a change must pass: format, lints, documentation, tests, builds for the microcontroller.
+
+use anyhow::Result;
+
+use crate::process::{cargo, run};
+use crate::setup::TARGET;
+
+/// Everything that runs on a desktop with nothing but Rust.
+pub fn desktop() -> Result<()> {
+    run("format", cargo().args(["fmt", "--all", "--check"]))?;
+    run("lints", cargo().args(["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
+    run(
+        "documentation",
+        cargo().env("RUSTDOCFLAGS", "--deny warnings").args(["doc", "--workspace", "--no-deps", "--document-private-items"]),
+    )?;
+    run("tests", cargo().args(["test", "--workspace"]))
+}
+
+/// The packages that run on the microcontroller, built for it, its binaries linked against `memory.x`.
+pub fn target_builds() -> Result<()> {
+    run(
+        "target builds",
+        cargo().args(["build", "--release", "--target", TARGET, "-p", "hysteresis", "-p", "model-export", "-p", "firmware"]),
+    )?;
+    run("target lints", cargo().args(["clippy", "--release", "--target", TARGET, "-p", "firmware", "--", "--deny", "warnings"]))
+}

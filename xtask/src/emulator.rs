@@ -1,0 +1,23 @@
+//! The firmware as ARM code in QEMU: netduinoplus2 is the machine with the rig's chip.
+
+use std::time::Duration;
+
+use anyhow::Result;
+
+use crate::process::{answer_within, command, target_folder};
+use crate::setup::{EMULATOR, TARGET};
+
+/// The image boots in the emulator and ends well.
+pub fn boots() -> Result<()> {
+    eprintln!("\n==> emulator: the firmware boots as ARM code");
+    let image = target_folder().join(TARGET).join("release/emulated");
+    let text = answer_within(
+        Duration::from_secs(60),
+        command(EMULATOR)
+            .args(["-M", "netduinoplus2", "-nographic", "-monitor", "none", "-serial", "none"])
+            .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+            .arg(image),
+    )?;
+    eprint!("{text}");
+    Ok(())
+}

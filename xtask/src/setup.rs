@@ -1,0 +1,78 @@
+//! Set-up: what the tests need beyond Rust, installed where the machine lets us, else an error with the command to type.
+
+use std::process::Command;
+
+use anyhow::{Result, bail};
+
+use crate::process::{answer, command, exists, run};
+
+/// The microcontroller's target: Cortex-M4 with single-precision floating point.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// The emulator of the microcontroller.
+pub const EMULATOR: &str = "qemu-system-arm";
+
+/// Installs whatever is missing.
+pub fn everything() -> Result<()> {
+    components()?;
+    target()?;
+    emulator()
+}
+
+/// rustfmt and clippy; a minimal rustup profile lacks them.
+fn components() -> Result<()> {
+    for (tool, component) in [("fmt", "rustfmt"), ("clippy", "clippy")] {
+        if answer(crate::process::cargo().args([tool, "--version"])).is_some() {
+            continue;
+        }
+        if !exists("rustup") {
+            bail!("`cargo {tool}` is missing; install the package `{component}` of the distribution your Rust came from");
+        }
+        run("set-up", command("rustup").args(["component", "add", component]))?;
+    }
+    Ok(())
+}
+
+fn target() -> Result<()> {
+    if target_is_installed() {
+        return Ok(());
+    }
+    if !exists("rustup") {
+        bail!(
+            "the Rust target {TARGET} is missing and there is no rustup to add it; see https://rustup.rs, then type `rustup target add {TARGET}`"
+        );
+    }
+    run("set-up", command("rustup").args(["target", "add", TARGET]))
+}
+
+/// Asks the compiler, not rustup: the compiler of a distribution has targets as packages of its own.
+fn target_is_installed() -> bool {
+    answer(command("rustc").args(["--print", "target-libdir", "--target", TARGET]))
+        .is_some_and(|folder| std::path::Path::new(folder.trim()).is_dir())
+}
+
+fn emulator() -> Result<()> {
+    if exists(EMULATOR) {
+        return Ok(());
+    }
+    let is_root = answer(Command::new("id").arg("-u")).is_some_and(|id| id.trim() == "0");
+    if !(is_root && exists("apt-get")) {
+        let managers = [
+            ("apt-get", "sudo apt-get install qemu-system-arm"),
+            ("dnf", "sudo dnf install qemu-system-arm"),
+            ("pacman", "sudo pacman -S qemu-system-arm"),
+            ("zypper", "sudo zypper install qemu-arm"),
+            ("brew", "brew install qemu"),
+        ];
+        let advice =
+            managers.iter().find(|(manager, _)| exists(manager)).map_or("install QEMU from https://www.qemu.org", |(_, line)| line);
+        bail!("{EMULATOR} is missing; type `{advice}` and run this again (`cargo xtask ci` runs everything that needs no emulator)");
+    }
+    let mut install = command("apt-get");
+    install.env("DEBIAN_FRONTEND", "noninteractive").args(["install", "--yes", "--no-install-recommends", EMULATOR]);
+    if run("set-up", &mut install).is_ok() {
+        return Ok(());
+    }
+    // A fresh container has no package lists yet.
+    run("set-up", command("apt-get").arg("update"))?;
+    run("set-up", &mut install)
+}
