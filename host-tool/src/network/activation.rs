@@ -2,6 +2,15 @@
 //!
 //! Products and sums are written apart (no fused multiply-add), because a machine without that instruction would have to emulate it.
 
+/// `x` held between two bounds. The standard library's `clamp` checks its bounds and treats NaN apart, which keeps the compiler from
+/// using vector registers.
+#[inline(always)]
+#[must_use]
+pub fn bound(x: f32, low: f32, high: f32) -> f32 {
+    let x = if x > low { x } else { low };
+    if x < high { x } else { high }
+}
+
 /// Logistic function.
 ///
 /// `1 / (1 + 2^t)` with `t = -x / ln 2`; `2^t` is split into a whole power, which goes straight into the exponent bits, and a
@@ -12,7 +21,7 @@ pub fn sigmoid(x: f32) -> f32 {
     // Adding 1.5 * 2^23 leaves the nearest integer in the low bits of the significand.
     const ROUND: f32 = 12_582_912.0;
     // Beyond +-125 the exponent would leave its field, and the result has long been 0 or 1 in f32.
-    let t = (x * -std::f32::consts::LOG2_E).clamp(-125.0, 125.0);
+    let t = bound(x * -std::f32::consts::LOG2_E, -125.0, 125.0);
     let shifted = t + ROUND;
     let f = t - (shifted - ROUND);
     let fraction = 1.0 + f * (0.693_146_94 + f * (0.240_221_2 + f * (0.055_507_13 + f * (0.009_675_541 + f * 0.001_327_647_1))));
@@ -56,7 +65,7 @@ impl CellActivation for Tanh {
 impl CellActivation for Relu {
     #[inline(always)]
     fn value(x: f32, limit: f32) -> f32 {
-        x.clamp(0.0, limit)
+        bound(x, 0.0, limit)
     }
     #[inline(always)]
     fn slope(a: f32, limit: f32) -> f32 {
@@ -67,7 +76,7 @@ impl CellActivation for Relu {
 impl CellActivation for Hard {
     #[inline(always)]
     fn value(x: f32, _limit: f32) -> f32 {
-        x.clamp(-1.0, 1.0)
+        bound(x, -1.0, 1.0)
     }
     #[inline(always)]
     fn slope(a: f32, _limit: f32) -> f32 {

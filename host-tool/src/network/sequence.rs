@@ -7,7 +7,7 @@
 use pulp::Arch;
 
 use super::Activation;
-use super::activation::{CellActivation, Hard, Relu, Tanh, sigmoid};
+use super::activation::{CellActivation, Hard, Relu, Tanh, bound, sigmoid};
 use super::parameters::{Architecture, LayerLayout, Layout};
 use super::product::{Matrix, multiply};
 
@@ -403,7 +403,7 @@ fn cell_forward<A: CellActivation>(
             f[lane] = sigmoid(f[lane]);
             g[lane] = A::value(g[lane], limit);
             o[lane] = sigmoid(o[lane]);
-            c[lane] = (f[lane] * c[lane] + i[lane] * g[lane]).clamp(-limit, limit);
+            c[lane] = bound(f[lane] * c[lane] + i[lane] * g[lane], -limit, limit);
             a[lane] = A::value(c[lane], limit);
             h[lane] = o[lane] * a[lane];
         }

@@ -1,0 +1,350 @@
+//! The training threads: a batch is split by lanes, gradients are summed in a fixed order, each thread updates its part of the weights.
+//!
+//! The split depends on the number of threads alone and every sum has a fixed order, so equal seeds and equal thread counts give equal
+//! bits.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::thread::JoinHandle;
+
+use super::barrier::Barrier;
+use super::optimizer::{OptimizerConfig, Shard};
+use crate::network::{Architecture, Layout, Sequence};
+
+/// One chunk for all lanes: what goes in, what should come out, and how much each sample counts.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// Sequences side by side.
+    pub lanes: usize,
+    /// Steps of the chunk.
+    pub steps: usize,
+    /// Network inputs of a step.
+    pub width: usize,
+    /// `[lane][step][feature]`.
+    pub features: Vec<f32>,
+    /// `[lane][step]`, what the network should give.
+    pub targets: Vec<f32>,
+    /// `[lane][step]`, weight of the squared error; 0 leaves the sample out.
+    pub weights: Vec<f32>,
+    /// Lanes that start from zero state.
+    pub reset: Vec<bool>,
+}
+
+impl Batch {
+    /// An empty batch: zero features, targets and weights.
+    #[must_use]
+    pub fn new(lanes: usize, steps: usize, width: usize) -> Self {
+        Self {
+            lanes,
+            steps,
+            width,
+            features: vec![0.0; lanes * steps * width],
+            targets: vec![0.0; lanes * steps],
+            weights: vec![0.0; lanes * steps],
+            reset: vec![true; lanes],
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Order {
+    Step { learning_rate: f32, number: u64, total_weight: f64 },
+    Stop,
+}
+
+struct Worker {
+    lanes: Range<usize>,
+    sequence: Sequence,
+    parameters: Vec<f32>,
+    loss: f64,
+}
+
+struct Shared {
+    barrier: Barrier,
+    optimizer: OptimizerConfig,
+    order: RwLock<Order>,
+    batch: RwLock<Batch>,
+    workers: Vec<Mutex<Worker>>,
+    gradients: Vec<RwLock<Vec<f32>>>,
+    ranges: Vec<Range<usize>>,
+    shards: Vec<RwLock<Shard>>,
+    squared_norms: Vec<Mutex<f64>>,
+}
+
+// A poisoned lock means that a thread panicked; the barrier has then already passed the panic on, so the data are never used.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+fn read<T>(lock: &RwLock<T>) -> RwLockReadGuard<'_, T> {
+    lock.read().unwrap_or_else(PoisonError::into_inner)
+}
+fn write<T>(lock: &RwLock<T>) -> RwLockWriteGuard<'_, T> {
+    lock.write().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Cuts `length` into `parts` pieces whose sizes differ by at most `unit`.
+fn split(length: usize, parts: usize, unit: usize) -> Vec<Range<usize>> {
+    let units = length.div_ceil(unit);
+    let edge = |part: usize| (units * part / parts * unit).min(length);
+    (0..parts).map(|part| edge(part)..edge(part + 1)).collect()
+}
+
+/// Threads that make optimiser steps together; the caller's thread is one of them.
+pub struct Team {
+    shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+    architecture: Architecture,
+    steps_made: u64,
+}
+
+/// Everything a team needs to go on exactly where another stopped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TeamState {
+    /// Optimiser steps made.
+    pub steps_made: u64,
+    /// Parameters and optimiser state, whole.
+    pub parameters: Shard,
+    /// Network state of each thread's lanes.
+    pub carried: Vec<Vec<f32>>,
+}
+
+impl Team {
+    /// Starts the threads; `parameters` are in the order of [`Layout`].
+    ///
+    /// # Panics
+    /// When `parameters` do not fit the architecture.
+    #[must_use]
+    pub fn new(
+        architecture: &Architecture,
+        parameters: &[f32],
+        optimizer: OptimizerConfig,
+        lanes: usize,
+        steps: usize,
+        threads: usize,
+    ) -> Self {
+        let layout = Layout::new(architecture);
+        assert_eq!(parameters.len(), layout.len(), "parameters of the architecture");
+        let threads = threads.clamp(1, lanes.max(1));
+        let ranges = split(parameters.len(), threads, 64);
+        let workers = split(lanes, threads, 1).into_iter().map(|lanes| {
+            Mutex::new(Worker {
+                sequence: Sequence::new(architecture, lanes.len(), steps),
+                lanes,
+                parameters: parameters.to_vec(),
+                loss: 0.0,
+            })
+        });
+        let shared = Arc::new(Shared {
+            barrier: Barrier::new(threads),
+            optimizer,
+            order: RwLock::new(Order::Stop),
+            batch: RwLock::new(Batch::new(lanes, steps, architecture.features)),
+            workers: workers.collect(),
+            gradients: (0..threads).map(|_| RwLock::new(vec![0.0; parameters.len()])).collect(),
+            shards: ranges.iter().map(|range| RwLock::new(Shard::new(&parameters[range.clone()]))).collect(),
+            ranges,
+            squared_norms: (0..threads).map(|_| Mutex::new(0.0)).collect(),
+        });
+        let threads = (1..threads)
+            .map(|index| {
+                let shared = Arc::clone(&shared);
+                std::thread::spawn(move || shared.serve(index))
+            })
+            .collect();
+        Self { shared, threads, architecture: architecture.clone(), steps_made: 0 }
+    }
+
+    /// The batch, to be filled in before [`Self::step`].
+    pub fn batch(&self) -> RwLockWriteGuard<'_, Batch> {
+        write(&self.shared.batch)
+    }
+
+    /// Optimiser steps made.
+    #[must_use]
+    pub fn steps_made(&self) -> u64 {
+        self.steps_made
+    }
+
+    /// Sizes and activation of the network.
+    #[must_use]
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// One optimiser step on the batch; gives the weighted mean squared error before the step. Network states are carried to the next
+    /// step in lanes that the next batch does not reset.
+    pub fn step(&mut self, learning_rate: f32) -> f64 {
+        self.steps_made += 1;
+        let total_weight = read(&self.shared.batch).weights.iter().map(|&weight| f64::from(weight)).sum();
+        *write(&self.shared.order) = Order::Step { learning_rate, number: self.steps_made, total_weight };
+        let _watch = self.shared.barrier.watch();
+        self.shared.barrier.wait();
+        self.shared.work(0, learning_rate, self.steps_made, total_weight);
+        self.shared.workers.iter().map(|worker| lock(worker).loss).sum()
+    }
+
+    /// The parameters in the order of [`Layout`].
+    #[must_use]
+    pub fn parameters(&self) -> Vec<f32> {
+        self.gather(|shard| &shard.values)
+    }
+
+    /// The running average of the parameters.
+    #[must_use]
+    pub fn averaged_parameters(&self) -> Vec<f32> {
+        self.gather(|shard| &shard.average)
+    }
+
+    /// Gradient of the last step, before clipping, summed over the threads.
+    #[must_use]
+    pub fn last_gradient(&self) -> Vec<f32> {
+        let mut sum = read(&self.shared.gradients[0]).clone();
+        for gradient in &self.shared.gradients[1..] {
+            sum.iter_mut().zip(read(gradient).iter()).for_each(|(sum, value)| *sum += value);
+        }
+        sum
+    }
+
+    fn gather(&self, part: impl Fn(&Shard) -> &Vec<f32>) -> Vec<f32> {
+        self.shared.shards.iter().flat_map(|shard| part(&read(shard)).clone()).collect()
+    }
+
+    /// Everything needed to go on later.
+    #[must_use]
+    pub fn state(&self) -> TeamState {
+        TeamState {
+            steps_made: self.steps_made,
+            parameters: Shard {
+                values: self.gather(|shard| &shard.values),
+                mean: self.gather(|shard| &shard.mean),
+                square: self.gather(|shard| &shard.square),
+                average: self.gather(|shard| &shard.average),
+            },
+            carried: self.shared.workers.iter().map(|worker| lock(worker).sequence.carried_state()).collect(),
+        }
+    }
+
+    /// Goes on from a state of a team of the same shape.
+    ///
+    /// # Panics
+    /// When the state belongs to another architecture, batch or number of threads.
+    pub fn restore(&mut self, state: &TeamState) {
+        assert_eq!(state.carried.len(), self.shared.workers.len(), "threads of the checkpoint");
+        self.steps_made = state.steps_made;
+        for (shard, range) in self.shared.shards.iter().zip(&self.shared.ranges) {
+            let mut shard = write(shard);
+            shard.values.copy_from_slice(&state.parameters.values[range.clone()]);
+            shard.mean.copy_from_slice(&state.parameters.mean[range.clone()]);
+            shard.square.copy_from_slice(&state.parameters.square[range.clone()]);
+            shard.average.copy_from_slice(&state.parameters.average[range.clone()]);
+        }
+        for (worker, carried) in self.shared.workers.iter().zip(&state.carried) {
+            lock(worker).sequence.restore_state(carried);
+        }
+    }
+}
+
+impl Drop for Team {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            *write(&self.shared.order) = Order::Stop;
+            self.shared.barrier.wait();
+        }
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has already made the step panic.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Shared {
+    fn serve(&self, index: usize) {
+        let _watch = self.barrier.watch();
+        loop {
+            self.barrier.wait();
+            let order = *read(&self.order);
+            match order {
+                Order::Step { learning_rate, number, total_weight } => self.work(index, learning_rate, number, total_weight),
+                Order::Stop => return,
+            }
+        }
+    }
+
+    /// One thread's share of an optimiser step.
+    fn work(&self, index: usize, learning_rate: f32, number: u64, total_weight: f64) {
+        self.differentiate(index, total_weight);
+        self.barrier.wait();
+        let gradient = self.reduce(index);
+        self.barrier.wait();
+        let squared: f64 = self.squared_norms.iter().map(|norm| *lock(norm)).sum();
+        let norm = squared.sqrt();
+        let clip = f64::from(self.optimizer.clip_norm);
+        // A step from a gradient that is not finite would spoil the weights for good; it is left out.
+        if norm.is_finite() {
+            #[expect(clippy::cast_possible_truncation, reason = "a factor between 0 and 1")]
+            let scale = if norm > clip { (clip / norm) as f32 } else { 1.0 };
+            write(&self.shards[index]).update(&self.optimizer, &gradient, scale, learning_rate, number);
+        }
+        self.barrier.wait();
+    }
+
+    /// Forward and backward pass over the thread's lanes.
+    fn differentiate(&self, index: usize, total_weight: f64) {
+        let batch = read(&self.batch);
+        let mut worker = lock(&self.workers[index]);
+        let worker = &mut *worker;
+        for (shard, range) in self.shards.iter().zip(&self.ranges) {
+            worker.parameters[range.clone()].copy_from_slice(&read(shard).values);
+        }
+        let (lanes, width) = (worker.lanes.len(), batch.width);
+        let features = worker.sequence.features_mut(batch.steps);
+        for (column, lane) in worker.lanes.clone().enumerate() {
+            let source = &batch.features[lane * batch.steps * width..][..batch.steps * width];
+            for (step, values) in source.chunks_exact(width).enumerate() {
+                features[(step * lanes + column) * width..][..width].copy_from_slice(values);
+            }
+        }
+        for (column, lane) in worker.lanes.clone().enumerate() {
+            if batch.reset[lane] {
+                worker.sequence.reset_lane(column);
+            }
+        }
+        worker.sequence.forward(&worker.parameters);
+        let (outputs, gradient) = worker.sequence.outputs_and_gradient_mut();
+        let mut loss = 0.0;
+        for (column, lane) in worker.lanes.clone().enumerate() {
+            for step in 0..batch.steps {
+                let row = step * lanes + column;
+                let error = f64::from(outputs[row] - batch.targets[lane * batch.steps + step]);
+                let share = f64::from(batch.weights[lane * batch.steps + step]) / total_weight.max(f64::MIN_POSITIVE);
+                loss += share * error * error;
+                #[expect(clippy::cast_possible_truncation, reason = "the passes work in f32")]
+                let slope = (2.0 * share * error) as f32;
+                gradient[row] = slope;
+            }
+        }
+        worker.loss = loss;
+        worker.sequence.backward(&worker.parameters, &mut write(&self.gradients[index]));
+        worker.sequence.carry();
+    }
+
+    /// Sums the thread's part of the gradient over all threads and notes its squared norm.
+    fn reduce(&self, index: usize) -> Vec<f32> {
+        let range = self.ranges[index].clone();
+        let mut sum = read(&self.gradients[0])[range.clone()].to_vec();
+        for gradient in &self.gradients[1..] {
+            let gradient = read(gradient);
+            sum.iter_mut().zip(&gradient[range.clone()]).for_each(|(sum, value)| *sum += value);
+        }
+        let mut squares = [0.0f32; 16];
+        let (blocks, rest) = sum.as_chunks::<16>();
+        for block in blocks {
+            for lane in 0..16 {
+                squares[lane] += block[lane] * block[lane];
+            }
+        }
+        let rest: f32 = rest.iter().map(|value| value * value).sum();
+        *lock(&self.squared_norms[index]) = squares.iter().map(|&square| f64::from(square)).sum::<f64>() + f64::from(rest);
+        sum
+    }
+}
