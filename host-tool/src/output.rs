@@ -60,7 +60,7 @@ pub fn finish() -> Result<()> {
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     if is_stream(path) {
         let mut stream =
-            std::fs::OpenOptions::new().write(true).open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
+            std::fs::OpenOptions::new().append(true).open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
         return match stream.write_all(bytes) {
             Err(error) if error.kind() != ErrorKind::BrokenPipe => {
                 Err(error).with_context(|| format!("{}: cannot be written", path.display()))
@@ -141,9 +141,11 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Whether something other than a file or folder is there: a terminal, a pipe, a device.
+/// Whether something other than a file or folder is there: a terminal, a pipe, a device. The standard streams count by their names,
+/// because behind `> log.txt` they are files that must be added to, not replaced.
 fn is_stream(path: &Path) -> bool {
-    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+    ["/dev/stdout", "/dev/stderr", "/dev/fd"].iter().any(|stream| path.starts_with(stream))
+        || std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
 /// A temporary file that, once renamed, has the rights of any newly made file instead of the owner's alone.
