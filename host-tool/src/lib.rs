@@ -15,4 +15,5 @@ pub mod output;
 pub mod plant;
 pub mod recording;
 pub mod report;
+pub mod rig;
 pub mod train;

@@ -4,6 +4,7 @@ mod completions;
 mod demo;
 mod evaluate;
 mod export;
+mod hide;
 mod help;
 mod identify;
 mod inspect;
@@ -50,6 +51,7 @@ enum Command {
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
+    Hide(hide::Arguments),
     #[command(after_long_help = help::COMPLETIONS)]
     Completions(completions::Arguments),
 }
@@ -101,6 +103,7 @@ pub fn main() -> ExitCode {
         Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Hide(arguments) => hide::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     };
     // What the command said belongs to its result: a full disk behind `> table.txt` must not look like success.

@@ -1,0 +1,69 @@
+//! `catheter hide`.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+
+use super::{Common, Outcome};
+use crate::rig::{self, CaseConfig, Excitation};
+
+/// Hide an effect in the recordings of a virtual rig, the truth in a file of its own.
+///
+/// Example: `catheter hide --effect creep --seed 7 --out case`, then `catheter discover --data case/recordings --holdout case/holdout
+/// --out result`, and only then `cat case/truth.sealed.json`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Effect to hide; may be repeated; none hides nothing.
+    #[arg(long = "effect", value_name = "NAME")]
+    effects: Vec<String>,
+    /// Standard deviation of the measurement noise, relative to the output's range.
+    #[arg(long, default_value_t = 0.005, value_name = "SHARE")]
+    noise: f64,
+    /// Correlate half of the noise over a tenth of a second.
+    #[arg(long)]
+    coloured: bool,
+    /// What the rig is told to do.
+    #[arg(long, value_enum, default_value = "paper")]
+    excitation: Excitation,
+    /// Folder to write to.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On an unknown effect or when a file cannot be written.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    anyhow::ensure!(
+        arguments.noise.is_finite() && (0.0..=0.2).contains(&arguments.noise),
+        "--noise is a share of the range between 0 and 0.2, not {}",
+        arguments.noise
+    );
+    let config = CaseConfig {
+        effects: arguments.effects.clone(),
+        seed: arguments.common.seed,
+        noise: arguments.noise,
+        coloured_noise: arguments.coloured,
+        excitation: arguments.excitation,
+    };
+    let case = rig::hide(&config)?;
+    rig::write(&arguments.out, &case)?;
+    println!(
+        "{} recordings in {}, {} kept-out recordings in {}, the truth in {}",
+        case.recordings.len(),
+        arguments.out.join("recordings").display(),
+        case.kept_out.len(),
+        arguments.out.join("holdout").display(),
+        arguments.out.join("truth.sealed.json").display()
+    );
+    if let Some(path) = &arguments.common.json {
+        crate::output::write_json(
+            path,
+            &serde_json::json!({"recordings": case.recordings.len(), "holdout": case.kept_out.len(), "noise_mm": case.truth.noise_mm}),
+        )?;
+    }
+    Ok(Outcome::Success)
+}

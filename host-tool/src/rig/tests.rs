@@ -1,0 +1,61 @@
+//! The rig is deterministic, hides what it says and knows every name of the vocabulary.
+
+use super::*;
+
+fn case(effects: &[&str], seed: u64, noise: f64) -> Case {
+    let effects = effects.iter().map(|name| (*name).to_owned()).collect();
+    hide(&CaseConfig { effects, seed, noise, coloured_noise: false, excitation: Excitation::Paper }).expect("a case")
+}
+
+#[test]
+fn equal_seeds_give_equal_recordings_and_other_seeds_do_not() {
+    let (first, second, third) = (case(&["creep"], 3, 0.005), case(&["creep"], 3, 0.005), case(&["creep"], 4, 0.005));
+    assert_eq!(first.recordings, second.recordings);
+    assert_ne!(first.recordings[0].output, third.recordings[0].output);
+}
+
+#[test]
+fn every_effect_changes_the_recordings_by_more_than_half_a_percent_of_range() {
+    let plain = case(&[], 11, 0.0);
+    for name in EFFECTS.iter().chain(&ALIENS) {
+        let hidden = case(&[name], 11, 0.0);
+        let pairs = plain.recordings.iter().zip(&hidden.recordings);
+        let (mut sum, mut count, mut top) = (0.0, 0, 0.0_f64);
+        for (before, after) in pairs {
+            for (x, y) in before.output.iter().zip(&after.output) {
+                assert!(y.is_finite(), "{name} made a value that is not finite");
+                sum += (x - y).powi(2);
+                count += 1;
+                top = top.max(*x);
+            }
+        }
+        let share = (sum / f64::from(count)).sqrt() / top;
+        assert!(share > 0.004, "{name} changes the output by {share:.5} of range");
+        assert!(share < 0.6, "{name} changes the output by {share:.5} of range");
+    }
+}
+
+#[test]
+fn the_noise_has_the_size_asked_for() {
+    for coloured_noise in [false, true] {
+        let config = |noise| CaseConfig { effects: Vec::new(), seed: 5, noise, coloured_noise, excitation: Excitation::Rich };
+        let (clean, noisy) = (hide(&config(0.0)).expect("a case"), hide(&config(0.005)).expect("a case"));
+        let mut sum = 0.0;
+        let mut count = 0.0;
+        for (x, y) in clean.recordings.iter().zip(&noisy.recordings) {
+            sum += x.output.iter().zip(&y.output).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
+            count += x.output.len() as f64;
+        }
+        // 26,400 samples, a tenth of that independent when coloured: 3 % is more than three standard deviations.
+        let deviation = (sum / count).sqrt();
+        assert!((deviation / noisy.truth.noise_mm - 1.0).abs() < 0.03, "{deviation} instead of {}", noisy.truth.noise_mm);
+    }
+}
+
+#[test]
+fn an_unknown_name_is_refused() {
+    let config =
+        CaseConfig { effects: vec!["magnetism".into()], seed: 1, noise: 0.0, coloured_noise: false, excitation: Excitation::Paper };
+    let message = hide(&config).expect_err("no such effect").to_string();
+    assert!(message.contains("magnetism") && message.contains("creep"), "{message}");
+}
