@@ -1,5 +1,6 @@
-//! The project's chores: `cargo xtask test | ci | setup`, the same for a person and for continuous integration.
+//! The project's chores: `cargo xtask test | ci | bench | setup`, the same for a person and for continuous integration.
 
+mod bench;
 mod checks;
 mod emulator;
 mod process;
@@ -23,6 +24,7 @@ enum Chore {
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
+    Bench(bench::Arguments),
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
     Setup,
 }
@@ -31,6 +33,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().chore {
         Chore::Test => test(),
         Chore::Ci => checks::desktop(),
+        Chore::Bench(arguments) => bench::bench(&arguments),
         Chore::Setup => setup::everything(),
     };
     match result {

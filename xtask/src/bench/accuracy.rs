@@ -1,0 +1,132 @@
+//! RMSE on the simulated sets: each figure over several seeds, each seed with data, training and test of its own.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result, anyhow};
+use serde_json::{Value, json};
+
+use super::table::{Spread, markdown};
+use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
+
+/// A simulated data set and the models that are fitted to it.
+struct Set {
+    name: &'static str,
+    simulate: &'static str,
+    presets: &'static [&'static str],
+}
+
+const SETS: [Set; 3] = [
+    Set { name: "paper", simulate: "simulate paper", presets: &["hybrid", "stream-2x64", "paper-window"] },
+    Set { name: "rich", simulate: "simulate rich", presets: &["stream-2x64", "stream-1x32"] },
+    Set { name: "all-effects", simulate: "simulate rich --plant all-effects", presets: &["hybrid"] },
+];
+
+const FAMILIES: [&str; 4] = ["a", "b", "c", "d"];
+
+/// Figures of one model by column name: the families, and what the export says.
+type Figures = BTreeMap<String, Spread>;
+
+/// One job: a seed on a set. The jobs share nothing but the folder they were given a part of.
+struct Job {
+    set: &'static Set,
+    seed: u64,
+}
+
+/// Measures every set and prints one table.
+pub fn measure(arguments: &Arguments) -> Result<Value> {
+    let jobs: Vec<Job> =
+        (0..arguments.seeds).flat_map(|index| SETS.iter().map(move |set| Job { set, seed: FIRST_REPORTING_SEED + index })).collect();
+    let results: Mutex<BTreeMap<(usize, String), Figures>> = Mutex::new(BTreeMap::new());
+    let failures: Mutex<Vec<anyhow::Error>> = Mutex::new(Vec::new());
+    let next = AtomicUsize::new(0);
+    // One thread a training and as many trainings as cores: the budget counts processor seconds, and no core waits for another.
+    let workers = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| {
+                while let Some(job) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    eprintln!("{} with seed {} ({} jobs)", job.set.name, job.seed, jobs.len());
+                    match one_job(job, arguments.budget_cpu_s) {
+                        Ok(figures) => add(&results, job, figures),
+                        Err(error) => failures.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(error),
+                    }
+                }
+            });
+        }
+    });
+    if let Some(error) = failures.into_inner().map_err(|_| anyhow!("a measurement panicked"))?.into_iter().next() {
+        return Err(error);
+    }
+    let results = results.into_inner().map_err(|_| anyhow!("a measurement panicked"))?;
+    let mut rows = Vec::new();
+    let mut values = Vec::new();
+    for ((set, model), figures) in &results {
+        let set = SETS[*set].name;
+        let mut row = vec![set.to_owned(), model.clone()];
+        row.extend(FAMILIES.iter().map(|family| figures.get(*family).map_or("-".to_owned(), Spread::cell)));
+        rows.push(row);
+        let figures: serde_json::Map<String, Value> = figures.iter().map(|(key, spread)| (key.clone(), spread.json())).collect();
+        values.push(json!({ "set": set, "model": model, "figures": figures }));
+    }
+    println!(
+        "RMSE in mm on the four test families, free running, mean (least to most) of {} seeds, {} CPU seconds a training\n",
+        arguments.seeds, arguments.budget_cpu_s
+    );
+    println!("{}", markdown(&["data", "model", "a", "b", "c", "d"], &rows));
+    Ok(Value::Array(values))
+}
+
+fn add(results: &Mutex<BTreeMap<(usize, String), Figures>>, job: &Job, figures: Vec<(String, String, f64)>) {
+    let index = SETS.iter().position(|set| set.name == job.set.name).unwrap_or(SETS.len());
+    let mut results = results.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    for (model, column, value) in figures {
+        results.entry((index, model)).or_default().entry(column).or_default().push(value);
+    }
+}
+
+/// Simulates, fits and judges; gives (model, column, value).
+fn one_job(job: &Job, budget_cpu_s: u64) -> Result<Vec<(String, String, f64)>> {
+    let seed = job.seed;
+    let folder = fresh_folder(&format!("{}-{seed}", job.set.name))?;
+    let mut figures = Vec::new();
+    catheter_json(&folder, "simulate", &format!("{} --out data --seed {seed}", job.set.simulate))?;
+    catheter_json(&folder, "physics", "identify --data data/train --out physics.toml")?;
+    judge(&folder, "identified physics", "physics.toml", &mut figures)?;
+    for preset in job.set.presets {
+        let trained = catheter_json(
+            &folder,
+            preset,
+            &format!(
+                "train --preset {preset} --data data/train --out {preset}.safetensors --budget-cpu-s {budget_cpu_s} --seed {seed} --threads 1"
+            ),
+        )?;
+        figures.push(((*preset).to_owned(), "cpu_seconds".to_owned(), number(&trained, "cpu_seconds")?));
+        judge(&folder, preset, &format!("{preset}.safetensors"), &mut figures)?;
+        let blob = format!("{preset}.blob");
+        let exported = catheter_json(
+            &folder,
+            &format!("{preset}-export"),
+            &format!("export {preset}.safetensors --calibration data/train --out {blob}"),
+        )?;
+        let fixed = format!("{preset}, fixed point");
+        figures.push((fixed.clone(), "rmse_f32_vs_fixed".to_owned(), number(&exported, "rmse_f32_vs_fixed")?));
+        judge(&folder, &fixed, &blob, &mut figures)?;
+    }
+    Ok(figures)
+}
+
+fn judge(folder: &std::path::Path, model: &str, file: &str, figures: &mut Vec<(String, String, f64)>) -> Result<()> {
+    let result = catheter_json(folder, &format!("{file}-evaluation"), &format!("evaluate --model {file} --data data/test --suite"))?;
+    let files = result["files"].as_array().context("evaluate names no files")?;
+    for family in FAMILIES {
+        let errors: Vec<f64> =
+            files.iter().filter(|file| file["family"] == family).map(|file| number(file, "rmse")).collect::<Result<_>>()?;
+        if errors.is_empty() {
+            anyhow::bail!("the test set in {} has no family {family}", folder.display());
+        }
+        figures.push((model.to_owned(), family.to_owned(), errors.iter().sum::<f64>() / errors.len() as f64));
+    }
+    Ok(())
+}

@@ -1,0 +1,137 @@
+//! The headline measurements, as tables ready for the README and as JSON: accuracy over fresh seeds, measured recordings, training speed.
+//!
+//! Nothing of ours is linked in: every figure comes from running the built commands, as a user would.
+
+mod accuracy;
+mod measured;
+mod table;
+mod training;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result};
+use serde_json::{Map, Value, json};
+
+use crate::process::{cargo, command, run, shown, target_folder};
+
+/// Run the headline measurements; hours with the default budgets, so name the ones you want.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Which measurements; all of them when none is named.
+    what: Vec<What>,
+    /// Write the results as JSON to this file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Seeds per figure. They are 9001, 9002 and so on, used nowhere else in the project.
+    #[arg(long, default_value_t = 5, value_name = "N")]
+    seeds: u64,
+    /// Processor seconds each training may use; the targets are stated for 300.
+    #[arg(long, default_value_t = 300, value_name = "S")]
+    budget_cpu_s: u64,
+    /// Folder with the measured sets `piezo-picma` and `friction-damper-backlash`; docs/your-own-recordings.md says where to get them.
+    #[arg(long, value_name = "FOLDER")]
+    recordings: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum What {
+    /// RMSE on the simulated sets, per test family, over several seeds, in f32 and fixed point.
+    Accuracy,
+    /// RMSE on the measured recordings; needs --recordings.
+    Measured,
+    /// Training throughput, beside PyTorch where python3 has it.
+    Training,
+}
+
+/// First of the seeds that figures are reported with.
+const FIRST_REPORTING_SEED: u64 = 9001;
+
+/// Runs the measurements asked for and prints their tables.
+pub fn bench(arguments: &Arguments) -> Result<()> {
+    let wanted = |what| arguments.what.is_empty() || arguments.what.contains(&what);
+    run("build", cargo().args(["build", "--release", "--package", "host-tool", "--bin", "catheter", "--example", "training_throughput"]))?;
+    let mut results = Map::new();
+    results.insert("machine".to_owned(), machine());
+    if wanted(What::Training) {
+        results.insert("training".to_owned(), training::measure()?);
+    }
+    if wanted(What::Measured) {
+        match &arguments.recordings {
+            Some(folder) => {
+                let folder = std::path::absolute(folder)?;
+                results.insert("measured".to_owned(), measured::measure(&folder, arguments)?);
+            }
+            None if arguments.what.contains(&What::Measured) => {
+                anyhow::bail!(
+                    "the measured sets are not part of the project; name their folder with --recordings (docs/your-own-recordings.md says where to get them)"
+                )
+            }
+            None => eprintln!("the measured sets are left out: no --recordings"),
+        }
+    }
+    if wanted(What::Accuracy) {
+        results.insert("accuracy".to_owned(), accuracy::measure(arguments)?);
+    }
+    if let Some(path) = &arguments.json {
+        write_json(path, &Value::Object(results))?;
+    }
+    Ok(())
+}
+
+/// What the figures were measured on.
+fn machine() -> Value {
+    let processor = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
+        text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':').map(|(_, name)| name.trim().to_owned()))
+    });
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let compiler = crate::process::answer(command("rustc").arg("--version")).map(|text| text.trim().to_owned());
+    println!(
+        "Measured on {} ({cores} cores), {}.\n",
+        processor.as_deref().unwrap_or("an unknown processor"),
+        compiler.as_deref().unwrap_or("rustc")
+    );
+    json!({ "processor": processor, "cores": cores, "compiler": compiler })
+}
+
+/// The built command, with the words of `line`.
+fn catheter(folder: &Path, line: &str) -> Command {
+    let mut command = command(target_folder().join("release/catheter"));
+    command.args(line.split_whitespace()).current_dir(folder);
+    command
+}
+
+/// Runs the built command silently in `folder` and reads the JSON it leaves in `NAME.json`; `--json` is added here.
+fn catheter_json(folder: &Path, name: &str, line: &str) -> Result<Value> {
+    let mut command = catheter(folder, line);
+    command.args(["--json", &format!("{name}.json")]);
+    let output = command.output().with_context(|| format!("cannot start `{}`", shown(&command)))?;
+    // 1 is a failed check of the acceptance suite: the figures are there all the same, and are what we came for.
+    if !matches!(output.status.code(), Some(0 | 1)) {
+        anyhow::bail!("`{}` ended with {}: {}", shown(&command), output.status, String::from_utf8_lossy(&output.stderr).trim());
+    }
+    let path = folder.join(format!("{name}.json"));
+    let text = std::fs::read_to_string(&path).with_context(|| format!("`{}` left no {}", shown(&command), path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("{}: no JSON", path.display()))
+}
+
+/// A fresh folder for one measurement, below cargo's target folder.
+fn fresh_folder(name: &str) -> Result<PathBuf> {
+    let folder = target_folder().join("bench").join(name);
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
+    }
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    Ok(folder)
+}
+
+fn number(value: &Value, key: &str) -> Result<f64> {
+    value[key].as_f64().with_context(|| format!("the number `{key}` is missing from {value}"))
+}
+
+fn write_json(path: &Path, value: &Value) -> Result<()> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
+    std::fs::write(path, serde_json::to_string_pretty(value)? + "\n").with_context(|| format!("cannot write {}", path.display()))
+}
