@@ -107,7 +107,7 @@ pub enum ExcitationError {
     },
     /// The pressure leaves the rig's range.
     #[error(
-        "asks for {asked_bar:.2} bar at {time_s:.2} s, the rig's range is {minimum_bar} to {maximum_bar} bar; nothing was played. {remedy}"
+        "asks for {asked_bar:.3} bar at {time_s:.2} s, the rig's range is {minimum_bar} to {maximum_bar} bar; nothing was played. {remedy}"
     )]
     Pressure {
         /// The worst pressure asked for.

@@ -97,7 +97,7 @@ fn the_literal_ascending_case_is_refused_with_the_number_it_would_have_reached()
         let peak = excitation.sample().expect("samples").pressure_bar.into_iter().fold(0.0, f64::max);
         assert!(peak > 15.0, "e^2.4 times 2 less the phase, got {peak}");
         let message = excitation.sample_within(&Limits::default()).expect_err("refused").to_string();
-        assert!(message.starts_with(&format!("asks for {peak:.2} bar at ")), "{message}");
+        assert!(message.starts_with(&format!("asks for {peak:.3} bar at ")), "{message}");
         assert!(message.contains("nothing was played") && message.contains("anchor = \"end\""), "{message}");
     }
 }

@@ -13,6 +13,7 @@
 //! Every state starts at the equilibrium of the first sample, the play operators by the second line of eq. (2) (from zero).
 
 mod config;
+pub mod dataset;
 mod effects;
 
 use std::path::Path;

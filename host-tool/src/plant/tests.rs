@@ -172,3 +172,30 @@ fn the_file_round_trips_and_mistakes_are_named() {
     }
     assert!(matches!(Plant::named("nowhere.toml"), Err(PlantError::Open { .. })));
 }
+
+#[test]
+fn a_data_set_is_written_whole_and_reads_back() {
+    use dataset::{Dataset, SetKind};
+    let folder = tempfile::tempdir().expect("folder");
+    let plant = Plant::named("all-effects").expect("plant");
+    let config = SetConfig { seed: 21, tests_per_family: 2, ..SetConfig::default() };
+    let limits = crate::excitation::Limits::default();
+    let set = Dataset::simulate(SetKind::Paper, &config, &limits, &plant, folder.path()).expect("simulate");
+    set.write(folder.path(), &plant).expect("write");
+    let tests = crate::recording::load(&[folder.path().join("test")], None).expect("read");
+    let families: String = tests.iter().map(|recording| recording.family.as_str()).collect();
+    assert_eq!(families, "aabbccdd");
+    assert_eq!(crate::recording::load(&[folder.path().join("train")], None).expect("read").len(), 24);
+    // What was recorded can be made again from the files beside it, bit for bit.
+    let first = &set.made[0];
+    let excitation =
+        crate::excitation::read(&folder.path().join(format!("excitation/train/{}.toml", first.named.name))).expect("excitation");
+    let plant_again = Plant::named(&folder.path().join("plant.toml").display().to_string()).expect("plant");
+    let again = dataset::play(&excitation, &limits, &plant_again, &first.recording.path).expect("play");
+    assert_eq!(again, first.recording);
+    // The same command again is fine, another set in the same place is not.
+    set.write(folder.path(), &plant).expect("write again");
+    let other = Dataset::simulate(SetKind::Rich, &config, &limits, &plant, folder.path()).expect("simulate");
+    let message = other.write(folder.path(), &plant).expect_err("mixture").to_string();
+    assert!(message.contains("another data set"), "{message}");
+}
