@@ -1,11 +1,16 @@
 //! The model blob: what a trained estimator looks like on its way to the microcontroller.
 //!
-//! [`schema`] holds the wire types, [`validate`] what they must satisfy.
+//! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`fixed`] the arithmetic they mean, [`blob`] the frame around
+//! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "std")]
 extern crate std;
 
+pub mod blob;
+pub mod fixed;
+#[cfg(feature = "std")]
+pub mod quantise;
 pub mod schema;
 pub mod validate;

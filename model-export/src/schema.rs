@@ -18,6 +18,10 @@
 //! ```
 //!
 //! Every state starts at the first sample's equilibrium: `v = u(0)`, plays by the second line of eq. (2), `C_j = s(0)`.
+//!
+//! The network's hidden and cell states start at zero. In *streaming* mode they are carried from sample to sample. In *window* mode
+//! every output comes from the last `length` feature vectors, run from zero state; before there are that many, the first feature
+//! vector stands for the missing ones, as if the input had rested there. The arithmetic is that of [`crate::fixed`].
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -34,6 +38,13 @@ pub const MAX_FEATURES: usize = 32;
 pub const MAX_LAYERS: usize = 2;
 /// Most units of an LSTM layer.
 pub const MAX_UNITS: usize = 64;
+
+/// Widest input of a layer: features of the first, units of the one below for the others.
+pub const MAX_WIDTH: usize = 64;
+/// Most feature values a window may hold: length times features.
+pub const MAX_WINDOW_VALUES: usize = 1024;
+/// Most golden samples.
+pub const MAX_GOLDEN: usize = 512;
 
 /// One physical channel: unit and the affine map to its normalised form, `normalised = (value - offset) / scale`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -106,4 +117,197 @@ pub struct FrontEnd {
     pub bias: f32,
     /// What the network sees, in order.
     pub features: Vec<Feature, MAX_FEATURES>,
+}
+
+/// How the network meets time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// The state is carried from sample to sample.
+    Streaming,
+    /// Every output comes from the last `length` samples, from zero state.
+    Window {
+        /// Samples in the window.
+        length: u16,
+    },
+}
+
+/// The cell activation, used for the candidate and for the cell's output; gates are always sigmoid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activation {
+    /// Hyperbolic tangent.
+    Tanh,
+    /// `clamp(x, 0, state limit)`.
+    Relu,
+    /// `clamp(x, -1, 1)`.
+    Hard,
+}
+
+impl Activation {
+    /// The number that stands for it on the wire; never reused.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Tanh => 0,
+            Self::Relu => 1,
+            Self::Hard => 2,
+        }
+    }
+
+    /// The activation of a wire number.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0 => Some(Self::Tanh),
+            1 => Some(Self::Relu),
+            2 => Some(Self::Hard),
+            _ => None,
+        }
+    }
+
+    /// Its name in files and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Tanh => "tanh",
+            Self::Relu => "relu",
+            Self::Hard => "hard",
+        }
+    }
+}
+
+/// One LSTM layer. Arrays are borrowed bytes, little-endian, so that reading a blob copies nothing; rows are in gate order i, f, g, o,
+/// one row per unit in each gate. The formats are those of [`crate::fixed`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Layer<'a> {
+    /// Width of the input, 1 to [`MAX_WIDTH`].
+    pub inputs: u16,
+    /// Hidden units, 1 to [`MAX_UNITS`].
+    pub units: u16,
+    /// `i8`, `4 * units` rows of `inputs`.
+    pub input_weights: &'a [u8],
+    /// `i8`, `4 * units` rows of `units`.
+    pub recurrent_weights: &'a [u8],
+    /// `i32`, one per row: scale of the input accumulator.
+    pub input_multipliers: &'a [u8],
+    /// `i32`, one per row: scale of the recurrent accumulator.
+    pub recurrent_multipliers: &'a [u8],
+    /// `i64`, one per row: bias in Q15.48, rounding constant included.
+    pub biases: &'a [u8],
+    /// The cell state is stored in Q1.30 of `2^cell_exponent`.
+    pub cell_exponent: u8,
+    /// Bound of the cell state in its stored form; even.
+    pub cell_limit: i32,
+    /// Right shift from the product of output gate and activated cell to the 16-bit hidden state.
+    pub hidden_shift: u8,
+}
+
+/// The dense output: `N = bias + scale * sum(weight * hidden)`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dense<'a> {
+    /// `i16`, little-endian, one per unit of the last layer.
+    pub weights: &'a [u8],
+    /// Normalised output per step of the accumulator.
+    pub scale: f32,
+    /// Constant.
+    pub bias: f32,
+}
+
+/// The correction that the network adds to the front end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Network<'a> {
+    /// [`Activation::code`] of every layer's cell activation.
+    pub activation_code: u8,
+    /// First layer first.
+    #[serde(borrow)]
+    pub layers: Vec<Layer<'a>, MAX_LAYERS>,
+    /// The output.
+    #[serde(borrow)]
+    pub dense: Dense<'a>,
+}
+
+/// Where a model came from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance<'a> {
+    /// Name of the training preset, or of the kind of physics model.
+    pub preset: &'a str,
+    /// Version of the tool that trained.
+    pub tool_version: &'a str,
+    /// SHA-256 of the training samples, lower-case hexadecimal; empty when unknown.
+    pub training_data_sha256: &'a str,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Recordings trained on.
+    pub training_recordings: u32,
+    /// Optimiser steps made.
+    pub optimiser_steps: u64,
+}
+
+/// How good the model was found to be when it was exported, in output units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Metrics {
+    /// Root mean square error on the validation part of the training, free running.
+    pub validation_rmse: f32,
+    /// Root mean square difference between fixed point and `f32` over the calibration data.
+    pub rmse_f32_vs_fixed: f32,
+    /// Largest difference between fixed point and `f32` over the calibration data.
+    pub max_abs_f32_vs_fixed: f32,
+    /// Samples of the calibration data.
+    pub calibration_samples: u32,
+}
+
+/// What the training data covered, in input units: outside of it nothing is known about the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Envelope {
+    /// Smallest input.
+    pub minimum: f32,
+    /// Largest input.
+    pub maximum: f32,
+    /// Largest rate of the input, in units per second.
+    pub maximum_rate: f32,
+}
+
+/// Vectors that the device replays before it trusts the model.
+///
+/// The outputs come from a reference in `f64` that shares no code with the estimator and knows the weights before quantisation; they
+/// must be met within the tolerance. The digest is that of the estimator's own output bits on the desktop and must be met exactly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Golden<'a> {
+    /// `f32`, little-endian, in input units; the replay starts from the reset state.
+    pub input: &'a [u8],
+    /// `f32`, little-endian, in output units.
+    pub output: &'a [u8],
+    /// Largest difference allowed, in output units.
+    pub tolerance: f32,
+    /// CRC-32 of the estimator's outputs, as little-endian `f32`.
+    pub digest: u32,
+}
+
+/// A model: everything in a blob but its frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Model<'a> {
+    /// Time between samples in s.
+    pub sample_period_s: f32,
+    /// Streaming or window.
+    pub mode: Mode,
+    /// The input channel.
+    #[serde(borrow)]
+    pub input: Channel<'a>,
+    /// The output channel.
+    #[serde(borrow)]
+    pub output: Channel<'a>,
+    /// The physics part.
+    pub front_end: FrontEnd,
+    /// The correction; absent when physics alone suffices.
+    #[serde(borrow)]
+    pub network: Option<Network<'a>>,
+    /// Where it came from.
+    #[serde(borrow)]
+    pub provenance: Provenance<'a>,
+    /// How good it is.
+    pub metrics: Metrics,
+    /// What it was trained on.
+    pub envelope: Envelope,
+    /// How to check it.
+    #[serde(borrow)]
+    pub golden: Golden<'a>,
 }

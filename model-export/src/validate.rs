@@ -5,7 +5,11 @@
 
 use core::fmt;
 
-use crate::schema::{Channel, FeatureSource, FrontEnd, MAX_DEAD_TIME_SAMPLES};
+use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};
+use crate::schema::{
+    Activation, Channel, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
+    MAX_WINDOW_VALUES, Mode, Model, Network,
+};
 
 /// Largest magnitude of a weight, gain, threshold or normalised constant.
 pub const MAX_PARAMETER: f32 = 1.0e6;
@@ -115,5 +119,104 @@ impl FrontEnd {
             }
         }
         Ok(())
+    }
+}
+
+impl Layer<'_> {
+    fn validate(&self) -> Result<(), Invalid> {
+        let (inputs, units) = (usize::from(self.inputs), usize::from(self.units));
+        let rows = 4 * units;
+        require((1..=MAX_WIDTH).contains(&inputs), "layer.inputs", 0, "between 1 and 64")?;
+        require((1..=MAX_UNITS).contains(&units), "layer.units", 0, "between 1 and 64")?;
+        require(self.input_weights.len() == rows * inputs, "layer.input_weights", 0, "4 x units x inputs bytes long")?;
+        require(self.recurrent_weights.len() == rows * units, "layer.recurrent_weights", 0, "4 x units x units bytes long")?;
+        require(self.input_multipliers.len() == 4 * rows, "layer.input_multipliers", 0, "4 bytes a row long")?;
+        require(self.recurrent_multipliers.len() == 4 * rows, "layer.recurrent_multipliers", 0, "4 bytes a row long")?;
+        require(self.biases.len() == 8 * rows, "layer.biases", 0, "8 bytes a row long")?;
+        for (row, bytes) in self.biases.as_chunks::<8>().0.iter().enumerate() {
+            require((-MAX_BIAS..=MAX_BIAS).contains(&i64::from_le_bytes(*bytes)), "layer.biases", row, "at most 2^61 in magnitude")?;
+        }
+        require(self.cell_exponent <= MAX_CELL_EXPONENT, "layer.cell_exponent", 0, "at most 7")?;
+        let limit = self.cell_limit;
+        require((2..=MAX_CELL_LIMIT).contains(&limit) && limit % 2 == 0, "layer.cell_limit", 0, "even and between 2 and 2^30")?;
+        require((1..=MAX_HIDDEN_SHIFT).contains(&self.hidden_shift), "layer.hidden_shift", 0, "between 1 and 14")
+    }
+}
+
+impl Network<'_> {
+    /// The cell activation.
+    ///
+    /// # Errors
+    /// When the code stands for none.
+    pub fn activation(&self) -> Result<Activation, Invalid> {
+        let must = "0 (tanh), 1 (relu) or 2 (hard)";
+        Activation::from_code(self.activation_code).ok_or(Invalid { field: "network.activation", index: 0, must })
+    }
+
+    /// Checks every dimension and every number that the overflow proof rests on; `features` is what the front end offers.
+    ///
+    /// # Errors
+    /// The first field out of its domain.
+    pub fn validate(&self, features: usize) -> Result<(), Invalid> {
+        self.activation()?;
+        require(!self.layers.is_empty(), "network.layers", 0, "at least one")?;
+        let mut width = features;
+        for (index, layer) in self.layers.iter().enumerate() {
+            layer.validate()?;
+            require(usize::from(layer.inputs) == width, "network.layers", index, "as wide as what feeds it")?;
+            width = usize::from(layer.units);
+        }
+        let dense = &self.dense;
+        require(dense.weights.len() == 2 * width, "dense.weights", 0, "2 bytes a unit of the last layer long")?;
+        let sum: u32 = dense.weights.as_chunks::<2>().0.iter().map(|bytes| u32::from(i16::from_le_bytes(*bytes).unsigned_abs())).sum();
+        require(sum <= MAX_DENSE_SUM, "dense.weights", 0, "at most 65535 in the sum of magnitudes")?;
+        bounded(&[dense.scale], "dense.scale")?;
+        bounded(&[dense.bias], "dense.bias")
+    }
+}
+
+impl Golden<'_> {
+    fn validate(&self) -> Result<(), Invalid> {
+        let (samples, rest) = self.input.as_chunks::<4>();
+        require(rest.is_empty() && samples.len() <= MAX_GOLDEN, "golden.input", 0, "at most 512 samples of 4 bytes")?;
+        require(self.output.len() == self.input.len(), "golden.output", 0, "as long as the golden input")?;
+        for (field, bytes) in [("golden.input", self.input), ("golden.output", self.output)] {
+            for (index, sample) in bytes.as_chunks::<4>().0.iter().enumerate() {
+                require(f32::from_le_bytes(*sample).is_finite(), field, index, "finite")?;
+            }
+        }
+        require(self.tolerance >= 0.0 && self.tolerance.is_finite(), "golden.tolerance", 0, "finite and not negative")
+    }
+}
+
+impl Model<'_> {
+    /// Checks everything that running the model relies on.
+    ///
+    /// # Errors
+    /// The first field out of its domain.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        let period = self.sample_period_s;
+        require(period.is_finite() && period > 0.0, "sample_period_s", 0, "finite and positive")?;
+        self.input.validate()?;
+        self.output.validate()?;
+        self.front_end.validate()?;
+        let features = self.front_end.features.len();
+        if let Some(network) = &self.network {
+            network.validate(features)?;
+        }
+        if let Mode::Window { length } = self.mode {
+            let values = usize::from(length) * features;
+            require(length > 0 && values <= MAX_WINDOW_VALUES, "mode.length", 0, "positive, and at most 1024 values with its features")?;
+        }
+        let metrics = &self.metrics;
+        let figures = [metrics.validation_rmse, metrics.rmse_f32_vs_fixed, metrics.max_abs_f32_vs_fixed];
+        for (index, value) in figures.iter().enumerate() {
+            require(value.is_finite(), "metrics", index, "finite")?;
+        }
+        let envelope = &self.envelope;
+        for (index, value) in [envelope.minimum, envelope.maximum, envelope.maximum_rate].iter().enumerate() {
+            require(value.is_finite(), "envelope", index, "finite")?;
+        }
+        self.golden.validate()
     }
 }

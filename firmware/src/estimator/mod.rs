@@ -1,7 +1,203 @@
 //! The estimator: pressure in, displacement out, one sample at a time.
 //!
-//! [`FrontEnd`] is the physics in `f32`.
+//! [`FrontEnd`] is the physics in `f32`, [`Network`] the fixed-point LSTM that corrects it, [`Estimator`] both together as a blob
+//! describes them. Parameters are immutable and borrow the blob; [`EstimatorState`] is all that changes, so a copy of it is a snapshot.
 
+mod arithmetic;
 mod front_end;
+mod network;
 
-pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState};
+use model_export::blob::crc32;
+use model_export::schema::{self, MAX_FEATURES, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
+use model_export::validate::Invalid;
+
+pub use arithmetic::{quantise_feature, sigmoid, tanh};
+pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_NORMALISED};
+pub use network::{Kernel, Layer, LayerState, Network, NetworkState, NoTrace, Portable, Trace, UnitTrace};
+
+/// A model, ready to run; immutable.
+#[derive(Clone, Debug)]
+pub struct Estimator<'a, K: Kernel = Portable> {
+    front_end: FrontEnd,
+    network: Option<Network<'a>>,
+    mode: Mode,
+    output_offset: f32,
+    output_scale: f32,
+    kernel: K,
+}
+
+/// All that changes from sample to sample. A clone is a snapshot; assigning it back restores.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstimatorState {
+    front_end: FrontEndState,
+    network: NetworkState,
+    window: Window,
+}
+
+/// The last feature vectors, oldest overwritten first.
+#[derive(Clone, Debug, PartialEq)]
+struct Window {
+    values: [i16; MAX_WINDOW_VALUES],
+    oldest: usize,
+    filled: bool,
+}
+
+impl Default for EstimatorState {
+    fn default() -> Self {
+        let window = Window { values: [0; MAX_WINDOW_VALUES], oldest: 0, filled: false };
+        Self { front_end: FrontEndState::default(), network: NetworkState::default(), window }
+    }
+}
+
+impl EstimatorState {
+    /// Forgets everything: the next sample starts from its equilibrium.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The front end's memory.
+    #[must_use]
+    pub fn front_end(&self) -> &FrontEndState {
+        &self.front_end
+    }
+
+    /// The network's memory; in window mode, that of the last run.
+    #[must_use]
+    pub fn network(&self) -> &NetworkState {
+        &self.network
+    }
+}
+
+/// What one step gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The estimate in the output channel's unit.
+    pub value: f32,
+    /// The network's part, in normalised output.
+    pub correction: f32,
+    /// The sample was no measurement and the last good one was used.
+    pub held: bool,
+}
+
+/// How a replay of the golden vectors went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GoldenReplay {
+    /// Samples replayed.
+    pub samples: usize,
+    /// Largest difference from the reference, in output units.
+    pub worst: f32,
+    /// Every sample lies within the tolerance.
+    pub within_tolerance: bool,
+    /// The output bits are those that the exporter saw.
+    pub same_bits: bool,
+}
+
+impl GoldenReplay {
+    /// Whether the estimator may be trusted.
+    #[must_use]
+    pub fn passed(&self) -> bool {
+        self.within_tolerance && self.same_bits
+    }
+}
+
+impl<'a> Estimator<'a, Portable> {
+    /// Builds a model's estimator with the portable kernel.
+    ///
+    /// # Errors
+    /// When a field of the model is out of its domain; never for a model that [`model_export::blob::decode`] gave.
+    pub fn new(model: &Model<'a>) -> Result<Self, Invalid> {
+        Self::with_kernel(model, Portable)
+    }
+}
+
+impl<'a, K: Kernel> Estimator<'a, K> {
+    /// Builds a model's estimator with a kernel made for it.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_kernel(model: &Model<'a>, kernel: K) -> Result<Self, Invalid> {
+        model.validate()?;
+        let front_end = FrontEnd::new(&model.front_end, &model.input)?;
+        let network = match &model.network {
+            Some(network) => Some(Network::new(network, front_end.features())?),
+            None => None,
+        };
+        let (output_offset, output_scale) = (model.output.offset, model.output.scale);
+        Ok(Self { front_end, network, mode: model.mode, output_offset, output_scale, kernel })
+    }
+
+    /// The network, when there is one.
+    #[must_use]
+    pub fn network(&self) -> Option<&Network<'a>> {
+        self.network.as_ref()
+    }
+
+    /// One sample in the input channel's unit, at the model's sample period, gives the estimate in the output channel's unit.
+    ///
+    /// A sample that is not finite or absurd is replaced by the last good one and counted; the estimate is always finite.
+    ///
+    /// # Deadline
+    /// Runs in the control tick. In window mode the network runs once per sample of the window.
+    pub fn step(&self, state: &mut EstimatorState, raw: f32) -> Estimate {
+        let mut features = [0.0; MAX_FEATURES];
+        let physics = self.front_end.step(&mut state.front_end, raw, &mut features);
+        let correction = self.network.as_ref().map_or(0.0, |network| {
+            let mut input = [0; MAX_WIDTH];
+            for (integer, feature) in input.iter_mut().zip(features.iter().take(self.front_end.features())) {
+                *integer = quantise_feature(*feature);
+            }
+            match self.mode {
+                Mode::Streaming => network.step(&self.kernel, &mut state.network, &input),
+                Mode::Window { length } => self.run_window(network, state, usize::from(length), &input),
+            }
+        });
+        let value = self.output_offset + self.output_scale * (physics.linear + correction);
+        Estimate { value, correction, held: physics.held }
+    }
+
+    fn run_window(&self, network: &Network<'a>, state: &mut EstimatorState, length: usize, newest: &[i16; MAX_WIDTH]) -> f32 {
+        let width = self.front_end.features();
+        let EstimatorState { window, network: memory, .. } = state;
+        let vector = newest.get(..width).unwrap_or(newest);
+        let slots = window.values.get_mut(..length * width).unwrap_or(&mut []);
+        if window.filled {
+            slots.iter_mut().skip(window.oldest * width).zip(vector).for_each(|(slot, value)| *slot = *value);
+            window.oldest = if window.oldest + 1 < length { window.oldest + 1 } else { 0 };
+        } else {
+            // Before the first sample the input is taken to have rested where it begins.
+            for slot in slots.chunks_exact_mut(width.max(1)) {
+                slot.iter_mut().zip(vector).for_each(|(slot, value)| *slot = *value);
+            }
+            window.filled = true;
+        }
+        memory.reset();
+        let mut correction = 0.0;
+        let (newer, older) = slots.split_at_checked(window.oldest * width).unwrap_or((&mut [], &mut []));
+        for vector in older.chunks_exact(width.max(1)).chain(newer.chunks_exact(width.max(1))) {
+            let mut input = [0; MAX_WIDTH];
+            for (slot, value) in input.iter_mut().zip(vector) {
+                *slot = *value;
+            }
+            correction = network.step(&self.kernel, memory, &input);
+        }
+        correction
+    }
+
+    /// Replays golden vectors from the reset state.
+    ///
+    /// # Deadline
+    /// Not for the control tick: up to 512 steps.
+    #[must_use]
+    pub fn replay(&self, golden: &schema::Golden<'_>) -> GoldenReplay {
+        let mut state = EstimatorState::default();
+        let (mut worst, mut digest, mut samples) = (0.0f32, 0, 0);
+        for (input, expected) in golden.input.as_chunks().0.iter().zip(golden.output.as_chunks().0) {
+            let value = self.step(&mut state, f32::from_le_bytes(*input)).value;
+            let difference = (value - f32::from_le_bytes(*expected)).abs();
+            worst = if difference > worst { difference } else { worst };
+            digest = crc32(digest, &value.to_le_bytes());
+            samples += 1;
+        }
+        GoldenReplay { samples, worst, within_tolerance: worst <= golden.tolerance, same_bits: digest == golden.digest }
+    }
+}

@@ -1,0 +1,171 @@
+//! The fixed-point arithmetic of the network, to the bit: whoever implements this gets the same output on every machine.
+//!
+//! # Notation
+//!
+//! `Qm.n` is a two's complement integer of `1 + m + n` bits (`i16`, `i32` or `i64`) that stands for its value times `2^-n`; a range of
+//! `Q0.15` in the name of a wider type means the value fits there. `>>` is the arithmetic shift (rounds down). `ssat(x, b)` clamps to
+//! `-2^(b-1) ..= 2^(b-1) - 1`. `high(p)` is the upper 32 bits of an `i64`, `p >> 32`. `smmulr(a, b) = high(a*b + 2^31)` for two
+//! `i32`. All of them are single instructions of the Cortex-M4 (`SSAT`, `SMLAL` and its upper register, `SMMULR`), which is why
+//! the formats are what they are.
+//!
+//! # Formats
+//!
+//! | quantity | type | format |
+//! |---|---|---|
+//! | feature | `i16` | Q1.14, saturated |
+//! | hidden state of a layer | `i16` | `hidden_fraction` fractional bits, a calibrated power of two, saturated |
+//! | weight | `i8` | one scale per row, separate for the input and the recurrent matrix |
+//! | accumulator | `i32` | weight times feature or hidden state |
+//! | pre-activation `z` | `i32` | Q15.16 |
+//! | gates i, f, o | `i32` | Q0.31 |
+//! | candidate g and activated cell (tanh, hard) | `i32` | Q1.30 |
+//! | cell state, candidate and activated cell (relu) | `i32` | Q1.30 of `2^k`, `k = cell_exponent` |
+//! | bias | `i64` | Q15.48 |
+//! | dense weight | `i16` | one scale |
+//!
+//! # One step of a layer, for each unit
+//!
+//! ```text
+//! acc_x = sum_j W_x[r][j] * x[j]        acc_h = sum_j W_h[r][j] * h[j]          exact in i32, any order, old h
+//! z_r   = high(bias_r + acc_x * mx_r + acc_h * mh_r)                            for the rows r of i, f, g, o; bias_r includes 2^31
+//! i, f, o = sigmoid(z)
+//! g     = tanh(z) >> k                                                          tanh
+//!         ssat(z, 17) << (14 - k)                                               hard
+//!         min(max(z, 0), limit >> (14 - k)) << (14 - k)                         relu
+//! t     = smmulr(f, c) + smmulr(i, g)                                           Q2.29 of 2^k
+//! c     = min(max(t, -limit/2), limit/2 - 1) << 1                               limit = cell_limit <= 2^30
+//! a     = tanh(c >> (14 - k))                                                   tanh
+//!         min(max(c, -2^(30-k)), 2^(30-k) - 1) << k                             hard
+//!         max(c, 0)                                                             relu
+//! h     = ssat((smmulr(o, a) + 2^(s-1)) >> s, 16)                               s = hidden_shift
+//! ```
+//!
+//! The next layer's input is this layer's new `h`. The output is `bias + scale * (sum_j w[j] * h[j])`, the sum exact in `i32`, the
+//! rest in `f32`.
+//!
+//! A feature becomes an integer by `x = clamp(feature * 2^14, -32768, 32767)`, then round to nearest, ties to even.
+//!
+//! # Tables
+//!
+//! ```text
+//! sigmoid: q = ssat(z, 21)   n = (q >> 12) + 256   r = q & 0xfff     -16 to 16 in steps of 1/16
+//! tanh:    q = ssat(z, 20)   n = (q >> 11) + 256   r = q & 0x7ff      -8 to  8 in steps of 1/32
+//! value = base[n] + ((slope[n] * r) >> 16)
+//! ```
+//!
+//! Between the nodes the curve is a chord, and the nodes are moved by `step^2 / 16` times the second derivative, which halves the
+//! largest error of a chord: 2.4e-5 for the sigmoid, 4.7e-5 for the tanh.
+//!
+//! # Why nothing overflows
+//!
+//! A row has at most 64 columns, so |acc| <= 64 * 128 * 32768 = 2^28. With |m| <= 2^31 and |bias| <= 2^61 the sum stays below
+//! 2^61 + 2 * 2^59 < 2^63, whatever the bytes. f < 1 and |c| <= 2^30 give |t| <= 2^30. The dense weights satisfy
+//! sum |w| <= 65535, so their sum stays below 65535 * 32768 < 2^31. [`crate::blob::decode`] checks what of this depends on the blob.
+
+/// Fractional bits of a feature.
+pub const FEATURE_FRACTION: u8 = 14;
+/// Fractional bits of a pre-activation.
+pub const PRE_ACTIVATION_FRACTION: u8 = 16;
+/// Fractional bits of a bias: those of a pre-activation and the 32 below the upper word.
+pub const BIAS_FRACTION: u8 = 48;
+/// Added to every bias so that taking the upper word rounds to nearest.
+pub const BIAS_ROUNDING: i64 = 1 << 31;
+/// Largest magnitude of a stored bias.
+pub const MAX_BIAS: i64 = 1 << 61;
+/// Fractional bits of a gate.
+pub const GATE_FRACTION: u8 = 31;
+/// Fractional bits of the stored cell state.
+pub const CELL_FRACTION: u8 = 30;
+/// Largest cell exponent: the cell state stays below 2^7.
+pub const MAX_CELL_EXPONENT: u8 = 7;
+/// Largest stored cell limit.
+pub const MAX_CELL_LIMIT: i32 = 1 << 30;
+/// Largest shift to the hidden state.
+pub const MAX_HIDDEN_SHIFT: u8 = 14;
+/// Largest sum of magnitudes of the dense weights.
+pub const MAX_DENSE_SUM: u32 = 65_535;
+
+/// Segments of each table.
+pub const SEGMENTS: usize = 512;
+/// Fractional bits of `z` below the table index, sigmoid.
+pub const SIGMOID_STEP_BITS: u8 = 12;
+/// Fractional bits of `z` below the table index, tanh.
+pub const TANH_STEP_BITS: u8 = 11;
+
+/// A table of chords: base and slope per segment.
+pub type Table = [[i32; 2]; SEGMENTS];
+
+/// Sigmoid, base in Q0.31; -16 to 16.
+pub static SIGMOID: Table = table(Curve::Sigmoid);
+/// Hyperbolic tangent, base in Q1.30; -8 to 8.
+pub static TANH: Table = table(Curve::Tanh);
+
+#[derive(Clone, Copy)]
+enum Curve {
+    Sigmoid,
+    Tanh,
+}
+
+/// `e^x` for |x| <= 16 to about 1e-13: a short series near zero, squared ten times.
+const fn exponential(x: f64) -> f64 {
+    let small = x / 1024.0;
+    let (mut sum, mut term, mut order) = (1.0, 1.0, 1.0);
+    while order < 9.0 {
+        term *= small / order;
+        sum += term;
+        order += 1.0;
+    }
+    let mut squarings = 0;
+    while squarings < 10 {
+        sum *= sum;
+        squarings += 1;
+    }
+    sum
+}
+
+/// The node at `x`: the curve minus `step^2 / 16` of its second derivative, as an integer.
+const fn node(curve: Curve, x: f64) -> i32 {
+    let (value, second, step, one) = match curve {
+        Curve::Sigmoid => {
+            let y = 1.0 / (1.0 + exponential(-x));
+            (y, y * (1.0 - y) * (1.0 - 2.0 * y), 1.0 / 16.0, 2_147_483_648.0)
+        }
+        Curve::Tanh => {
+            let e = exponential(2.0 * x);
+            let y = (e - 1.0) / (e + 1.0);
+            (y, -2.0 * y * (1.0 - y * y), 1.0 / 32.0, 1_073_741_824.0)
+        }
+    };
+    let scaled = (value - step * step / 16.0 * second) * one;
+    // Runs in the compiler, never on the device: |scaled| < 2^31 and the cast truncates what the half has rounded.
+    if scaled < 0.0 { (scaled - 0.5) as i32 } else { (scaled + 0.5) as i32 }
+}
+
+const fn table(curve: Curve) -> Table {
+    let (step, slope_bits) = match curve {
+        Curve::Sigmoid => (1.0 / 16.0, 16 - SIGMOID_STEP_BITS),
+        Curve::Tanh => (1.0 / 32.0, 16 - TANH_STEP_BITS),
+    };
+    let mut entries = [[0; 2]; SEGMENTS];
+    let mut index = 0;
+    let mut x = -256.0 * step;
+    while index < SEGMENTS {
+        let (here, next) = (node(curve, x), node(curve, x + step));
+        entries[index] = [here, (next - here) << slope_bits];
+        x += step;
+        index += 1;
+    }
+    entries
+}
+
+/// Fractional bits of a layer's hidden state.
+///
+/// The product of output gate (Q0.31) and activated cell (Q1.30, for relu of `2^k`) has 29 after the upper word is taken.
+#[must_use]
+pub const fn hidden_fraction(activation: crate::schema::Activation, cell_exponent: u8, hidden_shift: u8) -> i32 {
+    let exponent = match activation {
+        crate::schema::Activation::Relu => cell_exponent as i32,
+        crate::schema::Activation::Tanh | crate::schema::Activation::Hard => 0,
+    };
+    29 - hidden_shift as i32 - exponent
+}
