@@ -372,8 +372,13 @@ fn load(values: &[f32], from: usize) -> [f32; BLOCK] {
 /// Writes back what fits.
 #[inline(always)]
 fn store(values: &mut [f32], from: usize, block: &[f32; BLOCK]) {
-    let end = values.len().min(from + BLOCK);
-    values[from..end].copy_from_slice(&block[..end - from]);
+    match values.get_mut(from..from + BLOCK) {
+        Some(target) => target.copy_from_slice(block),
+        None => {
+            let rest = &mut values[from..];
+            rest.copy_from_slice(&block[..rest.len()]);
+        }
+    }
 }
 
 /// One lane, one step: pre-activations become gates, the states follow.
