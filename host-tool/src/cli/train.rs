@@ -1,14 +1,88 @@
 //! `catheter train`.
 
-use anyhow::{Result, bail};
+use std::path::PathBuf;
 
-use super::{Common, Outcome};
+use anyhow::{Context, Result, bail};
+
+use super::{Common, Data, Outcome};
+use crate::train::{CheckpointPlan, Ended, PRESETS, Progress, TrainConfig, TrainReport, train};
+use crate::{network, output, recording};
 
 /// Train a network on recordings.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    data: Data,
+    /// Starting point of all settings.
+    #[arg(long, default_value = "hybrid", value_parser = PRESETS, value_name = "NAME")]
+    preset: String,
+    /// Where the model goes.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".safetensors"))]
+    out: PathBuf,
+    /// CPU time to plan for in s; becomes a fixed number of optimiser steps at a nominal throughput, so that results repeat.
+    #[arg(long, value_name = "N")]
+    budget_cpu_s: Option<f64>,
+    /// Passes over the training recordings, instead of a CPU budget.
+    #[arg(long, value_name = "N", conflicts_with = "budget_cpu_s")]
+    epochs: Option<f64>,
+    /// Sequences trained side by side.
+    #[arg(long, value_name = "N")]
+    batch: Option<usize>,
+    /// Peak learning rate.
+    #[arg(long, value_name = "RATE")]
+    learning_rate: Option<f32>,
+    /// TOML file whose fields replace those of the preset.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Go on from the checkpoint that an interrupted run left beside the model.
+    #[arg(long)]
+    resume: bool,
+    /// Stop after this many optimiser steps and leave a checkpoint.
+    #[arg(long, value_name = "N")]
+    stop_after_steps: Option<u64>,
+}
+
+#[derive(serde::Serialize)]
+struct Written<'a> {
+    #[serde(flatten)]
+    report: &'a TrainReport,
+    preset: &'a str,
+    seed: u64,
+    threads: usize,
+    model: String,
+}
+
+/// The preset with the fields of the file and of the command line put in its place.
+fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
+    let preset = TrainConfig::preset(&arguments.preset).with_context(|| format!("there is no preset `{}`", arguments.preset))?;
+    let mut config = match &arguments.config {
+        None => preset,
+        Some(path) => {
+            let place = || path.display().to_string();
+            let text = std::fs::read_to_string(path).with_context(place)?;
+            let changes: toml::Table = toml::from_str(&text).with_context(place)?;
+            let mut table = toml::Table::try_from(&preset).context("cannot encode the preset")?;
+            for (name, value) in changes {
+                match (table.get_mut(&name), value) {
+                    (Some(toml::Value::Table(inner)), toml::Value::Table(changes)) if name == "optimizer" => inner.extend(changes),
+                    (_, value) => {
+                        table.insert(name, value);
+                    }
+                }
+            }
+            table.try_into().with_context(place)?
+        }
+    };
+    if let Some(budget) = arguments.budget_cpu_s {
+        config.budget_cpu_s = budget;
+        config.epochs = None;
+    }
+    config.epochs = arguments.epochs.or(config.epochs);
+    config.lanes = arguments.batch.unwrap_or(config.lanes);
+    config.learning_rate = arguments.learning_rate.unwrap_or(config.learning_rate);
+    Ok(config)
 }
 
 /// Runs the command.
@@ -16,6 +90,62 @@ pub struct Arguments {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let _ = &arguments.common;
-    bail!("not there yet")
+    let config = configuration(arguments)?;
+    let mut outputs = vec![arguments.out.as_path()];
+    outputs.extend(arguments.common.json.as_deref());
+    output::refuse_overwriting(&arguments.data.data, &outputs)?;
+    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let plan = CheckpointPlan {
+        path: Some(arguments.out.with_extension("checkpoint")),
+        resume: arguments.resume,
+        stop_after: arguments.stop_after_steps,
+    };
+    let unit = recordings.first().map_or(String::new(), |recording| recording.output_signal.unit.clone());
+    let bar = output::progress(0, "train");
+    let mut show = |progress: Progress| {
+        bar.set_length(progress.total_steps);
+        bar.set_position(progress.steps);
+        let validation = progress.validation_rmse.map_or(String::new(), |rmse| format!(" validation {rmse:.5} {unit}"));
+        bar.set_message(format!("error {:.5} {unit}{validation}", progress.training_rmse));
+    };
+    let (model, report) = train(&recordings, &config, arguments.common.seed, threads, &plan, &mut show)?;
+    bar.finish_and_clear();
+    if report.ended == Ended::Interrupted {
+        if let Some(path) = &plan.path {
+            crate::say!(
+                "stopped after {} of {} steps; go on with --resume ({})",
+                report.optimiser_steps,
+                report.planned_steps,
+                path.display()
+            );
+        }
+    } else {
+        network::save(&arguments.out, &model)?;
+        if !report.val_rmse.is_finite() {
+            bail!("the training diverged: the validation error is not finite; lower --learning-rate");
+        }
+        crate::say!(
+            "{}: {} parameters, {:.1} epochs in {:.1} s ({:.1} CPU s, {:.1} GMAC/s), validation {:.5} {unit} (front end alone {:.5})",
+            arguments.out.display(),
+            report.parameters,
+            report.epochs,
+            report.seconds,
+            report.cpu_seconds,
+            report.train_macs_per_second / 1e9,
+            report.val_rmse,
+            report.val_rmse_front_end,
+        );
+    }
+    if let Some(path) = &arguments.common.json {
+        let result = Written {
+            report: &report,
+            preset: &config.preset,
+            seed: arguments.common.seed,
+            threads,
+            model: arguments.out.display().to_string(),
+        };
+        output::write_json(path, &result)?;
+    }
+    Ok(Outcome::Success)
 }

@@ -17,6 +17,7 @@ mod activation;
 mod file;
 mod parameters;
 mod product;
+mod run;
 mod sequence;
 mod step;
 
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 pub use file::{FORMAT_VERSION, ModelFileError, from_bytes, load, save, to_bytes};
 pub use parameters::{Architecture, LayerLayout, Layout};
+pub use run::{Runner, limit_feature};
 pub use sequence::Sequence;
 pub use step::NetworkState;
 

@@ -1,5 +1,18 @@
 //! Fitting networks to recordings: data preparation, schedules, checkpoints.
+//!
+//! [`train`] does all of it; [`config::TrainConfig`] has every setting.
 
 mod barrier;
+pub mod checkpoint;
+pub mod config;
+mod fit;
+pub mod front_end;
+mod hybrid;
 pub mod optimizer;
+pub mod split;
 pub mod team;
+pub mod tracks;
+
+pub use checkpoint::CheckpointPlan;
+pub use config::{PRESETS, TrainConfig};
+pub use fit::{Ended, Progress, TrainError, TrainReport, train};

@@ -1,0 +1,144 @@
+//! Checkpoints: everything a run needs to go on as if it had never stopped.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use serde::{Deserialize, Serialize};
+
+use super::fit::TrainError;
+use super::optimizer::Shard;
+use super::team::TeamState;
+use crate::output;
+
+/// Where checkpoints go and whether one is picked up.
+#[derive(Clone, Debug, Default)]
+pub struct CheckpointPlan {
+    /// File of the checkpoint; none are written when absent.
+    pub path: Option<PathBuf>,
+    /// Go on from the file.
+    pub resume: bool,
+    /// Stop after this many optimiser steps, leaving a checkpoint.
+    pub stop_after: Option<u64>,
+}
+
+/// The state of a run between two optimiser steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// Weights, optimiser, network states.
+    pub team: TeamState,
+    /// Parameters of the best validation so far; empty before the first.
+    pub best: Vec<f32>,
+    /// Mean square of the best validation, normalised.
+    pub best_square: f64,
+    /// Validations since.
+    pub since_best: u64,
+    /// Validation errors so far.
+    pub history: Vec<f64>,
+    /// Running mean square of the training error.
+    pub training_square: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Numbers {
+    fingerprint: String,
+    steps_made: u64,
+    threads: usize,
+    /// Bits of f64 values: JSON numbers would lose infinities and may lose the last bit.
+    best_square: u64,
+    since_best: u64,
+    history: Vec<u64>,
+    training_square: u64,
+}
+
+const METADATA_KEY: &str = "catheter-checkpoint";
+
+impl CheckpointPlan {
+    /// Writes the checkpoint, if there is a place for it.
+    pub(super) fn save(&self, fingerprint: &str, checkpoint: &Checkpoint) -> Result<(), TrainError> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let failed = |message: String| TrainError::Checkpoint(format!("{}: {message}", path.display()));
+        let bytes = checkpoint.to_bytes(fingerprint).map_err(failed)?;
+        output::write_atomic(path, &bytes).map_err(|error| failed(format!("{error:#}")))
+    }
+
+    /// Reads the checkpoint when resuming.
+    pub(super) fn load(&self, fingerprint: &str) -> Result<Option<Checkpoint>, TrainError> {
+        let Some(path) = self.path.as_ref().filter(|_| self.resume) else { return Ok(None) };
+        let failed = |message: String| TrainError::Checkpoint(format!("{}: {message}", path.display()));
+        let bytes =
+            std::fs::read(path).map_err(|error| failed(format!("no checkpoint to resume from ({error}); start without --resume")))?;
+        Checkpoint::from_bytes(&bytes, fingerprint).map(Some).map_err(failed)
+    }
+
+    /// Removes the checkpoint of a finished run.
+    pub(super) fn remove(&self) {
+        if let Some(path) = &self.path {
+            // It may never have been written.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+fn bytes_of(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+impl Checkpoint {
+    fn to_bytes(&self, fingerprint: &str) -> Result<Vec<u8>, String> {
+        let numbers = Numbers {
+            fingerprint: fingerprint.to_owned(),
+            steps_made: self.team.steps_made,
+            threads: self.team.carried.len(),
+            best_square: self.best_square.to_bits(),
+            since_best: self.since_best,
+            history: self.history.iter().map(|value| value.to_bits()).collect(),
+            training_square: self.training_square.to_bits(),
+        };
+        let parameters = &self.team.parameters;
+        let mut parts = vec![
+            ("values".to_owned(), &parameters.values),
+            ("mean".to_owned(), &parameters.mean),
+            ("square".to_owned(), &parameters.square),
+            ("average".to_owned(), &parameters.average),
+            ("best".to_owned(), &self.best),
+        ];
+        parts.extend(self.team.carried.iter().enumerate().map(|(thread, state)| (format!("carried.{thread}"), state)));
+        let parts: Vec<_> = parts.into_iter().map(|(name, values)| (name, values.len(), bytes_of(values))).collect();
+        let mut views = Vec::with_capacity(parts.len());
+        for (name, length, bytes) in &parts {
+            views.push((name.clone(), TensorView::new(Dtype::F32, vec![*length], bytes).map_err(|error| error.to_string())?));
+        }
+        let json = serde_json::to_string(&numbers).map_err(|error| error.to_string())?;
+        serialize(views, Some(HashMap::from([(METADATA_KEY.to_owned(), json)]))).map_err(|error| error.to_string())
+    }
+
+    fn from_bytes(bytes: &[u8], fingerprint: &str) -> Result<Self, String> {
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| format!("not a readable checkpoint ({error})"))?;
+        let json = header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY)).ok_or("not a checkpoint of this tool")?;
+        let numbers: Numbers = serde_json::from_str(json).map_err(|error| format!("not a readable checkpoint ({error})"))?;
+        if numbers.fingerprint != fingerprint {
+            return Err("the checkpoint is of a run with other data, settings, seed or threads; repeat that run's options, or start \
+                        without --resume"
+                .to_owned());
+        }
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| format!("not a readable checkpoint ({error})"))?;
+        let read = |name: &str| -> Result<Vec<f32>, String> {
+            let tensor = tensors.tensor(name).map_err(|error| error.to_string())?;
+            let (words, _) = tensor.data().as_chunks::<4>();
+            Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+        };
+        Ok(Self {
+            team: TeamState {
+                steps_made: numbers.steps_made,
+                parameters: Shard { values: read("values")?, mean: read("mean")?, square: read("square")?, average: read("average")? },
+                carried: (0..numbers.threads).map(|thread| read(&format!("carried.{thread}"))).collect::<Result<_, _>>()?,
+            },
+            best: read("best")?,
+            best_square: f64::from_bits(numbers.best_square),
+            since_best: numbers.since_best,
+            history: numbers.history.into_iter().map(f64::from_bits).collect(),
+            training_square: f64::from_bits(numbers.training_square),
+        })
+    }
+}

@@ -1,0 +1,565 @@
+//! The training loop: from recordings to a trained model.
+
+use std::time::Instant;
+
+use cpu_time::ProcessTime;
+use rand::{Rng as _, RngExt as _};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+
+use super::checkpoint::{Checkpoint, CheckpointPlan};
+use super::config::{FrontEndKind, TrainConfig};
+use super::front_end;
+use super::split::split;
+use super::team::Team;
+use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks};
+use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
+use crate::recording::Recording;
+
+/// Why training did not happen.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A setting is out of its domain.
+    #[error("setting {0}")]
+    Config(String),
+    /// The recordings cannot be trained on.
+    #[error("{0}")]
+    Data(String),
+    /// The front end cannot be built.
+    #[error("front end: {0}")]
+    FrontEnd(#[from] model_export::validate::Invalid),
+    /// A checkpoint cannot be written, read or used.
+    #[error("{0}")]
+    Checkpoint(String),
+}
+
+/// What a run reports while it goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// Optimiser steps made.
+    pub steps: u64,
+    /// Optimiser steps planned.
+    pub total_steps: u64,
+    /// Root mean square training error of the last steps, in output units.
+    pub training_rmse: f64,
+    /// Last root mean square validation error in output units, if there was a validation.
+    pub validation_rmse: Option<f64>,
+}
+
+/// What a run cost and reached; the keys other programs rely on, and a few more.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrainReport {
+    /// Weights and biases of the network.
+    pub parameters: usize,
+    /// Multiply-accumulates of one forward step.
+    pub macs_per_step: usize,
+    /// Passes over the training samples.
+    pub epochs: f64,
+    /// Wall time in s.
+    pub seconds: f64,
+    /// CPU time of the process in s.
+    pub cpu_seconds: f64,
+    /// Multiply-accumulates a second, three per weight and trained sample, over the wall time of the optimiser steps.
+    pub train_macs_per_second: f64,
+    /// Free-running error on the validation part in output units.
+    pub val_rmse: f64,
+    /// The front end's readout alone, on the same samples.
+    pub val_rmse_front_end: f64,
+    /// Optimiser steps made.
+    pub optimiser_steps: u64,
+    /// Optimiser steps planned.
+    pub planned_steps: u64,
+    /// Why the run ended.
+    pub ended: Ended,
+    /// Training recordings, and recordings in all.
+    pub training_recordings: usize,
+    /// Validation errors in order.
+    pub history: Vec<f64>,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ended {
+    /// All planned steps were made.
+    Complete,
+    /// Validation stopped improving.
+    EarlyStop,
+    /// The clock ran far past the budget: this machine is much slower than the nominal one.
+    OverBudget,
+    /// Stopped on request; the checkpoint can be resumed.
+    Interrupted,
+}
+
+/// Multiply-accumulates a CPU second that the budget counts on. Nominal, so that equal budgets mean equal steps on every machine:
+/// measured on one core of an AMD EPYC 9004 (AVX-512) with the element-wise work counted apart.
+const NOMINAL_MACS_PER_CPU_S: f64 = 45e9;
+/// CPU time of the element-wise work of one LSTM unit, forward and backward, in s; same conditions.
+const NOMINAL_UNIT_S: f64 = 9e-9;
+/// CPU time that each sample costs whatever the network, in s; same conditions.
+const NOMINAL_SAMPLE_S: f64 = 60e-9;
+/// The run is cut off when it used this many times its budget.
+const OVER_BUDGET: f64 = 2.0;
+/// Share of the budget that optimiser steps may plan with; the rest is validation and preparation.
+const STEP_SHARE: f64 = 0.9;
+
+/// CPU time of one optimiser step on the nominal machine in s.
+#[must_use]
+pub fn nominal_step_s(architecture: &Architecture, config: &TrainConfig) -> f64 {
+    let macs =
+        Network::zeros(architecture.features, &architecture.units, architecture.activation, architecture.state_limit).macs_per_step();
+    let units: usize = architecture.units.iter().sum();
+    let sample = 3.0 * macs as f64 / NOMINAL_MACS_PER_CPU_S + units as f64 * NOMINAL_UNIT_S + NOMINAL_SAMPLE_S;
+    // Adam passes over all parameters once a step.
+    sample * (config.lanes * config.chunk) as f64 + Layout::new(architecture).len() as f64 * 1e-9
+}
+
+/// Starting weights: input weights uniform (Glorot), recurrent weights orthogonal, forget gates open, dense zero, so that training
+/// starts from the front end's readout.
+#[must_use]
+pub fn starting_network(architecture: &Architecture, forget_bias: f32, seed: u64) -> Network {
+    let mut random = stream(seed, Purpose::Weights, 0);
+    let mut network = Network::zeros(architecture.features, &architecture.units, architecture.activation, architecture.state_limit);
+    for layer in &mut network.layers {
+        #[expect(clippy::cast_precision_loss, reason = "layer widths are small")]
+        let bound = (6.0 / (layer.inputs + layer.units) as f32).sqrt();
+        layer.input_weights.iter_mut().for_each(|weight| *weight = random.random_range(-bound..bound));
+        for gate in layer.recurrent_weights.chunks_exact_mut(layer.units * layer.units) {
+            orthogonal(layer.units, &mut random, gate);
+        }
+        layer.bias[layer.units..2 * layer.units].fill(forget_bias);
+    }
+    let last = network.dense_weights.len();
+    #[expect(clippy::cast_precision_loss, reason = "layer widths are small")]
+    let bound = 0.1 / (last.max(1) as f32).sqrt();
+    network.dense_weights.iter_mut().for_each(|weight| *weight = random.random_range(-bound..bound));
+    network
+}
+
+/// A random orthogonal matrix: Gram-Schmidt on normal vectors.
+fn orthogonal(size: usize, random: &mut ChaCha8Rng, target: &mut [f32]) {
+    let mut rows: Vec<Vec<f64>> = Vec::with_capacity(size);
+    while rows.len() < size {
+        let mut row: Vec<f64> = (0..size).map(|_| normal(random)).collect();
+        for other in &rows {
+            let along: f64 = row.iter().zip(other).map(|(a, b)| a * b).sum();
+            row.iter_mut().zip(other).for_each(|(a, b)| *a -= along * b);
+        }
+        let length = row.iter().map(|value| value * value).sum::<f64>().sqrt();
+        // A vector that lies almost in the span of the others would be noise after scaling; draw another.
+        if length > 1e-3 {
+            row.iter_mut().for_each(|value| *value /= length);
+            rows.push(row);
+        }
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
+    target.iter_mut().zip(rows.iter().flatten()).for_each(|(target, &value)| *target = value as f32);
+}
+
+/// A standard normal number (Box and Muller, 1958).
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let unit = |bits: u64| ((bits >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
+    let (first, second) = (unit(random.next_u64()), unit(random.next_u64()));
+    (-2.0 * first.ln()).sqrt() * (std::f64::consts::TAU * second).cos()
+}
+
+/// SHA-256 over the samples of the recordings.
+fn data_hash(recordings: &[Recording]) -> String {
+    let mut hash = Sha256::new();
+    for recording in recordings {
+        hash.update((recording.len() as u64).to_le_bytes());
+        for values in [&recording.time_s, &recording.input, &recording.output] {
+            values.iter().for_each(|value| hash.update(value.to_le_bytes()));
+        }
+    }
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn check(recordings: &[Recording]) -> Result<f64, TrainError> {
+    let Some(first) = recordings.first() else {
+        return Err(TrainError::Data("there is no recording to train on; give --data a CSV file or a folder of them".to_owned()));
+    };
+    for recording in recordings {
+        let path = recording.path.display();
+        if (&recording.input_signal, &recording.output_signal) != (&first.input_signal, &first.output_signal) {
+            return Err(TrainError::Data(format!(
+                "{path}: its channels are not those of {}; train on recordings of one rig",
+                first.path.display()
+            )));
+        }
+        if (recording.sample_period_s / first.sample_period_s - 1.0).abs() > 0.01 {
+            return Err(TrainError::Data(format!(
+                "{path}: sampled every {} s, {} every {} s; train on recordings of one sample period",
+                recording.sample_period_s,
+                first.path.display(),
+                first.sample_period_s
+            )));
+        }
+    }
+    Ok(first.sample_period_s)
+}
+
+/// Fills batches one way or the other.
+enum Feed {
+    Walk(Walk),
+    Windows(Windows),
+}
+
+/// A run that is set up: data prepared, network started.
+struct Run<'a> {
+    config: &'a TrainConfig,
+    tracks: Vec<Track>,
+    output_scale: f64,
+    target_scale: f32,
+    team: Team,
+    feed: Feed,
+    validation: Validation,
+}
+
+/// Free-running validation in lanes.
+struct Validation {
+    sequence: Sequence,
+    /// Tracks that have validation samples.
+    tracks: Vec<usize>,
+    window: Option<usize>,
+}
+
+/// Lanes of the validation sequence, and its steps at a time.
+const VALIDATION_LANES: usize = 16;
+const VALIDATION_STEPS: usize = 100;
+/// In window mode every sample costs a whole window; while training, each such step of samples validates.
+const WINDOW_VALIDATION_STRIDE: usize = 7;
+
+impl Validation {
+    fn new(architecture: &Architecture, tracks: &[Track], mode: Mode) -> Self {
+        let window = match mode {
+            Mode::Streaming => None,
+            Mode::Window { length } => Some(length),
+        };
+        let steps = window.unwrap_or(VALIDATION_STEPS);
+        let validating = (0..tracks.len()).filter(|&index| tracks[index].training.contains(&false)).collect();
+        Self { sequence: Sequence::new(architecture, VALIDATION_LANES, steps), tracks: validating, window }
+    }
+
+    /// Mean squared error of `linear + target_scale * network` on the validation samples, in normalised output.
+    fn mean_square(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32) -> f64 {
+        match self.window {
+            None => self.streaming(parameters, tracks, target_scale),
+            Some(length) => self.windows(parameters, tracks, target_scale, length),
+        }
+    }
+
+    fn streaming(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32) -> f64 {
+        let (mut sum, mut count) = (0.0, 0u64);
+        for group in self.tracks.chunks(VALIDATION_LANES) {
+            (0..VALIDATION_LANES).for_each(|lane| self.sequence.reset_lane(lane));
+            let longest = group.iter().map(|&index| tracks[index].len()).max().unwrap_or(0);
+            for start in (0..longest).step_by(VALIDATION_STEPS) {
+                let features = self.sequence.features_mut(VALIDATION_STEPS);
+                let width = features.len() / (VALIDATION_STEPS * VALIDATION_LANES);
+                features.fill(0.0);
+                for (lane, &index) in group.iter().enumerate() {
+                    let track = &tracks[index];
+                    for sample in start..track.len().min(start + VALIDATION_STEPS) {
+                        let row = (sample - start) * VALIDATION_LANES + lane;
+                        features[row * width..][..width].copy_from_slice(&track.features[sample * width..][..width]);
+                    }
+                }
+                let outputs = self.sequence.forward(parameters);
+                for (lane, &index) in group.iter().enumerate() {
+                    let track = &tracks[index];
+                    for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
+                        let output = outputs[(sample - start) * VALIDATION_LANES + lane];
+                        let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
+                        sum += error * error;
+                        count += 1;
+                    }
+                }
+                self.sequence.carry();
+            }
+        }
+        sum / count.max(1) as f64
+    }
+
+    fn windows(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32, length: usize) -> f64 {
+        let mut ends = Vec::new();
+        for &index in &self.tracks {
+            let track = &tracks[index];
+            ends.extend(
+                (length - 1..track.len()).step_by(WINDOW_VALIDATION_STRIDE).filter(|&end| !track.training[end]).map(|end| (index, end)),
+            );
+        }
+        let mut sum = 0.0;
+        for group in ends.chunks(VALIDATION_LANES) {
+            (0..VALIDATION_LANES).for_each(|lane| self.sequence.reset_lane(lane));
+            let features = self.sequence.features_mut(length);
+            let width = features.len() / (length * VALIDATION_LANES);
+            features.fill(0.0);
+            for (lane, &(index, end)) in group.iter().enumerate() {
+                for step in 0..length {
+                    let source = &tracks[index].features[(end + 1 + step - length) * width..][..width];
+                    features[(step * VALIDATION_LANES + lane) * width..][..width].copy_from_slice(source);
+                }
+            }
+            let outputs = self.sequence.forward(parameters);
+            for (lane, &(index, end)) in group.iter().enumerate() {
+                let track = &tracks[index];
+                let output = outputs[(length - 1) * VALIDATION_LANES + lane];
+                let error = f64::from(track.output[end] - track.linear[end] - target_scale * output);
+                sum += error * error;
+            }
+        }
+        sum / ends.len().max(1) as f64
+    }
+}
+
+/// Trains a model on recordings.
+///
+/// Equal recordings, configuration, seed and thread count give equal bits, whether the run was interrupted and resumed or not.
+///
+/// # Errors
+/// When a setting or a recording cannot be used, or a checkpoint does not fit.
+pub fn train(
+    recordings: &[Recording],
+    config: &TrainConfig,
+    seed: u64,
+    threads: usize,
+    plan: &CheckpointPlan,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<(TrainedModel, TrainReport), TrainError> {
+    let wall = Instant::now();
+    let cpu = ProcessTime::now();
+    config.validate().map_err(TrainError::Config)?;
+    let sample_period_s = check(recordings)?;
+    let parts = split(recordings, config.validation_fraction, seed);
+    let (input, output) = front_end::channels(recordings, &parts);
+    let mut front_end = match config.front_end {
+        FrontEndKind::Input => front_end::plain(false),
+        FrontEndKind::InputAndDifference => front_end::plain(true),
+        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s)?,
+    };
+    front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
+    let tracks = tracks(recordings, &parts, &front_end, &input, &output)?;
+
+    let architecture = Architecture {
+        features: front_end.features.len(),
+        units: config.units.clone(),
+        activation: config.activation,
+        state_limit: config.state_limit,
+    };
+    let target_scale = residual_scale(&tracks);
+    let fingerprint = fingerprint(recordings, config, seed, threads);
+    let feed = match config.mode {
+        Mode::Streaming => Feed::Walk(Walk::new(&tracks, config, seed)),
+        Mode::Window { length } => {
+            let windows = Windows::new(&tracks, length, config.lanes, seed);
+            if windows.count() == 0 {
+                return Err(TrainError::Data(format!("no recording is as long as the window of {length} samples")));
+            }
+            Feed::Windows(windows)
+        }
+    };
+    let samples = tracks.iter().flat_map(|track| &track.training).filter(|&&training| training).count();
+    let samples_a_step = match config.mode {
+        Mode::Streaming => config.lanes * config.chunk,
+        Mode::Window { .. } => config.lanes,
+    };
+    let total_steps = planned_steps(config, &architecture, samples as f64 / samples_a_step as f64);
+
+    let start = starting_network(&architecture, config.forget_bias, seed).to_flat();
+    let team = Team::new(&architecture, &start, config.optimizer, config.lanes, config.chunk, threads);
+    let validation = Validation::new(&architecture, &tracks, config.mode);
+    let mut run = Run { config, output_scale: f64::from(output.scale), target_scale, team, feed, validation, tracks };
+    let outcome = run.go(total_steps, plan, &fingerprint, cpu, progress)?;
+
+    let mut network = Network::from_flat(&architecture, &outcome.best);
+    network.dense_weights.iter_mut().for_each(|weight| *weight *= target_scale);
+    network.dense_bias *= target_scale;
+    let mut model = TrainedModel {
+        input,
+        output,
+        sample_period_s,
+        mode: config.mode,
+        front_end,
+        network: Some(network),
+        provenance: Provenance {
+            preset: config.preset.clone(),
+            seed,
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            training_data_sha256: data_hash(recordings),
+            training_recordings: parts.iter().filter(|part| part.contains(&true)).count(),
+            optimiser_steps: run.team.steps_made(),
+            validation_rmse: 0.0,
+        },
+    };
+    let val_rmse = validation_rmse(&model, recordings, &parts)?;
+    let front_end_alone = TrainedModel { network: None, ..model.clone() };
+    let val_rmse_front_end = validation_rmse(&front_end_alone, recordings, &parts)?;
+    model.provenance.validation_rmse = val_rmse;
+    let macs_per_step = model.network.as_ref().map_or(0, Network::macs_per_step);
+    let steps = run.team.steps_made();
+    let report = TrainReport {
+        parameters: model.network.as_ref().map_or(0, Network::parameters),
+        macs_per_step,
+        epochs: steps as f64 * samples_a_step as f64 / samples.max(1) as f64,
+        seconds: wall.elapsed().as_secs_f64(),
+        cpu_seconds: cpu.elapsed().as_secs_f64(),
+        train_macs_per_second: 3.0 * macs_per_step as f64 * (config.lanes * config.chunk) as f64 * outcome.steps_here as f64
+            / outcome.step_seconds.max(f64::MIN_POSITIVE),
+        val_rmse,
+        val_rmse_front_end,
+        optimiser_steps: steps,
+        planned_steps: total_steps,
+        ended: outcome.ended,
+        training_recordings: model.provenance.training_recordings,
+        history: outcome.history,
+    };
+    Ok((model, report))
+}
+
+fn planned_steps(config: &TrainConfig, architecture: &Architecture, steps_an_epoch: f64) -> u64 {
+    let steps = match config.epochs {
+        Some(epochs) => epochs * steps_an_epoch,
+        None => STEP_SHARE * config.budget_cpu_s / nominal_step_s(architecture, config),
+    };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive count far below 2^63")]
+    let steps = steps.ceil() as u64;
+    steps.max(1)
+}
+
+/// Root mean square of what the front end leaves over, so that the network learns something of order one.
+fn residual_scale(tracks: &[Track]) -> f32 {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for track in tracks {
+        for sample in (0..track.len()).filter(|&sample| track.training[sample]) {
+            sum += f64::from(track.output[sample] - track.linear[sample]).powi(2);
+            count += 1;
+        }
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "the network works in f32")]
+    let scale = (sum / count.max(1) as f64).sqrt() as f32;
+    scale.max(1e-6)
+}
+
+/// What a checkpoint must agree with to be resumed.
+fn fingerprint(recordings: &[Recording], config: &TrainConfig, seed: u64, threads: usize) -> String {
+    let settings = serde_json::to_string(config).unwrap_or_default();
+    format!("{} seed {seed} threads {threads} data {}", settings, data_hash(recordings))
+}
+
+/// Free-running root mean square error of the model on the validation samples, in output units.
+fn validation_rmse(model: &TrainedModel, recordings: &[Recording], parts: &[Vec<bool>]) -> Result<f64, TrainError> {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for (recording, part) in recordings.iter().zip(parts).filter(|(_, part)| part.contains(&false)) {
+        let predicted = model.predict(&recording.input, &recording.gaps)?;
+        for ((predicted, measured), _) in predicted.iter().zip(&recording.output).zip(part).filter(|(_, training)| !**training) {
+            sum += (predicted - measured).powi(2);
+            count += 1;
+        }
+    }
+    Ok((sum / count.max(1) as f64).sqrt())
+}
+
+struct Finished {
+    best: Vec<f32>,
+    history: Vec<f64>,
+    ended: Ended,
+    steps_here: u64,
+    step_seconds: f64,
+}
+
+impl Run<'_> {
+    fn go(
+        &mut self,
+        total_steps: u64,
+        plan: &CheckpointPlan,
+        fingerprint: &str,
+        cpu: ProcessTime,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Finished, TrainError> {
+        let mut best = Vec::new();
+        let mut best_square = f64::INFINITY;
+        let mut since_best = 0;
+        let mut history = Vec::new();
+        let mut training_square = 0.0;
+        if let Some(saved) = plan.load(fingerprint)? {
+            self.team.restore(&saved.team);
+            match &mut self.feed {
+                Feed::Walk(walk) => walk.skip(saved.team.steps_made),
+                Feed::Windows(windows) => windows.skip(saved.team.steps_made),
+            }
+            (best, best_square, since_best) = (saved.best, saved.best_square, saved.since_best);
+            (history, training_square) = (saved.history, saved.training_square);
+        }
+        let interval = (total_steps / self.config.validations).max(1);
+        let first_step = self.team.steps_made();
+        let mut step_seconds = 0.0;
+        let mut ended = Ended::Complete;
+        while self.team.steps_made() < total_steps {
+            let done = self.team.steps_made();
+            let clock = Instant::now();
+            match &mut self.feed {
+                Feed::Walk(walk) => walk.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
+                Feed::Windows(windows) => windows.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
+            }
+            let loss = self.team.step(self.config.learning_rate_at(done, total_steps));
+            step_seconds += clock.elapsed().as_secs_f64();
+            training_square = if done == 0 { loss } else { 0.98 * training_square + 0.02 * loss };
+            let done = done + 1;
+            let validate = done % interval == 0 || done == total_steps;
+            if validate {
+                let parameters = match self.config.optimizer.average_decay > 0.0 {
+                    true => self.team.averaged_parameters(),
+                    false => self.team.parameters(),
+                };
+                let square = self.validation.mean_square(&parameters, &self.tracks, self.target_scale);
+                history.push(square.sqrt() * self.output_scale);
+                if square < best_square {
+                    (best, best_square, since_best) = (parameters, square, 0);
+                } else {
+                    since_best += 1;
+                }
+            }
+            if validate || done.is_multiple_of(16) {
+                progress(Progress {
+                    steps: done,
+                    total_steps,
+                    training_rmse: training_square.sqrt() * f64::from(self.target_scale) * self.output_scale,
+                    validation_rmse: history.last().copied(),
+                });
+            }
+            let interrupted = plan.stop_after.is_some_and(|stop| done >= stop) && done < total_steps;
+            if validate || interrupted {
+                let checkpoint = Checkpoint {
+                    team: self.team.state(),
+                    best: best.clone(),
+                    best_square,
+                    since_best,
+                    history: history.clone(),
+                    training_square,
+                };
+                plan.save(fingerprint, &checkpoint)?;
+            }
+            if interrupted {
+                ended = Ended::Interrupted;
+                break;
+            }
+            if self.config.patience > 0 && since_best >= self.config.patience {
+                ended = Ended::EarlyStop;
+                break;
+            }
+            if self.config.epochs.is_none() && cpu.elapsed().as_secs_f64() > OVER_BUDGET * self.config.budget_cpu_s {
+                ended = Ended::OverBudget;
+                break;
+            }
+        }
+        if best.is_empty() {
+            best = self.team.parameters();
+        }
+        if ended != Ended::Interrupted {
+            plan.remove();
+        }
+        Ok(Finished { best, history, ended, steps_here: self.team.steps_made() - first_step, step_seconds })
+    }
+}

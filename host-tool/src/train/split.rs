@@ -1,0 +1,30 @@
+//! What is for training and what for validation: by recording, or by blocks of time when there is only one.
+
+use rand::seq::SliceRandom as _;
+
+use super::tracks::{Purpose, stream};
+use crate::recording::Recording;
+
+/// Blocks that a single recording is cut into.
+const BLOCKS: usize = 20;
+
+/// For every sample of every recording: is it for training? At least one recording (or block) is on each side.
+#[must_use]
+pub fn split(recordings: &[Recording], validation_fraction: f64, seed: u64) -> Vec<Vec<bool>> {
+    let mut random = stream(seed, Purpose::Split, 0);
+    let mut choose = |count: usize| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of a small count")]
+        let validating = ((count as f64 * validation_fraction).round() as usize).clamp(1, count.max(2) - 1);
+        let mut order: Vec<usize> = (0..count).collect();
+        order.shuffle(&mut random);
+        let mut training = vec![true; count];
+        order.iter().take(validating).for_each(|&index| training[index] = false);
+        training
+    };
+    if let [only] = recordings {
+        let training = choose(BLOCKS);
+        return vec![(0..only.len()).map(|sample| training[sample * BLOCKS / only.len()]).collect()];
+    }
+    let training = choose(recordings.len());
+    recordings.iter().zip(training).map(|(recording, training)| vec![training; recording.len()]).collect()
+}
