@@ -1,1 +1,3 @@
 //! Physics models from recordings.
+
+pub mod nnls;

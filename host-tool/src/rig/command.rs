@@ -110,7 +110,9 @@ pub fn session(kind: Excitation, generator: &mut ChaCha8Rng) -> Vec<(String, Sha
                 1 => *slot = ("steps".into(), levels(generator, 1.0, 0.02)),
                 2 => *slot = ("stairs".into(), levels(generator, 2.5, 0.5)),
                 3 => *slot = ("multisine".into(), multisine(generator, 6.0)),
-                4 => *slot = ("chirp".into(), Shape::Sine { amplitude_bar: 1.2, decay_per_s: 0.03, frequency_hz: 0.1, sweep_hz_per_s: 0.15 }),
+                4 => {
+                    *slot = ("chirp".into(), Shape::Sine { amplitude_bar: 1.2, decay_per_s: 0.03, frequency_hz: 0.1, sweep_hz_per_s: 0.15 })
+                }
                 _ => {}
             }
         }

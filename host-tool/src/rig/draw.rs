@@ -98,13 +98,7 @@ pub struct Chain {
 }
 
 /// Draws a rig with these effects.
-pub fn chain(
-    effects: &[String],
-    excitation: Excitation,
-    recordings: usize,
-    plant: &mut ChaCha8Rng,
-    generator: &mut ChaCha8Rng,
-) -> Chain {
+pub fn chain(effects: &[String], excitation: Excitation, recordings: usize, plant: &mut ChaCha8Rng, generator: &mut ChaCha8Rng) -> Chain {
     let count = 20;
     let widest = plant.random_range(0.35..0.9);
     let mut slack_bar: Vec<f64> = (0..count).map(|_| widest * plant.random::<f64>().powf(1.4)).collect();
@@ -174,7 +168,12 @@ fn add(
             let ratio = log_uniform(generator, 1.8, 4.0);
             values.push(("fill_time_constant_s", fill_s));
             values.push(("vent_time_constant_s", fill_s * ratio));
-            chain.before.push(Box::new(Orifices { fill_s, vent_s: fill_s * ratio, choke_bar: log_uniform(generator, 2.0, 8.0), level: 0.0 }));
+            chain.before.push(Box::new(Orifices {
+                fill_s,
+                vent_s: fill_s * ratio,
+                choke_bar: log_uniform(generator, 2.0, 8.0),
+                level: 0.0,
+            }));
         }
         "slew-limit" => {
             // The fastest sine of the session asks for 7.5 bar/s; the limit bites from somewhere below.
