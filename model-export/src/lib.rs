@@ -2,6 +2,7 @@
 //!
 //! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`fixed`] the arithmetic they mean, [`blob`] the frame around
 //! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones.
+//! [`link`] holds what host and board say to each other.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -10,6 +11,7 @@ extern crate std;
 
 pub mod blob;
 pub mod fixed;
+pub mod link;
 #[cfg(feature = "std")]
 pub mod quantise;
 pub mod schema;

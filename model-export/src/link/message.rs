@@ -1,0 +1,401 @@
+//! Requests, replies and telemetry of protocol version 1, as postcard encodes them.
+//!
+//! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
+//! insert; `tests/link_wire.rs` holds the bytes of an example of each.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use super::Kind;
+use super::fault::{BlockerSet, FaultSet, NoticeSet};
+use super::frame::{self, FrameError, MAX_PAYLOAD, MAX_WIRE};
+use super::settings::{SettingError, SettingValue};
+use super::state::{ResetCause, State};
+
+/// Most points of a playback chunk.
+pub const MAX_CHUNK_POINTS: usize = 32;
+/// Most bytes of a model chunk; a multiple of the flash's word.
+pub const MAX_CHUNK_BYTES: usize = 256;
+/// Most entries of a settings page.
+pub const MAX_PAGE: usize = 16;
+
+/// Physical quantity of a set-point; a control law refuses one it does not understand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quantity {
+    /// In bar.
+    Pressure,
+    /// In mm.
+    Displacement,
+}
+
+/// A piece of an experiment to play back.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PlaybackChunk {
+    /// Index of the first point since the playback began; must continue where the last chunk ended.
+    pub first_index: u32,
+    /// Whether the experiment ends with this chunk.
+    pub last: bool,
+    /// Pressures in bar, one each playback period.
+    pub values_bar: Vec<f32, MAX_CHUNK_POINTS>,
+}
+
+/// Which settings to compare the ones in use with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Baseline {
+    /// What the device starts with.
+    Saved,
+    /// What a device nobody has set up has.
+    Defaults,
+}
+
+/// What the host asks for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request {
+    /// State, fault, blockers, counters.
+    Status,
+    /// Idle to armed.
+    Arm,
+    /// To idle, vented.
+    Disarm,
+    /// Armed to running.
+    Start,
+    /// Running to armed, output to zero at the slew limit.
+    Stop,
+    /// To idle at once, vented; never refused.
+    Vent,
+    /// Clear the latched fault and test again.
+    Acknowledge,
+    /// One set-point for the set-point control laws.
+    SetPoint {
+        /// Its quantity.
+        quantity: Quantity,
+        /// Its value, in the quantity's unit.
+        value: f32,
+    },
+    /// A piece of an experiment for the playback control law.
+    Playback(PlaybackChunk),
+    /// Forget the playback buffer and its index.
+    PlaybackClear,
+    /// One setting in use.
+    SettingGet {
+        /// Its number.
+        number: u16,
+    },
+    /// Change one setting in use; refused unless vented.
+    SettingSet {
+        /// Its number.
+        number: u16,
+        /// Its new value.
+        value: SettingValue,
+    },
+    /// A page of settings that differ from a baseline.
+    SettingsDifference {
+        /// What to compare with.
+        baseline: Baseline,
+        /// Skip settings with lower numbers.
+        from_number: u16,
+    },
+    /// Write the settings in use to flash; refused unless idle.
+    SettingsSave,
+    /// Go back to a baseline; refused unless vented.
+    SettingsRevert(Baseline),
+    /// Begin a model upload into the slot that is not active; refused unless idle.
+    ModelBegin {
+        /// Length of the blob in bytes.
+        length: u32,
+        /// CRC-32 of the blob.
+        crc32: u32,
+    },
+    /// A piece of the blob; pieces come in order.
+    ModelChunk {
+        /// Where the piece belongs.
+        offset: u32,
+        /// Its bytes; a multiple of four except in the last piece.
+        bytes: Vec<u8, MAX_CHUNK_BYTES>,
+    },
+    /// Check the upload and make it whole, without activating it.
+    ModelFinish,
+    /// Make the other whole model the active one and test again.
+    ModelActivate,
+    /// Go back to the model before; the same as activating the other one, and refused if there is none.
+    ModelRollback,
+    /// The fault record of this run.
+    FaultRecord,
+    /// The fault record that survived the last reset.
+    PreviousFaultRecord,
+}
+
+/// A request with its token.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RequestFrame {
+    /// Chosen by the host; the reply repeats it.
+    pub token: u16,
+    /// What is asked for.
+    pub request: Request,
+}
+
+/// Why a request was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// Named reasons against arming or starting.
+    Blocked(BlockerSet),
+    /// Not in this state.
+    State(State),
+    /// The frame was sound but this version does not understand the request.
+    NotUnderstood,
+    /// The device has more to do than it can queue; try again.
+    Busy,
+    /// The setting was not changed.
+    Setting(SettingError),
+    /// The settings do not go together; the number is the first one to blame.
+    SettingsInconsistent(u16),
+    /// The active control law does not take this quantity.
+    WrongQuantity,
+    /// The value is not a number.
+    NotFinite,
+    /// Playback continues at this index, not at the chunk's.
+    PlaybackIndex(u32),
+    /// The playback buffer has room for this many points only.
+    PlaybackFull(u16),
+    /// No upload is under way.
+    NoUpload,
+    /// The upload continues at this offset, not at the piece's.
+    UploadOffset(u32),
+    /// The blob is longer than the slot (bytes).
+    TooLong(u32),
+    /// The blob's checksum is wrong after writing.
+    Checksum,
+    /// The piece is not a multiple of four bytes, or goes beyond the announced length.
+    PieceLength,
+    /// The blob is sound but no model this firmware can run.
+    NotAModel,
+    /// There is no other whole model.
+    NoOtherModel,
+    /// The flash memory could not be erased or written.
+    Storage,
+    /// There is no such record.
+    NoRecord,
+}
+
+/// Entry of a settings page.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SettingDifference {
+    /// The setting's number.
+    pub number: u16,
+    /// Value in use.
+    pub in_use: SettingValue,
+    /// Value in the baseline.
+    pub baseline: SettingValue,
+}
+
+/// What the device is and does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Status {
+    /// State.
+    pub state: State,
+    /// Number of the first fault, 0 without one.
+    pub first_fault: u8,
+    /// Every fault since the last acknowledgement.
+    pub faults: FaultSet,
+    /// What would refuse arming now.
+    pub blockers: BlockerSet,
+    /// What is limited or degraded now.
+    pub notices: NoticeSet,
+    /// Ticks since the start, 1 ms each.
+    pub time_ms: u64,
+    /// Ticks that came late or were lost since the start.
+    pub late_ticks: u32,
+    /// Longest tick since the start, in processor cycles; 0 if not measured.
+    pub longest_tick_cycles: u32,
+    /// Bytes of stack never used since the start; 0 if not measured.
+    pub stack_unused_bytes: u32,
+    /// Frames received that were damaged.
+    pub damaged_frames: u32,
+    /// Telemetry samples dropped since the start.
+    pub telemetry_dropped: u32,
+    /// Why the device last started.
+    pub reset_cause: ResetCause,
+    /// Whether the settings in use differ from the saved ones.
+    pub settings_unsaved: bool,
+    /// Index of the next playback point the device expects.
+    pub playback_next_index: u32,
+    /// Playback points the device has room for.
+    pub playback_free: u16,
+}
+
+/// The first fault with its context.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FaultRecord {
+    /// Number of the first fault, 0 without one.
+    pub first: u8,
+    /// Number of the second, 0 without one.
+    pub second: u8,
+    /// All faults since the last acknowledgement.
+    pub all: FaultSet,
+    /// Time of the first fault, ms since the start.
+    pub time_ms: u64,
+    /// State in which it struck.
+    pub state: State,
+    /// Output at that moment.
+    pub output_ubar: i32,
+    /// Pressure and laser codes at that moment.
+    pub pressure_code: u16,
+    /// See `pressure_code`.
+    pub laser_code: u16,
+    /// Last good measured pressure.
+    pub pressure_bar: f32,
+    /// Last good displacement.
+    pub displacement_mm: f32,
+    /// Last estimate, NaN without one.
+    pub estimate_mm: f32,
+    /// Set-point then in force.
+    pub set_point: f32,
+    /// Ticks that had come late.
+    pub late_ticks: u32,
+}
+
+/// What the device answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reply {
+    /// Carried out.
+    Done,
+    /// Not carried out.
+    Refused(Refusal),
+    /// Answer to [`Request::Status`].
+    Status(Status),
+    /// Answer to [`Request::Playback`]: the buffer has taken the chunk.
+    Playback {
+        /// Index the next chunk must begin with.
+        next_index: u32,
+        /// Points there is room for.
+        free: u16,
+    },
+    /// Answer to [`Request::SettingGet`].
+    Setting(SettingValue),
+    /// Answer to [`Request::SettingsDifference`].
+    Differences {
+        /// The page.
+        entries: Vec<SettingDifference, MAX_PAGE>,
+        /// Where the next page begins; zero at the end.
+        next_number: u16,
+    },
+    /// Answer to [`Request::ModelChunk`]: offset of the next piece.
+    Uploaded(u32),
+    /// Answer to the record requests.
+    FaultRecord(FaultRecord),
+}
+
+/// A reply with its request's token.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReplyFrame {
+    /// The request's token.
+    pub token: u16,
+    /// The answer.
+    pub reply: Reply,
+}
+
+/// One sample of what the rig does. Best effort: a full queue drops samples, and the sequence numbers and the count show it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Telemetry {
+    /// Counts samples made, dropped ones included.
+    pub sequence: u32,
+    /// Device time of the sample, ms since the start.
+    pub time_ms: u64,
+    /// Samples dropped since the start.
+    pub dropped: u32,
+    /// State.
+    pub state: State,
+    /// Number of the first fault, 0 without one.
+    pub first_fault: u8,
+    /// What is limited or degraded.
+    pub notices: NoticeSet,
+    /// Laser code as sampled.
+    pub laser_code: u16,
+    /// Pressure code as sampled.
+    pub pressure_code: u16,
+    /// What goes to the valve.
+    pub output_ubar: i32,
+    /// Set-point in force, in the control law's quantity.
+    pub set_point: f32,
+    /// Filtered measured pressure; `None` while not plausible.
+    pub pressure_bar: Option<f32>,
+    /// Filtered displacement; `None` while not plausible.
+    pub displacement_mm: Option<f32>,
+    /// The model's estimate; `None` without one.
+    pub estimate_mm: Option<f32>,
+    /// Index of the playback point in force.
+    pub playback_index: u32,
+    /// Ticks that came late or were lost since the start.
+    pub late_ticks: u32,
+}
+
+/// Why a payload could not be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MessageError {
+    /// The payload is empty or of a kind that was not expected here.
+    Kind,
+    /// Its bytes do not decode, or bytes are left over.
+    Content,
+    /// It would not fit a frame.
+    TooLong,
+}
+
+impl From<FrameError> for MessageError {
+    fn from(_: FrameError) -> Self {
+        Self::TooLong
+    }
+}
+
+/// A message that knows its kind.
+pub trait Message: Serialize + for<'a> Deserialize<'a> {
+    /// First byte of its payload.
+    const KIND: Kind;
+
+    /// The whole frame on the wire.
+    ///
+    /// # Errors
+    /// [`MessageError::TooLong`] if it does not fit a frame.
+    fn to_wire(&self) -> Result<Vec<u8, MAX_WIRE>, MessageError> {
+        let mut payload = [0u8; MAX_PAYLOAD];
+        let (kind, body) = payload.split_first_mut().ok_or(MessageError::TooLong)?;
+        *kind = Self::KIND.byte();
+        let length = postcard::to_slice(self, body).map_err(|_| MessageError::TooLong)?.len() + 1;
+        Ok(frame::encode(payload.get(..length).ok_or(MessageError::TooLong)?)?)
+    }
+
+    /// Reads a payload of this kind.
+    ///
+    /// # Errors
+    /// [`MessageError::Kind`] or [`MessageError::Content`].
+    fn from_payload(payload: &[u8]) -> Result<Self, MessageError> {
+        let (kind, body) = payload.split_first().ok_or(MessageError::Kind)?;
+        if *kind != Self::KIND.byte() {
+            return Err(MessageError::Kind);
+        }
+        let (message, rest) = postcard::take_from_bytes(body).map_err(|_| MessageError::Content)?;
+        if rest.is_empty() { Ok(message) } else { Err(MessageError::Content) }
+    }
+}
+
+impl Message for RequestFrame {
+    const KIND: Kind = Kind::Request;
+}
+
+impl Message for ReplyFrame {
+    const KIND: Kind = Kind::Reply;
+}
+
+impl Message for Telemetry {
+    const KIND: Kind = Kind::Telemetry;
+}

@@ -1,0 +1,66 @@
+//! The link between host and board: what the bytes on the serial line mean.
+//!
+//! Terms. A **frame** is a payload of up to [`frame::MAX_PAYLOAD`] bytes with its CRC-32 behind it, COBS-encoded, ended by one zero
+//! byte. The first payload byte is the [`Kind`]. **Hello** frames have a frozen layout ([`hello`]) so that every version of the host
+//! understands every version of the firmware well enough to say what is wrong; all other payloads are [postcard] and belong to one
+//! [`PROTOCOL`] version ([`message`]).
+//!
+//! What never changes: the frame format, the kinds [`Kind::HelloRequest`] and [`Kind::HelloAnswer`], the meaning of every byte of a
+//! Hello, and the numbers of faults, blockers, notices and settings. What may change with [`PROTOCOL`]: everything else, and only by
+//! appending variants and settings. [`SCHEMA_HASH`] tells two builds apart that carry the same protocol number by mistake.
+//!
+//! [postcard]: https://postcard.jamesmunns.com/wire-format
+
+pub mod fault;
+pub mod frame;
+pub mod hello;
+pub mod message;
+pub mod settings;
+pub mod state;
+
+/// Version of all postcard messages; raised whenever an existing message changes its bytes.
+pub const PROTOCOL: u16 = 1;
+
+/// CRC-32 over one example frame of every message, in the order of `tests/link_wire.rs`, which recomputes it.
+pub const SCHEMA_HASH: u32 = 0x0000_0000;
+
+/// First byte of every payload.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Kind {
+    /// Host asks who is there; frozen.
+    HelloRequest,
+    /// The device's answer to it; frozen.
+    HelloAnswer,
+    /// Host to device: [`message::RequestFrame`].
+    Request,
+    /// Device to host: [`message::ReplyFrame`].
+    Reply,
+    /// Device to host, unsolicited: [`message::Telemetry`].
+    Telemetry,
+}
+
+impl Kind {
+    /// The byte on the wire.
+    pub const fn byte(self) -> u8 {
+        match self {
+            Self::HelloRequest => 0x01,
+            Self::HelloAnswer => 0x02,
+            Self::Request => 0x10,
+            Self::Reply => 0x11,
+            Self::Telemetry => 0x12,
+        }
+    }
+
+    /// The kind a byte stands for, if it is known to this version.
+    pub const fn from_byte(byte: u8) -> Option<Self> {
+        match byte {
+            0x01 => Some(Self::HelloRequest),
+            0x02 => Some(Self::HelloAnswer),
+            0x10 => Some(Self::Request),
+            0x11 => Some(Self::Reply),
+            0x12 => Some(Self::Telemetry),
+            _ => None,
+        }
+    }
+}
