@@ -2,4 +2,13 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod calibration;
+pub mod control;
+pub mod decimate;
 pub mod estimator;
+pub mod limiter;
+pub mod number;
+pub mod plausibility;
+pub mod seam;
+pub mod supervisor;
+pub mod tick;

@@ -263,6 +263,7 @@ pub struct FaultRecord {
 }
 
 /// What the device answers.
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box the status into")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reply {
@@ -323,8 +324,10 @@ pub struct Telemetry {
     pub laser_code: u16,
     /// Pressure code as sampled.
     pub pressure_code: u16,
-    /// What goes to the valve.
+    /// What goes to the valve at this moment.
     pub output_ubar: i32,
+    /// What went to the valve, filtered like the measured channels.
+    pub command_bar: f32,
     /// Set-point in force, in the control law's quantity.
     pub set_point: f32,
     /// Filtered measured pressure; `None` while not plausible.

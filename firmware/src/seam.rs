@@ -1,0 +1,56 @@
+//! The seam between the logic and a board: what a board must bring.
+//!
+//! embedded-hal 1.0 has traits for pins and PWM but none for a sampled pair of channels or an analogue output, hence the two of ours.
+
+use embedded_hal::digital::OutputPin;
+use embedded_hal::pwm::SetDutyCycle;
+
+/// One sample of both measured channels, taken at the same instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RawSample {
+    /// Laser channel, sum of its conversions.
+    pub laser_code: u16,
+    /// Pressure channel, sum of its conversions.
+    pub pressure_code: u16,
+}
+
+/// Where samples come from: on the board the injected conversions of the ADC.
+pub trait SampleSource {
+    /// The newest sample. Never blocks; the tick is started by the end of the conversion.
+    fn sample(&mut self) -> RawSample;
+}
+
+/// Where the valve's drive goes: a DAC, a PWM pin, or a simulated valve.
+pub trait ValveDrive {
+    /// Sets the drive to `share` / 65535 of full scale. Never blocks and cannot fail: a drive that cannot be set must go to zero.
+    fn drive(&mut self, share: u16);
+}
+
+/// A [`ValveDrive`] over any embedded-hal PWM channel.
+#[derive(Debug)]
+pub struct PwmValve<P>(pub P);
+
+impl<P: SetDutyCycle> ValveDrive for PwmValve<P> {
+    fn drive(&mut self, share: u16) {
+        // Rounded down, so that the duty never exceeds the share.
+        let duty = u32::from(share) * u32::from(self.0.max_duty_cycle()) / u32::from(u16::MAX);
+        if self.0.set_duty_cycle(u16::try_from(duty).unwrap_or(0)).is_err() {
+            let _ = self.0.set_duty_cycle_fully_off();
+        }
+    }
+}
+
+/// The dump valve on any embedded-hal output pin: closed (holding pressure) only while energised, so that a dead board vents.
+#[derive(Debug)]
+pub struct DumpValve<P>(pub P);
+
+impl<P: OutputPin> DumpValve<P> {
+    /// Energises (closes) or releases (opens) the valve.
+    ///
+    /// # Errors
+    /// The pin's own error; on the STM32 none exists.
+    pub fn set_energised(&mut self, energised: bool) -> Result<(), P::Error> {
+        if energised { self.0.set_high() } else { self.0.set_low() }
+    }
+}

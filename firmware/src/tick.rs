@@ -1,0 +1,822 @@
+//! The tick: everything the rig does in one millisecond, as one function without hardware.
+//!
+//! ```text
+//! command ─► host and self-test requests
+//! codes ─► calibration ─► plausibility ─► decimation ─► model ─► control law ─► supervisor ─► LIMITER ─► valve, dump valve
+//!                              └─ faults ─────────────────────────────────────────┘             telemetry
+//! ```
+//!
+//! # How a board drives it
+//!
+//! Once, at the start: build a [`Rig`] with [`Rig::new`] from the settings, the board's [`RigFacts`] and a [`BootReport`]. Keep the dump
+//! valve released until the first tick says otherwise.
+//!
+//! Every millisecond, in the interrupt of the end of the ADC's conversion:
+//!
+//! 1. fill [`TickInputs`]: the two codes, the emergency stop, ticks lost since the last call, the background's beat counter, and at most
+//!    one [`Command`] from the queue that the link fills;
+//! 2. call [`Rig::tick`] with the model (or [`NoModel`]);
+//! 3. apply [`TickOutputs`] in this order: dump valve, valve drive, then feed the watchdog if told so; push the answer and the telemetry
+//!    sample into their queues without waiting (a full telemetry queue drops the sample; count it and hand the count to the link).
+//!
+//! The background (link, storage, self-test) never touches the rig; it sends commands. When [`TickOutputs::self_test_wanted`] is set it runs
+//! the self-test once and sends [`Action::SelfTestReport`]. It must advance the beat counter at least every
+//! [`BACKGROUND_TICKS_ENERGISED`] ms while energised. When the fault record changed, copy it to the RAM that survives a reset (`retain`).
+//!
+//! The watchdog's period must stay below 50 ms while [`TickOutputs::energised`]; while vented it may be longer than a flash erase.
+
+use core::num::NonZeroU16;
+
+use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet, Notice, NoticeSet};
+use model_export::link::message::{FaultRecord, Refusal, Reply, Status, Telemetry};
+use model_export::link::settings::Settings;
+use model_export::link::state::{ResetCause, State};
+
+use crate::calibration::{CalibrationConfig, ConverterConfig};
+use crate::control::{
+    Accepted, ControlInputs, ControlLaw, Controller, ControllerState, Demand, PlaybackConfig, PressureSetPoint, SetPoint,
+};
+use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
+use crate::limiter::{Limiter, LimiterConfig, LimiterState};
+use crate::number::MicroBar;
+use crate::plausibility::{Follower, FollowerConfig, FollowerState, Rejection, Sensor, SensorConfig, SensorState, Verdict};
+use crate::seam::RawSample;
+use crate::supervisor::{Decision, Event, Observation, Supervisor, SupervisorConfig, SupervisorState};
+
+/// Ticks in a second.
+pub const TICKS_PER_S: f32 = 1000.0;
+/// The background must show life this often while energised.
+pub const BACKGROUND_TICKS_ENERGISED: u16 = 200;
+/// And this often while vented, where a flash erase may take its time.
+pub const BACKGROUND_TICKS_VENTED: u16 = 4000;
+/// Ticks lost at once that are a fault however few in a row are tolerated.
+pub const LOST_AT_ONCE: u16 = 20;
+/// Decimation without a model: the paper's 50 Hz.
+pub const DEFAULT_MODEL_PERIOD: NonZeroU16 = NonZeroU16::new(20).unwrap();
+
+/// The channels of the decimation filter: command, measured pressure, displacement.
+const FILTERED: usize = 3;
+
+/// What the board knows about itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigFacts {
+    /// The converter of both measured channels.
+    pub converter: ConverterConfig,
+}
+
+/// What the board found when it started.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BootReport {
+    /// Why it started.
+    pub reset_cause: ResetCause,
+    /// Faults found before the first tick: no crystal, damaged settings, a crash before the reset.
+    pub faults: FaultSet,
+}
+
+/// A model of displacement over pressure, one step each model period.
+pub trait ModelStep {
+    /// Displacement in mm for the filtered pressure of the last window in bar.
+    fn step(&mut self, pressure_bar: f32) -> f32;
+
+    /// Forgets everything: the next step starts from its equilibrium.
+    fn reset(&mut self);
+}
+
+/// For a rig without a model.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoModel;
+
+impl ModelStep for NoModel {
+    fn step(&mut self, _pressure_bar: f32) -> f32 {
+        f32::NAN
+    }
+
+    fn reset(&mut self) {}
+}
+
+/// What the background wants from the tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Command {
+    /// Token of the request that asked for it; `None` if nobody waits for an answer.
+    pub token: Option<u16>,
+    /// What to do.
+    pub action: Action,
+}
+
+/// What a command does.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Move the state machine; events other than the host's are refused.
+    Request(Event),
+    /// A set-point for the control law.
+    SetPoint(SetPoint),
+    /// Forget the playback buffer.
+    PlaybackClear,
+    /// Put new settings into force; refused while energised.
+    Configure(Tick),
+    /// What the self-test found, and the period of the model that may run from now on.
+    SelfTestReport {
+        /// Empty if all is well.
+        faults: FaultSet,
+        /// Ticks from one model step to the next; `None` without a model.
+        model_period: Option<NonZeroU16>,
+    },
+    /// A fault that the background found.
+    Raise(Fault),
+    /// Tell the state.
+    Status,
+    /// Tell the fault record.
+    FaultRecord,
+}
+
+/// Answer to a command that carried a token.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// The command's token.
+    pub token: u16,
+    /// What to tell the host.
+    pub reply: Reply,
+}
+
+/// What goes into a tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TickInputs {
+    /// The newest sample of both channels.
+    pub sample: RawSample,
+    /// Whether the emergency stop is pressed or its wire broken.
+    pub emergency_stop: bool,
+    /// Whether the last tick ran longer than its millisecond.
+    pub overran: bool,
+    /// Ticks that were lost since the last call.
+    pub lost_ticks: u16,
+    /// Counter that the background advances.
+    pub background_beat: u32,
+    /// At most one command.
+    pub command: Option<Command>,
+    /// Telemetry samples dropped so far, for the next sample.
+    pub telemetry_dropped: u32,
+}
+
+/// What comes out of a tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TickOutputs {
+    /// Whether to energise (close) the dump valve.
+    pub energised: bool,
+    /// Drive of the valve, share of full scale out of 65535.
+    pub valve_share: u16,
+    /// What that drive means.
+    pub output: MicroBar,
+    /// Whether to feed the watchdog.
+    pub feed_watchdog: bool,
+    /// The state after this tick.
+    pub state: State,
+    /// The background should run the self-test and report.
+    pub self_test_wanted: bool,
+    /// The fault record changed: keep a copy where a reset does not reach.
+    pub record_changed: bool,
+    /// Answer to this tick's command.
+    pub answer: Option<Answer>,
+    /// A sample for the host.
+    pub telemetry: Option<Telemetry>,
+}
+
+/// The settings and the board's facts, before they are built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TickConfig<'a> {
+    /// The operator's settings.
+    pub settings: &'a Settings,
+    /// The board.
+    pub facts: RigFacts,
+}
+
+/// Settings that do not go together: the number of the first one to blame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inconsistent(pub u16);
+
+/// Everything immutable that a tick needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    laser: Sensor,
+    laser_required: bool,
+    pressure: Sensor,
+    pressure_follower: Follower,
+    model_follower: Option<Follower>,
+    model_sees_measured: bool,
+    controller: Controller,
+    supervisor: Supervisor,
+    limiter: Limiter,
+    over_pressure_bar: f32,
+    valve_full_scale_ubar: u32,
+    host_timeout_ticks: u16,
+    maximum_late_ticks: u16,
+    telemetry_period_ticks: u16,
+}
+
+impl TickConfig<'_> {
+    /// Builds the tick.
+    ///
+    /// # Errors
+    /// [`Inconsistent`] names the first setting that contradicts another.
+    pub fn build(&self) -> Result<Tick, Inconsistent> {
+        let settings = self.settings;
+        let laser_calibration = CalibrationConfig {
+            low_v: settings.laser_low_v,
+            low_value: settings.laser_low_mm,
+            high_v: settings.laser_high_v,
+            high_value: settings.laser_high_mm,
+            fault_below_v: settings.laser_fault_below_v,
+            fault_above_v: settings.laser_fault_above_v,
+        };
+        let pressure_calibration = CalibrationConfig {
+            low_v: settings.pressure_low_v,
+            low_value: settings.pressure_low_bar,
+            high_v: settings.pressure_high_v,
+            high_value: settings.pressure_high_bar,
+            fault_below_v: settings.pressure_fault_below_v,
+            fault_above_v: settings.pressure_fault_above_v,
+        };
+        let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent(32))?;
+        let sensor = |calibration, maximum_rate_per_s| {
+            SensorConfig {
+                maximum_rate_per_s,
+                rejected_ms: narrow(settings.rejected_ms),
+                stuck_ms: narrow(settings.stuck_ms),
+                stuck_command,
+                calibration,
+            }
+            .build()
+        };
+        let converter = &self.facts.converter;
+        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent(10))?;
+        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent(20))?;
+        let limiter = LimiterConfig {
+            ceiling_bar: settings.ceiling_bar,
+            slew_up_bar_per_s: settings.slew_up_bar_per_s,
+            slew_down_bar_per_s: settings.slew_down_bar_per_s,
+            output_time_to_live_ms: narrow(settings.output_time_to_live_ms),
+        }
+        .build()
+        .map_err(|_| Inconsistent(1))?;
+        // A pressure that the sensor cannot show must not be asked for: over-pressure could not be seen.
+        let over_pressure_bar = settings.ceiling_bar + settings.over_pressure_margin_bar;
+        if pressure.highest_value() <= over_pressure_bar {
+            return Err(Inconsistent(23));
+        }
+        let full_scale = MicroBar::from_bar(settings.valve_full_scale_bar).ok_or(Inconsistent(50))?;
+        let period = |milliseconds: u32, number| NonZeroU16::new(narrow(milliseconds)).ok_or(Inconsistent(number));
+        let controller = match settings.control_law {
+            0 => Controller::Playback(PlaybackConfig { period_ms: period(settings.playback_period_ms, 61)? }.build()),
+            1 => Controller::PressureSetPoint(PressureSetPoint),
+            _ => return Err(Inconsistent(60)),
+        };
+        let model_follower = FollowerConfig {
+            response_steps: 0.0,
+            tolerance: settings.mismatch_displacement_mm,
+            steps: narrow(settings.mismatch_displacement_steps),
+        };
+        Ok(Tick {
+            laser: sensor(laser, settings.laser_maximum_rate_mm_per_s),
+            laser_required: settings.laser_required,
+            pressure: sensor(pressure, settings.pressure_maximum_rate_bar_per_s),
+            pressure_follower: FollowerConfig {
+                response_steps: settings.pressure_response_ms,
+                tolerance: settings.mismatch_pressure_bar,
+                steps: narrow(settings.mismatch_pressure_ms),
+            }
+            .build(),
+            model_follower: (settings.mismatch_displacement_mm > 0.0).then(|| model_follower.build()),
+            model_sees_measured: settings.estimator_input_measured,
+            controller,
+            supervisor: SupervisorConfig { arming_timeout_s: narrow(settings.arming_timeout_s) }.build(),
+            limiter,
+            over_pressure_bar,
+            valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent(50))?,
+            host_timeout_ticks: narrow(settings.host_timeout_ms),
+            maximum_late_ticks: narrow(settings.maximum_late_ticks),
+            telemetry_period_ticks: period(settings.telemetry_period_ms, 80)?.get(),
+        })
+    }
+}
+
+/// The setting's bounds lie within 16 bits; saturating is for settings that bypassed them.
+fn narrow(value: u32) -> u16 {
+    u16::try_from(value).unwrap_or(u16::MAX)
+}
+
+impl Tick {
+    /// The limits in force.
+    pub fn limiter(&self) -> &Limiter {
+        &self.limiter
+    }
+
+    /// The laser's checks.
+    pub fn laser(&self) -> &Sensor {
+        &self.laser
+    }
+
+    /// The pressure sensor's checks.
+    pub fn pressure(&self) -> &Sensor {
+        &self.pressure
+    }
+
+    fn valve_share(&self, output: MicroBar) -> u16 {
+        // Rounded down: the valve never gets more than the output.
+        let output_ubar = u64::from(u32::try_from(output.0).unwrap_or(0));
+        let share = (output_ubar * u64::from(u16::MAX)).checked_div(u64::from(self.valve_full_scale_ubar)).unwrap_or(0);
+        u16::try_from(share).unwrap_or(u16::MAX)
+    }
+}
+
+/// Everything mutable that a tick needs.
+#[derive(Clone, Debug)]
+pub struct TickState {
+    time_ms: u64,
+    boot_faults: FaultSet,
+    laser: SensorState,
+    pressure: SensorState,
+    pressure_follower: FollowerState,
+    model_follower: FollowerState,
+    decimator: Decimator<FILTERED>,
+    decimator_state: DecimatorState<FILTERED>,
+    has_model: bool,
+    filtered: [Option<f32>; FILTERED],
+    estimate_mm: Option<f32>,
+    controller: ControllerState,
+    supervisor: SupervisorState,
+    limiter: LimiterState,
+    limited: bool,
+    set_point: f32,
+    notices: NoticeSet,
+    host_age_ticks: u16,
+    late_in_a_row: u16,
+    late_ticks: u32,
+    background_beat: u32,
+    background_age_ticks: u16,
+    telemetry_sequence: u32,
+    telemetry_countdown: u16,
+    reset_cause: ResetCause,
+}
+
+impl TickState {
+    fn new(tick: &Tick, boot: BootReport) -> Self {
+        let mut boot_faults = boot.faults;
+        boot_faults.insert_if(boot.reset_cause == ResetCause::Watchdog, Fault::WatchdogReset);
+        boot_faults.insert_if(boot.reset_cause == ResetCause::BrownOut, Fault::BrownOut);
+        Self {
+            time_ms: 0,
+            boot_faults,
+            laser: SensorState::default(),
+            pressure: SensorState::default(),
+            pressure_follower: FollowerState::default(),
+            model_follower: FollowerState::default(),
+            decimator: DecimatorConfig { factor: DEFAULT_MODEL_PERIOD }.build(),
+            decimator_state: DecimatorState::default(),
+            has_model: false,
+            filtered: [None; FILTERED],
+            estimate_mm: None,
+            controller: ControllerState::default(),
+            supervisor: SupervisorState::default(),
+            limiter: LimiterState::default(),
+            limited: false,
+            set_point: 0.0,
+            notices: NoticeSet::EMPTY,
+            host_age_ticks: 0,
+            late_in_a_row: 0,
+            late_ticks: 0,
+            background_beat: 0,
+            background_age_ticks: 0,
+            telemetry_sequence: 0,
+            telemetry_countdown: tick.telemetry_period_ticks,
+            reset_cause: boot.reset_cause,
+        }
+    }
+
+    fn is_energised(&self) -> bool {
+        self.supervisor.state().is_energised()
+    }
+}
+
+/// The rig: what is built and what changes, together.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    tick: Tick,
+    state: TickState,
+}
+
+/// What a command left to do in its tick.
+#[derive(Default)]
+struct Pending {
+    token: Option<u16>,
+    request: Option<Event>,
+    reply: Option<Reply>,
+    wants_status: bool,
+    wants_record: bool,
+    faults: FaultSet,
+}
+
+impl Rig {
+    /// A rig that has just started: vented, in [`State::Boot`].
+    pub fn new(tick: Tick, boot: BootReport) -> Self {
+        let state = TickState::new(&tick, boot);
+        Self { tick, state }
+    }
+
+    /// What is built.
+    pub fn built(&self) -> &Tick {
+        &self.tick
+    }
+
+    /// The state machine, the fault record and the vent watch.
+    pub fn supervisor(&self) -> &SupervisorState {
+        &self.state.supervisor
+    }
+
+    /// Everything the rig does in one millisecond.
+    ///
+    /// # Deadline
+    /// 1 ms, of which the model's step takes most. No loop depends on data except over the features and units of the model.
+    pub fn tick(&mut self, model: &mut impl ModelStep, inputs: TickInputs) -> TickOutputs {
+        let TickInputs { sample, emergency_stop, overran, lost_ticks, background_beat, command, telemetry_dropped } = inputs;
+        let elapsed = lost_ticks.saturating_add(1);
+        self.state.notices = NoticeSet::EMPTY;
+        self.advance(elapsed, overran || lost_ticks > 0, background_beat);
+        let pending = self.take_command(model, command);
+
+        // Measurements. The output in force is the one the sample was taken under.
+        let in_force = self.state.limiter.output();
+        let laser = self.tick.laser.step(&mut self.state.laser, sample.laser_code, in_force);
+        let pressure = self.tick.pressure.step(&mut self.state.pressure, sample.pressure_code, in_force);
+        self.state.notices.insert_if(matches!(laser, Verdict::Held(..)), Notice::LaserHeld);
+        self.state.notices.insert_if(matches!(pressure, Verdict::Held(..)), Notice::PressureHeld);
+        self.state.notices.insert_if(laser.value().is_none() && !self.tick.laser_required, Notice::LaserLost);
+
+        let window_begins = self.state.decimator_state.is_between_windows();
+        let model_faults = self.step_model(model, in_force, pressure.value(), laser.value());
+        let mismatch = self.follow_pressure(in_force, pressure.value());
+
+        // What is wrong, acted on while energised and otherwise only in the way of arming and acknowledging.
+        let mut causes = sensor_faults(laser, [Fault::LaserRange, Fault::LaserRate, Fault::LaserStuck]);
+        if !self.tick.laser_required {
+            causes = FaultSet::EMPTY;
+        }
+        causes = causes.union(sensor_faults(pressure, [Fault::PressureRange, Fault::PressureRate, Fault::PressureStuck]));
+        causes.insert_if(emergency_stop, Fault::EmergencyStop);
+        causes.insert_if(pressure.value().is_some_and(|bar| bar > self.tick.over_pressure_bar), Fault::OverPressure);
+        let mut faults = pending.faults.union(core::mem::take(&mut self.state.boot_faults));
+        if self.state.is_energised() {
+            faults = faults.union(causes).union(model_faults).union(self.timing_faults(lost_ticks));
+            faults.insert_if(mismatch, Fault::PressureMismatch);
+        }
+
+        let control = self.step_control(in_force, pressure.value(), laser.value(), window_begins);
+        let context = self.context(sample, in_force);
+        let observation = Observation {
+            elapsed_ticks: elapsed,
+            faults,
+            causes,
+            arm_blockers: self.arm_blockers(laser, pressure, emergency_stop),
+            start_blockers: self.start_blockers(),
+            pressure_bar: pressure.value(),
+            finished: control.1,
+            request: pending.request,
+            context,
+        };
+        let mut decision = self.tick.supervisor.step(&mut self.state.supervisor, &observation);
+        self.state.notices.insert_if(decision.arm_expired, Notice::ArmExpired);
+
+        let limited = self.tick.limiter.step(&mut self.state.limiter, decision.energised, control.0);
+        let output = match limited.fault {
+            None => limited.output,
+            Some(fault) => {
+                self.tick.supervisor.raise(&mut self.state.supervisor, fault, &context, &mut decision);
+                MicroBar::ZERO
+            }
+        };
+        self.state.notices = self.state.notices.union(limited.notices);
+        self.state.limited = !limited.notices.is_empty();
+        self.follow_state(decision, window_begins);
+
+        let answer = self.answer(pending, &observation, &decision);
+        let telemetry = self.telemetry(sample, output, telemetry_dropped);
+        TickOutputs {
+            energised: decision.energised,
+            valve_share: self.tick.valve_share(output),
+            output,
+            feed_watchdog: self.state.background_age_ticks < self.background_limit(),
+            state: decision.state,
+            self_test_wanted: decision.state == State::SelfTest,
+            record_changed: decision.record_changed,
+            answer,
+            telemetry,
+        }
+    }
+
+    /// Time, lateness and the background's life.
+    fn advance(&mut self, elapsed: u16, late: bool, background_beat: u32) {
+        let state = &mut self.state;
+        state.time_ms = state.time_ms.saturating_add(u64::from(elapsed));
+        state.late_in_a_row = if late { state.late_in_a_row.saturating_add(1) } else { 0 };
+        state.late_ticks = state.late_ticks.saturating_add(if late { u32::from(elapsed.saturating_sub(1)).max(1) } else { 0 });
+        state.notices.insert_if(late, Notice::TickLate);
+        if background_beat == state.background_beat {
+            state.background_age_ticks = state.background_age_ticks.saturating_add(elapsed);
+        } else {
+            state.background_beat = background_beat;
+            state.background_age_ticks = 0;
+        }
+        if state.supervisor.state() == State::Running {
+            state.host_age_ticks = state.host_age_ticks.saturating_add(elapsed);
+        }
+    }
+
+    fn background_limit(&self) -> u16 {
+        if self.state.is_energised() { BACKGROUND_TICKS_ENERGISED } else { BACKGROUND_TICKS_VENTED }
+    }
+
+    /// Faults of time itself; they count only while energised.
+    fn timing_faults(&self, lost_ticks: u16) -> FaultSet {
+        let state = &self.state;
+        let mut faults = FaultSet::EMPTY;
+        faults.insert_if(state.late_in_a_row > self.tick.maximum_late_ticks || lost_ticks >= LOST_AT_ONCE, Fault::DeadlineMissed);
+        faults.insert_if(state.background_age_ticks >= BACKGROUND_TICKS_ENERGISED, Fault::BackgroundStalled);
+        let running = state.supervisor.state() == State::Running;
+        faults.insert_if(running && state.host_age_ticks > self.tick.host_timeout_ticks, Fault::HostLost);
+        faults
+    }
+
+    fn take_command(&mut self, model: &mut impl ModelStep, command: Option<Command>) -> Pending {
+        let Some(Command { token, action }) = command else { return Pending::default() };
+        let mut pending = Pending { token, ..Pending::default() };
+        match action {
+            Action::Request(event) => match event {
+                Event::Arm | Event::Disarm | Event::Start | Event::Stop | Event::Vent | Event::Acknowledge | Event::Retest => {
+                    pending.request = Some(event);
+                }
+                _ => pending.reply = Some(Reply::Refused(Refusal::NotUnderstood)),
+            },
+            Action::SetPoint(set_point) => {
+                let accepted = self.tick.controller.accept(&mut self.state.controller, &set_point);
+                if accepted.is_ok() {
+                    self.state.host_age_ticks = 0;
+                }
+                pending.reply = Some(match accepted {
+                    Ok(Accepted::InForce) => Reply::Done,
+                    Ok(Accepted::Buffered { next_index, free }) => Reply::Playback { next_index, free },
+                    Err(refusal) => Reply::Refused(refusal),
+                });
+            }
+            Action::PlaybackClear => {
+                let running = self.state.supervisor.state() == State::Running;
+                pending.reply = Some(if running {
+                    Reply::Refused(Refusal::State(State::Running))
+                } else {
+                    self.state.controller.playback.clear();
+                    Reply::Done
+                });
+            }
+            Action::Configure(tick) => {
+                let state = self.state.supervisor.state();
+                pending.reply = Some(if state.is_energised() {
+                    Reply::Refused(Refusal::State(state))
+                } else {
+                    self.configure(tick);
+                    Reply::Done
+                });
+            }
+            Action::SelfTestReport { faults, model_period } => {
+                pending.faults = faults;
+                if self.state.supervisor.state() == State::SelfTest {
+                    self.state.decimator = DecimatorConfig { factor: model_period.unwrap_or(DEFAULT_MODEL_PERIOD) }.build();
+                    self.realign();
+                    self.state.has_model = model_period.is_some() && faults.is_empty();
+                    self.state.estimate_mm = None;
+                    model.reset();
+                    if faults.is_empty() {
+                        pending.request = Some(Event::SelfTestPassed);
+                    }
+                }
+            }
+            Action::Raise(fault) => pending.faults.insert(fault),
+            Action::Status => pending.wants_status = true,
+            Action::FaultRecord => pending.wants_record = true,
+        }
+        pending
+    }
+
+    /// Puts new settings into force. The sensors must prove themselves again: their calibration may have changed.
+    fn configure(&mut self, tick: Tick) {
+        self.tick = tick;
+        self.state.laser = SensorState::default();
+        self.state.pressure = SensorState::default();
+        self.state.controller = ControllerState::default();
+        self.realign();
+    }
+
+    /// Begins a window of the decimation filter and a telemetry period with this tick: with equal periods each sample then carries the
+    /// window that has just ended.
+    fn realign(&mut self) {
+        self.state.decimator_state = DecimatorState::default();
+        self.state.telemetry_countdown = self.tick.telemetry_period_ticks;
+    }
+
+    fn step_model(
+        &mut self,
+        model: &mut impl ModelStep,
+        in_force: MicroBar,
+        pressure_bar: Option<f32>,
+        displacement_mm: Option<f32>,
+    ) -> FaultSet {
+        let mut faults = FaultSet::EMPTY;
+        let state = &mut self.state;
+        let samples = [Some(in_force.bar()), pressure_bar, displacement_mm];
+        if let Some(filtered) = state.decimator.step(&mut state.decimator_state, samples) {
+            state.filtered = filtered;
+            let [command_bar, pressure_bar, displacement_mm] = filtered;
+            let input_bar = if self.tick.model_sees_measured { pressure_bar } else { command_bar };
+            state.estimate_mm = match input_bar {
+                Some(input_bar) if state.has_model => {
+                    let estimate_mm = model.step(input_bar);
+                    faults.insert_if(!estimate_mm.is_finite(), Fault::EstimatorNotFinite);
+                    Some(estimate_mm).filter(|estimate_mm| estimate_mm.is_finite())
+                }
+                _ => None,
+            };
+            if let (Some(follower), Some(estimate_mm), Some(displacement_mm)) =
+                (&self.tick.model_follower, state.estimate_mm, displacement_mm)
+            {
+                let mismatch = follower.step(&mut state.model_follower, estimate_mm, displacement_mm);
+                faults.insert_if(mismatch, Fault::ModelMismatch);
+            }
+        }
+        state.notices.insert_if(state.estimate_mm.is_none(), Notice::EstimateMissing);
+        faults
+    }
+
+    fn follow_pressure(&mut self, in_force: MicroBar, pressure_bar: Option<f32>) -> bool {
+        match pressure_bar {
+            Some(pressure_bar) if self.state.is_energised() => {
+                self.tick.pressure_follower.step(&mut self.state.pressure_follower, in_force.bar(), pressure_bar)
+            }
+            _ => {
+                self.state.pressure_follower = FollowerState::default();
+                false
+            }
+        }
+    }
+
+    /// The demand and whether the experiment is over. Armed means zero, whatever the control law would like.
+    fn step_control(
+        &mut self,
+        in_force: MicroBar,
+        pressure_bar: Option<f32>,
+        displacement_mm: Option<f32>,
+        window_begins: bool,
+    ) -> (Demand, bool) {
+        if self.state.supervisor.state() != State::Running {
+            self.state.set_point = 0.0;
+            return (Demand::Pressure(0.0), false);
+        }
+        let inputs = self.control_inputs(in_force, pressure_bar, displacement_mm, window_begins);
+        let output = self.tick.controller.step(&mut self.state.controller, &inputs);
+        self.state.set_point = output.set_point;
+        self.state.notices = self.state.notices.union(output.notices);
+        (output.demand, output.finished)
+    }
+
+    fn control_inputs(
+        &self,
+        in_force: MicroBar,
+        pressure_bar: Option<f32>,
+        displacement_mm: Option<f32>,
+        window_begins: bool,
+    ) -> ControlInputs {
+        ControlInputs {
+            output_bar: in_force.bar(),
+            limited: self.state.limited,
+            pressure_bar,
+            displacement_mm,
+            estimate_mm: self.state.estimate_mm,
+            window_begins,
+        }
+    }
+
+    fn arm_blockers(&self, laser: Verdict, pressure: Verdict, emergency_stop: bool) -> BlockerSet {
+        let mut blockers = BlockerSet::EMPTY;
+        blockers.insert_if(emergency_stop, Blocker::EmergencyStopPressed);
+        blockers.insert_if(self.tick.laser_required && laser.value().is_none(), Blocker::LaserNotPlausible);
+        blockers.insert_if(pressure.value().is_none(), Blocker::PressureNotPlausible);
+        blockers.insert_if(self.state.late_in_a_row > 0, Blocker::LoopLate);
+        blockers.insert_if(self.state.background_age_ticks >= BACKGROUND_TICKS_ENERGISED, Blocker::BackgroundSilent);
+        blockers
+    }
+
+    fn start_blockers(&self) -> BlockerSet {
+        let mut blockers = BlockerSet::EMPTY;
+        blockers.insert_if(!self.tick.controller.is_ready(&self.state.controller), Blocker::PlaybackEmpty);
+        blockers
+    }
+
+    fn context(&self, sample: RawSample, in_force: MicroBar) -> FaultRecord {
+        FaultRecord {
+            time_ms: self.state.time_ms,
+            output_ubar: in_force.0,
+            pressure_code: sample.pressure_code,
+            laser_code: sample.laser_code,
+            pressure_bar: self.state.pressure.last_value(),
+            displacement_mm: self.state.laser.last_value(),
+            estimate_mm: self.state.estimate_mm.unwrap_or(f32::NAN),
+            set_point: self.state.set_point,
+            late_ticks: self.state.late_ticks,
+            ..FaultRecord::default()
+        }
+    }
+
+    /// What follows from a change of state.
+    fn follow_state(&mut self, decision: Decision, window_begins: bool) {
+        if decision.started {
+            self.state.host_age_ticks = 0;
+            let inputs = self.control_inputs(self.state.limiter.output(), None, None, window_begins);
+            self.tick.controller.start(&mut self.state.controller, &inputs);
+        }
+        if !decision.energised {
+            self.state.pressure_follower = FollowerState::default();
+            self.state.model_follower = FollowerState::default();
+            self.state.set_point = 0.0;
+        }
+    }
+
+    fn answer(&self, pending: Pending, observation: &Observation, decision: &Decision) -> Option<Answer> {
+        let token = pending.token?;
+        let reply = if pending.wants_status {
+            Reply::Status(self.status(observation.arm_blockers))
+        } else if pending.wants_record {
+            let record = *self.state.supervisor.record();
+            if record.first == 0 { Reply::Refused(Refusal::NoRecord) } else { Reply::FaultRecord(record) }
+        } else if let Some(reply) = pending.reply {
+            reply
+        } else {
+            decision.refusal.map_or(Reply::Done, Reply::Refused)
+        };
+        Some(Answer { token, reply })
+    }
+
+    /// The part of the status that the tick knows.
+    fn status(&self, arm_blockers: BlockerSet) -> Status {
+        let record = self.state.supervisor.record();
+        Status {
+            state: self.state.supervisor.state(),
+            first_fault: record.first,
+            faults: record.all,
+            blockers: self.state.supervisor.blockers(arm_blockers),
+            notices: self.state.notices,
+            time_ms: self.state.time_ms,
+            late_ticks: self.state.late_ticks,
+            reset_cause: self.state.reset_cause,
+            playback_next_index: self.state.controller.playback.next_index(),
+            playback_free: self.state.controller.playback.free(),
+            ..Status::default()
+        }
+    }
+
+    fn telemetry(&mut self, sample: RawSample, output: MicroBar, dropped: u32) -> Option<Telemetry> {
+        let state = &mut self.state;
+        state.telemetry_countdown = state.telemetry_countdown.saturating_sub(1);
+        if state.telemetry_countdown > 0 {
+            return None;
+        }
+        state.telemetry_countdown = self.tick.telemetry_period_ticks;
+        let sequence = state.telemetry_sequence;
+        state.telemetry_sequence = sequence.wrapping_add(1);
+        let [command_bar, pressure_bar, displacement_mm] = state.filtered;
+        Some(Telemetry {
+            sequence,
+            time_ms: state.time_ms,
+            dropped,
+            state: state.supervisor.state(),
+            first_fault: state.supervisor.record().first,
+            notices: state.notices,
+            laser_code: sample.laser_code,
+            pressure_code: sample.pressure_code,
+            output_ubar: output.0,
+            command_bar: command_bar.unwrap_or(0.0),
+            set_point: state.set_point,
+            pressure_bar,
+            displacement_mm,
+            estimate_mm: state.estimate_mm,
+            playback_index: state.controller.playback.index(),
+            late_ticks: state.late_ticks,
+        })
+    }
+}
+
+fn sensor_faults(verdict: Verdict, [range, rate, stuck]: [Fault; 3]) -> FaultSet {
+    let mut faults = FaultSet::EMPTY;
+    if let Verdict::Lost(reason) = verdict {
+        faults.insert(match reason {
+            Rejection::Range => range,
+            Rejection::Rate => rate,
+            Rejection::Stuck => stuck,
+        });
+    }
+    faults
+}
