@@ -19,14 +19,12 @@ Exit codes:
   1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector)
   2  usage or input: the message says which file, which line and what to do; nothing was half-written";
 
-/// Below the help of `simulate`.
-pub const SIMULATE: &str = "\
-Leaves DIR/train/*.csv and DIR/test/*.csv; the letter a test file's name starts with is its family: a descending sine, b descending
-triangle, c ascending sine, d ascending sine of changing frequency.
+/// Below the help of `hide`.
+pub const HIDE: &str = "\
+Leaves DIR/recordings and DIR/holdout, and the truth in DIR/truth.sealed.json: look at that last.
 
-Examples:
-  catheter simulate paper --out data/paper
-  catheter simulate rich --out data/rich --seed 7";
+Example:
+  catheter hide --effect creep --seed 7 --out case";
 
 /// Below the help of `identify`.
 pub const IDENTIFY: &str = "\
@@ -94,11 +92,12 @@ mod tests {
 
     use crate::cli::Cli;
 
-    /// The lines of `text` that call the command, split into words, redirections left out.
+    /// The lines of `text` that call the command, split into words, redirections and remarks (after three spaces) left out.
     fn examples(text: &str) -> impl Iterator<Item = Vec<&str>> {
         text.lines()
             .map(str::trim)
             .filter(|line| line.starts_with("catheter "))
+            .map(|line| line.split("   ").next().unwrap_or(line))
             .map(|line| line.split_whitespace().take_while(|word| *word != ">").collect())
     }
 

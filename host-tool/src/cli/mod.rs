@@ -37,7 +37,6 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    #[command(after_long_help = help::SIMULATE)]
     Simulate(simulate::Arguments),
     #[command(after_long_help = help::IDENTIFY)]
     Identify(identify::Arguments),
@@ -51,6 +50,7 @@ enum Command {
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
+    #[command(after_long_help = help::HIDE)]
     Hide(hide::Arguments),
     #[command(after_long_help = help::COMPLETIONS)]
     Completions(completions::Arguments),

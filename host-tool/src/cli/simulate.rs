@@ -19,7 +19,7 @@ use crate::{output, say};
 /// real effects can be added. A set is DIR/train/*.csv and DIR/test/{a,b,c,d}*.csv, with the files that made it in DIR/excitation and
 /// DIR/plant.toml: any of them can be played again.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Examples:
   catheter simulate paper --out data/paper            the paper's 24 training recordings and four test families
   catheter simulate rich --out data/rich --seed 7     80 recordings with holds, reversals and random histories
