@@ -14,8 +14,8 @@
 //! `L = z_max / A` is its characteristic distance: after a travel of 40 of them in one direction the past counts for less than
 //! `exp(-39)`, so of a longer travel only the last 40 are integrated, which bounds the cost of a sample.
 //!
-//! Accuracy: fourth order in the step where the right side is smooth. At `z = 0` its derivative of order `n` jumps for whole odd `n` (and
-//! for even `n` unless `beta` or `gamma` is zero), which costs a passage through zero an error of order `n + 1` in the step.
+//! Accuracy: fourth order in the step where the right side is smooth. At `z = 0` its derivative of order `n` jumps in general, and a passage
+//! through zero then costs an error of order `n + 1` in the step.
 //!
 //! Source: R. Bouc, "Forced vibration of mechanical systems with hysteresis", Prague 1967; Y. K. Wen, "Method for random vibration of
 //! hysteretic systems", ASCE J. Eng. Mech. Div. 102(2), 1976; bounds in F. Ikhouane and J. Rodellar, *Systems with Hysteresis*, Wiley 2007,
@@ -44,7 +44,8 @@ pub struct BoucWenConfig<T> {
     pub gamma: T,
     /// `n`: sharpness of the yield, 1 or more.
     pub exponent: T,
-    /// Runge-Kutta steps for each characteristic distance, 1 to 1000; 8 gives an error of about 1e-5 of `z_max` with `n` up to 2.
+    /// Runge-Kutta steps for each characteristic distance, 1 to 1000. With 8, the error is 2e-6 of `z_max` for `n = 2`, `beta = gamma`; for
+    /// `n = 1` a passage through zero costs up to 1e-3, falling with the square of this number.
     pub steps_per_length: u16,
 }
 
@@ -70,6 +71,11 @@ pub struct BoucWenState<T> {
 }
 
 impl<T: Real> BoucWenState<T> {
+    /// The last finite input.
+    pub fn input(&self) -> T {
+        self.input
+    }
+
     /// `z`, in the input's unit times `A`.
     pub fn memory(&self) -> T {
         self.memory

@@ -2,7 +2,8 @@
 //!
 //! Element i, of compliance `J_i` and retardation time `tau_i`, answers the load `x` by `tau_i de_i/dt + e_i = J_i x`; a spring of compliance
 //! `J_0` alone gives the instant part. The output is `y = J_0 x + sum_i e_i`, and a step of the load from rest gives
-//! `y(t) / x = J_0 + sum_i J_i (1 - exp(-t / tau_i))`. Each element is discretised exactly, see [`crate::lag`].
+//! `y(t) / x = J_0 + sum_i J_i (1 - exp(-t / tau_i))`. Each element is discretised exactly, see [`crate::lag`], where the
+//! limit of slow elements in `f32` stands too.
 //!
 //! Source: W. N. Findley, J. S. Lai, K. Onaran, *Creep and Relaxation of Nonlinear Viscoelastic Materials*, Dover 1989, section 5.
 //!

@@ -8,6 +8,9 @@
 //!
 //! and the split between `b0` and `b1` depends on [`Hold`]. This form keeps an equilibrium `y = x` exactly, in any precision.
 //!
+//! Rounding: increments below half a unit in the last place of the output vanish, so in `f32` time constants of more than about a million
+//! sample periods fall short of their end; use `f64` there, or a longer sample period.
+//!
 //! Source: G. F. Franklin, J. D. Powell, M. Workman, *Digital Control of Dynamic Systems*, 3rd ed., section 6.3 (hold equivalents).
 //!
 //! NaN: a NaN or infinite input makes the state NaN or infinite and it stays so until reset; keep such samples out.
