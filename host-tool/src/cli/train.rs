@@ -19,7 +19,7 @@ pub struct Arguments {
     #[arg(long, default_value = "hybrid", value_parser = PRESETS, value_name = "NAME")]
     preset: String,
     /// Where the model goes.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".safetensors"))]
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument("safetensors"))]
     out: PathBuf,
     /// CPU time to plan for in s; becomes a fixed number of optimiser steps at a nominal throughput, so that results repeat.
     #[arg(long, value_name = "N")]

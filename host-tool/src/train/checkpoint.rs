@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
-use super::fit::TrainError;
+use super::fit::{Milestone, TrainError};
 use super::optimizer::Shard;
 use super::team::TeamState;
 use crate::output;
@@ -33,8 +33,8 @@ pub struct Checkpoint {
     pub best_square: f64,
     /// Validations since.
     pub since_best: u64,
-    /// Validation errors so far.
-    pub history: Vec<f64>,
+    /// Errors so far.
+    pub history: Vec<Milestone>,
     /// Running mean square of the training error.
     pub training_square: f64,
 }
@@ -47,7 +47,7 @@ struct Numbers {
     /// Bits of f64 values: JSON numbers would lose infinities and may lose the last bit.
     best_square: u64,
     since_best: u64,
-    history: Vec<u64>,
+    history: Vec<(u64, u64, u64)>,
     training_square: u64,
 }
 
@@ -92,7 +92,7 @@ impl Checkpoint {
             threads: self.team.carried.len(),
             best_square: self.best_square.to_bits(),
             since_best: self.since_best,
-            history: self.history.iter().map(|value| value.to_bits()).collect(),
+            history: self.history.iter().map(|at| (at.steps, at.training_rmse.to_bits(), at.validation_rmse.to_bits())).collect(),
             training_square: self.training_square.to_bits(),
         };
         let parameters = &self.team.parameters;
@@ -137,7 +137,15 @@ impl Checkpoint {
             best: read("best")?,
             best_square: f64::from_bits(numbers.best_square),
             since_best: numbers.since_best,
-            history: numbers.history.into_iter().map(f64::from_bits).collect(),
+            history: numbers
+                .history
+                .into_iter()
+                .map(|(steps, training, validation)| Milestone {
+                    steps,
+                    training_rmse: f64::from_bits(training),
+                    validation_rmse: f64::from_bits(validation),
+                })
+                .collect(),
             training_square: f64::from_bits(numbers.training_square),
         })
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use cpu_time::ProcessTime;
 use rand::{Rng as _, RngExt as _};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use super::checkpoint::{Checkpoint, CheckpointPlan};
@@ -74,8 +74,30 @@ pub struct TrainReport {
     pub ended: Ended,
     /// Training recordings, and recordings in all.
     pub training_recordings: usize,
-    /// Validation errors in order.
-    pub history: Vec<f64>,
+    /// Errors along the way.
+    pub history: Vec<Milestone>,
+    /// Error on each recording with a validation part.
+    pub validation: Vec<Validated>,
+}
+
+/// Errors at one validation, in output units.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Milestone {
+    /// Optimiser steps made.
+    pub steps: u64,
+    /// Running root mean square over the last batches.
+    pub training_rmse: f64,
+    /// Free running over the validation part.
+    pub validation_rmse: f64,
+}
+
+/// How well one recording is predicted, free running.
+#[derive(Clone, Debug, Serialize)]
+pub struct Validated {
+    /// The file.
+    pub path: String,
+    /// Root mean square error on its validation samples, in output units.
+    pub rmse: f64,
 }
 
 /// Why a run ended.
@@ -393,9 +415,9 @@ pub fn train(
             validation_rmse: 0.0,
         },
     };
-    let val_rmse = validation_rmse(&model, recordings, &parts)?;
+    let (val_rmse, validation) = validation_rmse(&model, recordings, &parts)?;
     let front_end_alone = TrainedModel { network: None, ..model.clone() };
-    let val_rmse_front_end = validation_rmse(&front_end_alone, recordings, &parts)?;
+    let (val_rmse_front_end, _) = validation_rmse(&front_end_alone, recordings, &parts)?;
     model.provenance.validation_rmse = val_rmse;
     let macs_per_step = model.network.as_ref().map_or(0, Network::macs_per_step);
     let steps = run.team.steps_made();
@@ -414,6 +436,7 @@ pub fn train(
         ended: outcome.ended,
         training_recordings: model.provenance.training_recordings,
         history: outcome.history,
+        validation,
     };
     Ok((model, report))
 }
@@ -448,28 +471,38 @@ fn fingerprint(recordings: &[Recording], config: &TrainConfig, seed: u64, thread
     format!("{} seed {seed} threads {threads} data {}", settings, data_hash(recordings))
 }
 
-/// Free-running root mean square error of the model on the validation samples, in output units.
-fn validation_rmse(model: &TrainedModel, recordings: &[Recording], parts: &[Vec<bool>]) -> Result<f64, TrainError> {
-    let (mut sum, mut count) = (0.0, 0u64);
+/// Free-running root mean square error of the model on the validation samples, in output units: of all, and of each recording.
+fn validation_rmse(model: &TrainedModel, recordings: &[Recording], parts: &[Vec<bool>]) -> Result<(f64, Vec<Validated>), TrainError> {
+    let (mut total, mut samples) = (0.0, 0u64);
+    let mut each = Vec::new();
     for (recording, part) in recordings.iter().zip(parts).filter(|(_, part)| part.contains(&false)) {
         let predicted = model.predict(&recording.input, &recording.gaps)?;
+        let (mut sum, mut count) = (0.0, 0u64);
         for ((predicted, measured), _) in predicted.iter().zip(&recording.output).zip(part).filter(|(_, training)| !**training) {
             sum += (predicted - measured).powi(2);
             count += 1;
         }
+        each.push(Validated { path: recording.path.display().to_string(), rmse: (sum / count.max(1) as f64).sqrt() });
+        total += sum;
+        samples += count;
     }
-    Ok((sum / count.max(1) as f64).sqrt())
+    Ok(((total / samples.max(1) as f64).sqrt(), each))
 }
 
 struct Finished {
     best: Vec<f32>,
-    history: Vec<f64>,
+    history: Vec<Milestone>,
     ended: Ended,
     steps_here: u64,
     step_seconds: f64,
 }
 
 impl Run<'_> {
+    /// Error of the output, in its unit, for a mean square of the network's own target.
+    fn training_rmse(&self, mean_square: f64) -> f64 {
+        mean_square.sqrt() * f64::from(self.target_scale) * self.output_scale
+    }
+
     fn go(
         &mut self,
         total_steps: u64,
@@ -514,7 +547,11 @@ impl Run<'_> {
                     false => self.team.parameters(),
                 };
                 let square = self.validation.mean_square(&parameters, &self.tracks, self.target_scale);
-                history.push(square.sqrt() * self.output_scale);
+                history.push(Milestone {
+                    steps: done,
+                    training_rmse: self.training_rmse(training_square),
+                    validation_rmse: square.sqrt() * self.output_scale,
+                });
                 if square < best_square {
                     (best, best_square, since_best) = (parameters, square, 0);
                 } else {
@@ -525,8 +562,8 @@ impl Run<'_> {
                 progress(Progress {
                     steps: done,
                     total_steps,
-                    training_rmse: training_square.sqrt() * f64::from(self.target_scale) * self.output_scale,
-                    validation_rmse: history.last().copied(),
+                    training_rmse: self.training_rmse(training_square),
+                    validation_rmse: history.last().map(|milestone| milestone.validation_rmse),
                 });
             }
             let interrupted = plan.stop_after.is_some_and(|stop| done >= stop) && done < total_steps;

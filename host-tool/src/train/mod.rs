@@ -16,3 +16,9 @@ pub mod tracks;
 pub use checkpoint::CheckpointPlan;
 pub use config::{PRESETS, TrainConfig};
 pub use fit::{Ended, Progress, TrainError, TrainReport, train};
+
+#[cfg(test)]
+use fit::starting_network;
+
+#[cfg(test)]
+mod tests;
