@@ -1,0 +1,83 @@
+//! A trained network with its front end, in `f32`.
+
+use std::path::Path;
+
+use model_export::schema::FrontEnd;
+
+use super::{Arithmetic, Description, ModelError, Predictor};
+use crate::network::{self, Channel, Mode, TrainedModel};
+use crate::recording::Signal;
+
+/// A trained model, checked.
+pub struct NetworkModel {
+    model: TrainedModel,
+    description: Description,
+}
+
+impl NetworkModel {
+    /// Reads and checks a trained model.
+    ///
+    /// # Errors
+    /// When it cannot be read, is damaged, of another version, or out of its domain.
+    pub fn load(path: &Path) -> Result<Self, ModelError> {
+        Self::new(network::load(path)?, path)
+    }
+
+    /// Checks a trained model; `path` is its name.
+    ///
+    /// # Errors
+    /// When its front end is out of its domain.
+    pub fn new(model: TrainedModel, path: &Path) -> Result<Self, ModelError> {
+        model.runner().map_err(|invalid| ModelError::Invalid { path: path.into(), problem: invalid.to_string() })?;
+        let description = describe(&model, path);
+        Ok(Self { model, description })
+    }
+
+    /// The model itself.
+    #[must_use]
+    pub fn model(&self) -> &TrainedModel {
+        &self.model
+    }
+}
+
+/// Fitted numbers of a front end: every one of them costs about one multiplication a step.
+pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
+    // Without plays, creep or readout weight the front end only prepares features and nothing in it was fitted.
+    let linear = front_end.play_weights.len() + front_end.creep_weights.len();
+    if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 }
+}
+
+fn describe(model: &TrainedModel, path: &Path) -> Description {
+    let signal = |channel: &Channel| Signal { quantity: channel.quantity.clone(), unit: channel.unit.clone() };
+    let front = front_end_parameters(&model.front_end);
+    let (weights, macs) = model.network.as_ref().map_or((0, 0), |network| (network.parameters(), network.macs_per_step()));
+    let steps = match model.mode {
+        Mode::Streaming => 1,
+        Mode::Window { length } => length,
+    };
+    Description {
+        path: path.into(),
+        kind: model.provenance.preset.clone(),
+        arithmetic: Arithmetic::Float,
+        input: signal(&model.input),
+        output: signal(&model.output),
+        input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
+        sample_period_s: Some(model.sample_period_s),
+        parameters: weights + front,
+        macs_per_step: macs * steps + front,
+    }
+}
+
+impl Predictor for NetworkModel {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        let invalid = |invalid: model_export::validate::Invalid| ModelError::Invalid {
+            path: self.description.path.clone(),
+            problem: invalid.to_string(),
+        };
+        self.model.predict(input, gaps).map_err(invalid)
+    }
+}
