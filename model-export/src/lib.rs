@@ -1,8 +1,8 @@
 //! The model blob: what a trained estimator looks like on its way to the microcontroller.
 //!
 //! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`fixed`] the arithmetic they mean, [`blob`] the frame around
-//! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones.
-//! [`link`] holds what host and board say to each other.
+//! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones and
+//! `headroom` proves that none of their sums overflows. [`link`] holds what host and board say to each other.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -11,6 +11,8 @@ extern crate std;
 
 pub mod blob;
 pub mod fixed;
+#[cfg(feature = "std")]
+pub mod headroom;
 pub mod link;
 #[cfg(feature = "std")]
 pub mod quantise;
