@@ -160,9 +160,11 @@ fn new_temporary(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-/// A file the user asks for, checked while the command line is read: with the right ending, where a file can be written.
+/// A file the user asks for, checked while the command line is read: with the right ending (`toml`, or `.toml`; any when empty), where
+/// a file can be written.
 pub fn file_argument(ending: &'static str) -> impl clap::builder::TypedValueParser<Value = PathBuf> {
     use clap::builder::{PathBufValueParser, TypedValueParser};
+    let ending = ending.trim_start_matches('.');
     PathBufValueParser::new().try_map(move |path: PathBuf| {
         if !ending.is_empty() && !is_stream(&path) && path.extension().is_none_or(|found| found != ending) {
             return Err(format!("the name must end in .{ending}"));

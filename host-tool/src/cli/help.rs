@@ -101,15 +101,25 @@ mod tests {
             .map(|line| line.split_whitespace().take_while(|word| *word != ">").collect())
     }
 
+    /// The README and the book; `$ catheter` there is a command to type.
+    fn book() -> Vec<String> {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let mut pages = vec![root.join("README.md")];
+        pages.extend(std::fs::read_dir(root.join("docs")).expect("the book").map(|entry| entry.expect("an entry of a folder").path()));
+        let pages = pages.iter().filter(|page| page.extension().is_some_and(|ending| ending == "md"));
+        pages.map(|page| std::fs::read_to_string(page).expect("a page of the book").replace("$ catheter ", "catheter ")).collect()
+    }
+
     #[test]
-    fn every_example_in_the_help_is_understood_by_the_parser() {
+    fn every_example_in_the_help_and_the_book_is_understood_by_the_parser() {
         let mut command = Cli::command();
         let mut texts = vec![command.render_long_help().to_string()];
-        for subcommand in command.get_subcommands_mut() {
+        for subcommand in command.get_subcommands_mut().filter(|subcommand| subcommand.get_name() != "help") {
             let help = subcommand.render_long_help().to_string();
             assert!(examples(&help).next().is_some(), "no example in the help of {}", subcommand.get_name());
             texts.push(help);
         }
+        texts.extend(book());
         for words in texts.iter().flat_map(|text| examples(text)) {
             if let Err(error) = Cli::command().try_get_matches_from(&words) {
                 panic!("`{}`: {error}", words.join(" "));

@@ -121,10 +121,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             );
         }
     } else {
-        network::save(&arguments.out, &model)?;
         if !report.val_rmse.is_finite() {
             bail!("the training diverged: the validation error is not finite; lower --learning-rate");
         }
+        network::save(&arguments.out, &model)?;
         crate::say!(
             "{}: {} parameters, {:.1} epochs in {:.1} s ({:.1} CPU s, {:.1} GMAC/s), validation {:.5} {unit} (front end alone {:.5})",
             arguments.out.display(),
