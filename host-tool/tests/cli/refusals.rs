@@ -149,6 +149,52 @@ fn a_blob_with_a_flipped_bit_or_a_missing_tail_is_refused() {
 }
 
 #[test]
+fn a_blob_of_another_schema_is_refused_by_its_version() {
+    let bench = Bench::with_models();
+    let mut blob = bench.read("model.blob");
+    // docs/formats.md: version at byte 8, CRC-32 of every other byte at byte 16; a valid checksum leaves only the version to complain about.
+    blob[8] += 1;
+    let checksum = crc32(blob[..16].iter().chain(&blob[20..]));
+    blob[16..20].copy_from_slice(&checksum.to_le_bytes());
+    bench.write("newer.blob", &blob);
+    for line in ["inspect newer.blob", "evaluate --model newer.blob --data data --json out/result.json"] {
+        bench.refuses(line, &["newer.blob", "version"]);
+    }
+}
+
+/// CRC-32 of IEEE 802.3, bit by bit.
+fn crc32<'a>(bytes: impl Iterator<Item = &'a u8>) -> u32 {
+    !bytes.fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 })
+    })
+}
+
+#[test]
+fn resuming_from_a_checkpoint_that_is_not_there_or_damaged_is_refused() {
+    let bench = Bench::with_models();
+    let line = "train --preset stream-1x32 --data data --out new.safetensors --epochs 1 --resume";
+    bench.refuses(line, &["new.checkpoint"]);
+    bench.write("new.checkpoint", [0xff; 100]);
+    bench.refuses(line, &["new.checkpoint"]);
+}
+
+#[test]
+fn a_training_configuration_that_makes_no_sense_is_refused() {
+    let bench = Bench::with_models();
+    for (text, says) in [
+        ("colour = \"blue\"", "colour"),
+        ("chunk = 1", "chunk"),
+        ("learning_rate = nan", "learning_rate"),
+        ("units = []", "units"),
+        ("=", ""),
+    ] {
+        bench.write("bad.toml", text);
+        bench.refuses("train --data data --out out/new.safetensors --config bad.toml", &["bad.toml", says]);
+    }
+    bench.refuses("train --data data --out out/new.safetensors --config missing.toml", &["missing.toml"]);
+}
+
+#[test]
 fn a_damaged_safetensors_file_is_refused() {
     let bench = Bench::with_models();
     let model = bench.read("model.safetensors");
@@ -156,7 +202,6 @@ fn a_damaged_safetensors_file_is_refused() {
         bench.write("short.safetensors", &model[..length]);
         bench.refuses("evaluate --model short.safetensors --data data --json out/result.json", &["short.safetensors"]);
         bench.refuses("export short.safetensors --calibration data --out out/model.blob", &["short.safetensors"]);
-        bench.refuses("train --data data --resume short.safetensors --out out/model.safetensors --budget-cpu-s 1", &["short.safetensors"]);
     }
     // A whole file of that format, with somebody else's tensor in it.
     let header = r#"{"weight":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}"#;
@@ -240,6 +285,33 @@ fn unknown_names_are_refused_with_the_known_ones() {
         &["lstm", "hybrid", "stream-2x64", "stream-1x32", "paper-window"],
     );
     bench.refuses("simulate papers --out out", &["papers", "paper", "rich"]);
+    bench.refuses("simulate paper --plant nonsense --out out", &["nonsense", "all-effects"]);
+}
+
+#[test]
+fn an_excitation_that_cannot_be_played_is_refused_with_file_and_reason() {
+    let bench = Bench::new();
+    let segment = |signal: &str| format!("[[segments]]\nduration_s = 20.0\nsignal = {signal}\n");
+    let sine = |amplitude: &str, decay: &str| {
+        segment(&format!("{{ kind = \"descending-sine\", amplitude_bar = {amplitude}, frequency_hz = 0.3, decay_per_s = {decay} }}"))
+    };
+    let cases: [(&str, String, &[&str]); 8] = [
+        ("empty.toml", String::new(), &["segments"]),
+        ("syntax.toml", "segments = [".to_owned(), &["syntax.toml"]),
+        ("kind.toml", segment("{ kind = \"square\" }"), &["square"]),
+        ("nan.toml", sine("nan", "0.1"), &["amplitude_bar"]),
+        ("peak.toml", sine("2.0", "0.0"), &["4.000 bar", "3 bar"]),
+        // The paper's test (c) taken literally: 2 A e^(0.12 x 20), reached at the last crest.
+        ("ascending.toml", sine("1.5", "-0.12"), &["bar at", "ascending-sine"]),
+        ("slew.toml", segment("{ kind = \"triangle\", minimum_bar = 0.0, maximum_bar = 2.0, frequency_hz = 10.0 }"), &["bar/s"]),
+        ("long.toml", sine("1.0", "0.1").replace("20.0", "1e12"), &["long.toml"]),
+    ];
+    for (name, text, says) in cases {
+        bench.write(name, text);
+        let said = bench.refuses(&format!("simulate {name} --out out --json result.json"), says);
+        assert!(said.stderr.contains(name), "{}", said.stderr);
+    }
+    bench.refuses("simulate missing.toml --out out", &["missing.toml"]);
 }
 
 #[test]
