@@ -68,12 +68,16 @@ impl LimiterConfig {
     /// # Errors
     /// [`NotALimit`] if a limit is not a number, negative, or a slew limit rounds down to nothing.
     pub fn build(&self) -> Result<Limiter, NotALimit> {
-        // Rounded down: the built limit is never above the configured one.
-        let ubar = |bar: f32| truncate_to_i32(bar * 1e6).filter(|ubar| *ubar >= 0).ok_or(NotALimit);
+        // The built limit is never above the configured one: the product in `f32` may round up, hence the comparison in `f64`.
+        let ubar = |bar: f32, per: f32| {
+            let ubar = truncate_to_i32(bar * 1e6 / per).filter(|ubar| *ubar >= 0).ok_or(NotALimit)?;
+            let above = f64::from(ubar) > f64::from(bar) * 1e6 / f64::from(per);
+            Ok(if above { ubar.saturating_sub(1) } else { ubar })
+        };
         let limiter = Limiter {
-            ceiling_ubar: ubar(self.ceiling_bar)?.min(ABSOLUTE_CEILING.0),
-            up_per_tick_ubar: ubar(self.slew_up_bar_per_s / TICKS_PER_S)?,
-            down_per_tick_ubar: ubar(self.slew_down_bar_per_s / TICKS_PER_S)?,
+            ceiling_ubar: ubar(self.ceiling_bar, 1.0)?.min(ABSOLUTE_CEILING.0),
+            up_per_tick_ubar: ubar(self.slew_up_bar_per_s, TICKS_PER_S)?,
+            down_per_tick_ubar: ubar(self.slew_down_bar_per_s, TICKS_PER_S)?,
             time_to_live_ticks: self.output_time_to_live_ms,
         };
         if limiter.up_per_tick_ubar > 0 && limiter.down_per_tick_ubar > 0 { Ok(limiter) } else { Err(NotALimit) }
@@ -155,5 +159,115 @@ impl Limiter {
         state.output_ubar = output_ubar;
         state.output_inverted = !output_ubar;
         Limited { output: MicroBar(output_ubar), notices, fault: None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn limiter() -> Limiter {
+        LimiterConfig { ceiling_bar: 3.0, slew_up_bar_per_s: 20.0, slew_down_bar_per_s: 30.0, output_time_to_live_ms: 100 }.build().unwrap()
+    }
+
+    #[test]
+    fn the_output_reaches_a_demand_at_the_slew_limit_and_stays_there() {
+        let limiter = limiter();
+        let mut state = LimiterState::default();
+        let outputs: [i32; 4] = core::array::from_fn(|_| limiter.step(&mut state, true, Demand::Pressure(0.05)).output.0);
+        assert_eq!(outputs, [20_000, 40_000, 50_000, 50_000]);
+        let limited = limiter.step(&mut state, true, Demand::Pressure(0.0));
+        assert_eq!(limited.output.0, 20_000);
+        assert!(limited.notices.contains(Notice::Slew));
+    }
+
+    #[test]
+    fn a_demand_above_the_ceiling_is_held_there_with_a_notice() {
+        let limiter = limiter();
+        let mut state = LimiterState::default();
+        let last = (0..1_000).map(|_| limiter.step(&mut state, true, Demand::Pressure(f32::MAX))).last().unwrap();
+        assert_eq!(last.output, limiter.ceiling());
+        assert!(last.notices.contains(Notice::Ceiling) && !last.notices.contains(Notice::Floor));
+    }
+
+    #[test]
+    fn a_demand_lives_for_its_time_and_not_a_tick_longer() {
+        let limiter = limiter();
+        let mut state = LimiterState::default();
+        limiter.step(&mut state, true, Demand::Pressure(1.0));
+        for tick in 1..=100 {
+            assert_eq!(limiter.step(&mut state, true, Demand::Hold).fault, None, "tick {tick}");
+        }
+        let expired = limiter.step(&mut state, true, Demand::Hold);
+        assert_eq!((expired.fault, expired.output), (Some(Fault::ControlExpired), MicroBar::ZERO));
+    }
+
+    #[test]
+    fn what_is_not_a_number_and_damaged_memory_put_the_output_to_zero() {
+        let limiter = limiter();
+        for demand in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut state = LimiterState::default();
+            limiter.step(&mut state, true, Demand::Pressure(1.0));
+            let limited = limiter.step(&mut state, true, Demand::Pressure(demand));
+            assert_eq!((limited.fault, limited.output), (Some(Fault::ControlNotFinite), MicroBar::ZERO));
+        }
+        for bit in 0..32 {
+            let mut state = LimiterState::default();
+            limiter.step(&mut state, true, Demand::Pressure(1.0));
+            state.output_ubar ^= 1 << bit;
+            let limited = limiter.step(&mut state, true, Demand::Pressure(1.0));
+            assert_eq!((limited.fault, limited.output), (Some(Fault::InternalInconsistent), MicroBar::ZERO), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn limits_that_are_none_are_refused_and_the_absolute_ceiling_stays() {
+        let good = LimiterConfig { ceiling_bar: 3.0, slew_up_bar_per_s: 20.0, slew_down_bar_per_s: 30.0, output_time_to_live_ms: 100 };
+        for bad in [
+            LimiterConfig { ceiling_bar: f32::NAN, ..good },
+            LimiterConfig { ceiling_bar: -0.1, ..good },
+            LimiterConfig { slew_up_bar_per_s: 0.0, ..good },
+            LimiterConfig { slew_down_bar_per_s: f32::NAN, ..good },
+            LimiterConfig { slew_up_bar_per_s: 0.0009, ..good },
+        ] {
+            assert_eq!(bad.build(), Err(NotALimit), "{bad:?}");
+        }
+        let absolute = LimiterConfig { ceiling_bar: f32::INFINITY, ..good }.build().unwrap();
+        assert_eq!(absolute.ceiling(), ABSOLUTE_CEILING);
+    }
+
+    fn demand() -> impl Strategy<Value = Demand> {
+        prop_oneof![
+            4 => (-1.0f32..5.0).prop_map(Demand::Pressure),
+            1 => any::<u32>().prop_map(|bits| Demand::Pressure(f32::from_bits(bits))),
+            1 => Just(Demand::Hold),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn no_sequence_of_demands_leaves_ceiling_or_slew(
+            steps in prop::collection::vec((prop::bool::weighted(0.97), demand()), 1..400),
+            ceiling_bar in 0.0f32..6.0,
+            slew_up_bar_per_s in 0.1f32..100.0,
+            slew_down_bar_per_s in 0.1f32..100.0,
+        ) {
+            let config = LimiterConfig { ceiling_bar, slew_up_bar_per_s, slew_down_bar_per_s, output_time_to_live_ms: 100 };
+            let limiter = config.build().unwrap();
+            let mut state = LimiterState::default();
+            let mut last = 0.0f64;
+            for (energised, demand) in steps {
+                let limited = limiter.step(&mut state, energised, demand);
+                let output = f64::from(limited.output.0) * 1e-6;
+                // In bar from the configured numbers, without the limiter's own rounding: not a microbar beyond.
+                prop_assert!((0.0..=f64::from(ceiling_bar).min(4.0)).contains(&output));
+                prop_assert!(output - last <= f64::from(slew_up_bar_per_s) * 1e-3 + 1e-12);
+                let vented = !energised || limited.fault.is_some();
+                prop_assert!(!vented || output == 0.0);
+                prop_assert!(vented || last - output <= f64::from(slew_down_bar_per_s) * 1e-3 + 1e-12);
+                last = output;
+            }
+        }
     }
 }

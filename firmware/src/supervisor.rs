@@ -72,6 +72,16 @@ impl Event {
         Self::Acknowledge,
         Self::FaultRaised,
     ];
+
+    /// Whether the host may ask for it.
+    pub const fn is_host_request(self) -> bool {
+        matches!(self, Self::Arm | Self::Disarm | Self::Start | Self::Stop | Self::Vent | Self::Acknowledge)
+    }
+
+    /// Whether the background may bring it; the others the supervisor makes itself.
+    pub const fn is_request(self) -> bool {
+        self.is_host_request() || matches!(self, Self::Retest | Self::SelfTestPassed)
+    }
 }
 
 /// What an event does in a state.
@@ -286,6 +296,7 @@ impl Supervisor {
     /// # Deadline
     /// Two searches in the table at most.
     pub fn step(&self, state: &mut SupervisorState, observation: &Observation) -> Decision {
+        let before = state.state;
         state.ticks_in_state = state.ticks_in_state.saturating_add(u32::from(observation.elapsed_ticks));
         let mut faults = observation.faults;
         if !state.state.is_energised() {
@@ -316,8 +327,13 @@ impl Supervisor {
             state.enter(next, state.state.is_energised() && !next.is_energised());
         }
         if let Some(event) = observation.request {
-            let before = state.state;
-            decision.refusal = self.request(state, observation, event).err();
+            let moved_already = state.state != before;
+            decision.refusal = if moved_already && event != Event::Vent {
+                // The request was meant for the state before.
+                Some(Refusal::State(state.state))
+            } else {
+                self.request(state, observation, event).err()
+            };
             decision.started = before != Running && state.state == Running;
         }
         decision.state = state.state;
@@ -350,6 +366,9 @@ impl Supervisor {
     }
 
     fn request(&self, state: &mut SupervisorState, observation: &Observation, event: Event) -> Result<(), Refusal> {
+        if !event.is_request() {
+            return Err(Refusal::NotUnderstood);
+        }
         let next = match transition(state.state, event) {
             To(next) => next,
             IfUnblocked(next) => {
@@ -358,7 +377,8 @@ impl Supervisor {
                     Event::Start => observation.start_blockers,
                     _ => {
                         let mut blockers = BlockerSet::EMPTY;
-                        blockers.insert_if(observation.causes.0 & state.record.all.0 != 0, Blocker::FaultCausePresent);
+                        let present = observation.causes.union(observation.faults);
+                        blockers.insert_if(present.0 & state.record.all.0 != 0, Blocker::FaultCausePresent);
                         blockers.insert_if(state.vent != Vent::Verified, Blocker::VentNotVerified);
                         blockers
                     }
@@ -386,3 +406,6 @@ impl Supervisor {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

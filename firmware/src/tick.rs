@@ -46,7 +46,7 @@ use crate::supervisor::{Decision, Event, Observation, Supervisor, SupervisorConf
 /// Ticks in a second.
 pub const TICKS_PER_S: f32 = 1000.0;
 /// The background must show life this often while energised.
-pub const BACKGROUND_TICKS_ENERGISED: u16 = 200;
+pub const BACKGROUND_TICKS_ENERGISED: u16 = 40;
 /// And this often while vented, where a flash erase may take its time.
 pub const BACKGROUND_TICKS_VENTED: u16 = 4000;
 /// Ticks lost at once that are a fault however few in a row are tolerated.
@@ -548,12 +548,9 @@ impl Rig {
         let Some(Command { token, action }) = command else { return Pending::default() };
         let mut pending = Pending { token, ..Pending::default() };
         match action {
-            Action::Request(event) => match event {
-                Event::Arm | Event::Disarm | Event::Start | Event::Stop | Event::Vent | Event::Acknowledge | Event::Retest => {
-                    pending.request = Some(event);
-                }
-                _ => pending.reply = Some(Reply::Refused(Refusal::NotUnderstood)),
-            },
+            // The self-test's verdict comes by its own action, with the model's period.
+            Action::Request(Event::SelfTestPassed) => pending.reply = Some(Reply::Refused(Refusal::NotUnderstood)),
+            Action::Request(event) => pending.request = Some(event),
             Action::SetPoint(set_point) => {
                 let accepted = self.tick.controller.accept(&mut self.state.controller, &set_point);
                 if accepted.is_ok() {

@@ -210,13 +210,13 @@ settings! {
         "Movement of the command that a live sensor cannot sleep through.";
     40 mismatch_pressure_bar: f32 = 0.3, 0.01 ..= 4.0, "mismatch.pressure_bar", "bar",
         "Tolerated difference between measured and expected pressure.";
-    41 mismatch_pressure_ms: u32 = 30, 1 ..= 10000, "mismatch.pressure_ms", "ms",
+    41 mismatch_pressure_ms: u32 = 25, 1 ..= 10000, "mismatch.pressure_ms", "ms",
         "The pressure difference must last this long to be a fault.";
     42 pressure_response_ms: f32 = 20.0, 0.0 ..= 1000.0, "mismatch.pressure_response_ms", "ms",
         "Time constant of the first-order response expected between command and measured pressure.";
     43 mismatch_displacement_mm: f32 = 5.0, 0.0 ..= 1000.0, "mismatch.displacement_mm", "mm",
         "Tolerated difference between laser and model; 0 switches the check off.";
-    44 mismatch_displacement_steps: u32 = 2, 1 ..= 1000, "mismatch.displacement_steps", "",
+    44 mismatch_displacement_steps: u32 = 1, 1 ..= 1000, "mismatch.displacement_steps", "",
         "The difference must last this many model steps to be a fault.";
     50 valve_full_scale_bar: f32 = 5.0, 0.1 ..= 20.0, "valve.full_scale_bar", "bar",
         "Pressure that the valve gives at full drive.";
