@@ -5,6 +5,7 @@
 //! [`evaluate`] judges them, [`export`] takes them to the microcontroller and [`report`] shows them.
 
 pub mod cli;
+pub mod discover;
 pub mod evaluate;
 pub mod excitation;
 pub mod export;

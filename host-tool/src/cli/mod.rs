@@ -1,5 +1,6 @@
 //! The command line: what the user typed becomes validated objects here, once; the work is done elsewhere.
 
+mod bench;
 mod completions;
 mod demo;
 mod evaluate;
@@ -52,6 +53,8 @@ enum Command {
     Demo(demo::Arguments),
     #[command(after_long_help = help::HIDE)]
     Hide(hide::Arguments),
+    #[command(hide = true)]
+    Bench(bench::Arguments),
     #[command(after_long_help = help::COMPLETIONS)]
     Completions(completions::Arguments),
 }
@@ -104,6 +107,7 @@ pub fn main() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     };
     // What the command said belongs to its result: a full disk behind `> table.txt` must not look like success.

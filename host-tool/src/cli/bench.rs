@@ -1,0 +1,85 @@
+//! `catheter bench`.
+
+use anyhow::Result;
+
+use super::{Common, Outcome};
+use crate::discover::corpus::{self, CorpusConfig};
+use crate::rig::Excitation;
+
+/// Measure how well the tool does; for developers.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Hidden cases of the virtual rig: which effects are named right.
+    Discover(Discover),
+}
+
+#[derive(clap::Args)]
+struct Discover {
+    /// What to hide: names of effects, `a+b` for two, `effects`, `aliens`, `pairs` or `none`.
+    #[arg(long = "hide", num_args = 1.., default_values = ["effects"], value_name = "NAME")]
+    names: Vec<String>,
+    /// Number of seeds.
+    #[arg(long, default_value_t = 3, value_name = "N")]
+    seeds: u64,
+    /// Noise relative to the output's range.
+    #[arg(long, default_value_t = 0.005, value_name = "SHARE")]
+    noise: f64,
+    /// Correlate half of the noise over a tenth of a second.
+    #[arg(long)]
+    coloured: bool,
+    /// What the rig is told to do.
+    #[arg(long, value_enum, default_value = "paper")]
+    excitation: Excitation,
+    /// Print every case.
+    #[arg(long)]
+    verbose: bool,
+    /// Counted from the first seed, `--seed`.
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On bad input.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let What::Discover(discover) = &arguments.what;
+    let config = CorpusConfig {
+        names: discover.names.clone(),
+        seeds: discover.common.seed..discover.common.seed + discover.seeds,
+        noise: discover.noise,
+        coloured_noise: discover.coloured,
+        excitation: discover.excitation,
+        threads: discover.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+    };
+    let results = corpus::run(&config, |case| {
+        if discover.verbose {
+            println!(
+                "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.4} {:.4} floor {:.4} {:.2} s  [{}] 2nd {}",
+                if corpus::right(case) { "" } else { "***" },
+                case.hidden.join("+"),
+                case.seed,
+                format!("{:?}", case.verdict).to_lowercase(),
+                case.found.join("+"),
+                case.gap_closed,
+                case.rmse[0],
+                case.rmse[1],
+                case.rmse[2],
+                case.seconds,
+                case.form,
+                case.runner_up,
+            );
+        }
+    })?;
+    print!("{}", corpus::summary(&results));
+    if let Some(path) = &discover.common.json {
+        crate::output::write_json(path, &results)?;
+    }
+    Ok(Outcome::Success)
+}

@@ -1,0 +1,227 @@
+//! What an effect must say of itself, and the list of all effects.
+//!
+//! An effect is known by its name. It may have several *forms* (before or behind the hysteresis, one law or another); each is fitted and
+//! the best speaks for the effect. To add an effect, write one file in `effects/` with its forms and register them in [`forms`].
+
+use std::collections::BTreeMap;
+
+use super::effects;
+use super::session::{Run, Session};
+
+/// What a parameter is measured in, so that the normalised value can be told in the lab's units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Time, s.
+    Time,
+    /// Frequency, Hz.
+    Frequency,
+    /// A value of the input.
+    Input,
+    /// A change of the input per s.
+    InputRate,
+    /// A value of the output.
+    Output,
+    /// A number.
+    Ratio,
+    /// A number per unit of input.
+    PerInput,
+}
+
+/// One non-linear parameter of a form.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Name without unit.
+    pub name: &'static str,
+    /// Quantity.
+    pub quantity: Quantity,
+    /// Smallest value, normalised.
+    pub low: f64,
+    /// Largest value, normalised.
+    pub high: f64,
+    /// Whether it is searched in its logarithm; then both limits are positive.
+    pub logarithmic: bool,
+}
+
+impl Parameter {
+    /// Name with unit and value in that unit.
+    #[must_use]
+    pub fn tell(&self, value: f64, session: &Session) -> (String, f64) {
+        let (input, output) = (&session.input_unit, &session.output_unit);
+        match self.quantity {
+            Quantity::Time => (format!("{}_s", self.name), value),
+            Quantity::Frequency => (format!("{}_hz", self.name), value),
+            Quantity::Input => (format!("{}_{input}", self.name), value * session.input_scale + session.input_offset),
+            Quantity::InputRate => (format!("{}_{input}_per_s", self.name), value * session.input_scale),
+            Quantity::Output => (format!("{}_{output}", self.name), value * session.output_scale),
+            Quantity::Ratio => (self.name.to_owned(), value),
+            Quantity::PerInput => (format!("{}_per_{input}", self.name), value / session.input_scale),
+        }
+    }
+}
+
+/// How the play operators deviate from plain ones; all zero is plain.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Habit {
+    /// Thresholds grow by this per unit of input.
+    pub growth_per_input: f64,
+    /// Loading and unloading envelopes bend apart by this times `v (1 - v)`.
+    pub envelope_bend: f64,
+    /// Thresholds grow by this times their size times a power of the rate.
+    pub growth_per_rate: f64,
+    /// Thresholds grow by this times a power of the rate, whatever their size.
+    pub extra_per_rate: f64,
+    /// The power of the rate.
+    pub rate_power: f64,
+    /// Operators follow their bounds with this time constant, s.
+    pub viscous_s: f64,
+}
+
+impl Habit {
+    /// Whether the operators are plain ones.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        *self == Self { rate_power: self.rate_power, ..Self::default() }
+    }
+}
+
+/// Columns of the linear part for one recording: sample after sample of one column, then the next.
+#[derive(Debug, Default)]
+pub struct Columns {
+    /// Values, column by column.
+    pub values: Vec<f64>,
+    /// Samples of a column.
+    pub samples: usize,
+    /// Whether each column's weight may be negative.
+    pub free: Vec<bool>,
+}
+
+impl Columns {
+    /// Column of this index.
+    #[must_use]
+    pub fn column(&self, index: usize) -> &[f64] {
+        &self.values[index * self.samples..(index + 1) * self.samples]
+    }
+
+    /// Adds a column made from a value per sample.
+    pub fn push(&mut self, free: bool, value: impl FnMut(usize) -> f64) {
+        self.values.extend((0..self.samples).map(value));
+        self.free.push(free);
+    }
+
+    /// Replaces every column by what `filter` makes of it.
+    pub fn filter(&mut self, mut filter: impl FnMut(&mut [f64])) {
+        for column in self.values.chunks_exact_mut(self.samples) {
+            filter(column);
+        }
+    }
+}
+
+/// Where in the chain a form acts, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Place {
+    /// Supply and valve, before everything.
+    Supply,
+    /// The valve's flow.
+    Flow,
+    /// The tube.
+    Tube,
+    /// The muscle's bladder and braid.
+    Muscle,
+    /// The hysteresis itself.
+    Operators,
+    /// The material behind the hysteresis.
+    Material,
+    /// Friction and inertia of the tip.
+    Tip,
+    /// What is added on the way to the sensor.
+    Sensor,
+}
+
+/// One form of an effect: what it does to the signals. All values are normalised; the defaults do nothing.
+pub trait Form: Sync {
+    /// Name of the effect, from the vocabulary.
+    fn name(&self) -> &'static str;
+    /// What distinguishes this form.
+    fn form(&self) -> &'static str;
+    /// Where it acts.
+    fn place(&self) -> Place;
+    /// Non-linear parameters.
+    fn parameters(&self) -> &'static [Parameter];
+    /// Number of linear weights it adds.
+    fn weights(&self) -> usize {
+        0
+    }
+    /// Number of parameters it counts as when effects compete.
+    fn cost(&self) -> usize {
+        self.parameters().len() + self.weights()
+    }
+    /// Where to begin the search.
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>>;
+    /// Whether it needs the model's own output.
+    fn needs_sum(&self) -> bool {
+        false
+    }
+    /// Changes the input path.
+    fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
+    /// Changes the operators.
+    fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
+    /// Changes all columns, or adds some; `sum` is the model's output without constant.
+    fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
+    /// What the weights mean, in the lab's units, beside the non-linear parameters.
+    fn tell(&self, _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::new()
+    }
+}
+
+/// Every form of every effect: the registration.
+#[must_use]
+pub fn forms() -> Vec<&'static dyn Form> {
+    [
+        effects::dead_time::FORMS,
+        effects::pneumatic_lag::FORMS,
+        effects::fill_vent_asymmetry::FORMS,
+        effects::slew_limit::FORMS,
+        effects::valve_dead_band::FORMS,
+        effects::supply_saturation::FORMS,
+        effects::activation_threshold::FORMS,
+        effects::static_nonlinearity::FORMS,
+        effects::asymmetric_hysteresis::FORMS,
+        effects::rate_dependent_hysteresis::FORMS,
+        effects::creep::FORMS,
+        effects::first_cycle_softening::FORMS,
+        effects::stick_slip::FORMS,
+        effects::resonance::FORMS,
+        effects::periodic_disturbance::FORMS,
+        effects::offset_drift::FORMS,
+        effects::gain_drift::FORMS,
+        effects::setup_change::FORMS,
+        effects::clock_skew::FORMS,
+        effects::leakage::FORMS,
+    ]
+    .concat()
+}
+
+/// Names of all effects, `outliers` (found by the mask, not by a fit) included.
+pub const NAMES: [&str; 21] = [
+    "dead-time",
+    "pneumatic-lag",
+    "fill-vent-asymmetry",
+    "slew-limit",
+    "valve-dead-band",
+    "supply-saturation",
+    "activation-threshold",
+    "static-nonlinearity",
+    "asymmetric-hysteresis",
+    "rate-dependent-hysteresis",
+    "creep",
+    "first-cycle-softening",
+    "stick-slip",
+    "resonance",
+    "periodic-disturbance",
+    "offset-drift",
+    "gain-drift",
+    "setup-change",
+    "clock-skew",
+    "outliers",
+    "leakage",
+];

@@ -1,0 +1,41 @@
+//! `gain-drift`: the gain wanders with the session's time, towards a limit.
+
+use std::collections::BTreeMap;
+
+use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&WarmUp];
+
+struct WarmUp;
+
+impl Form for WarmUp {
+    fn name(&self) -> &'static str {
+        "gain-drift"
+    }
+    fn form(&self) -> &'static str {
+        "towards a limit"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| -sum[sample] * (-run.session_s[sample] / parameters[0]).exp_m1());
+    }
+    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("drift".to_owned(), weights[0])])
+    }
+}

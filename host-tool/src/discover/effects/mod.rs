@@ -1,0 +1,62 @@
+//! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them.
+
+pub mod activation_threshold;
+pub mod asymmetric_hysteresis;
+pub mod clock_skew;
+pub mod creep;
+pub mod dead_time;
+pub mod fill_vent_asymmetry;
+pub mod first_cycle_softening;
+pub mod gain_drift;
+pub mod leakage;
+pub mod offset_drift;
+pub mod periodic_disturbance;
+pub mod pneumatic_lag;
+pub mod rate_dependent_hysteresis;
+pub mod resonance;
+pub mod setup_change;
+pub mod slew_limit;
+pub mod static_nonlinearity;
+pub mod stick_slip;
+pub mod supply_saturation;
+pub mod valve_dead_band;
+
+/// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
+fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
+    let ratio = period_s / time_constant_s.max(1e-6);
+    let keep = (-ratio).exp();
+    let mean = (1.0 - keep) / ratio;
+    (keep, 1.0 - mean, mean - keep)
+}
+
+/// Sends `signal` through a first-order lag that starts settled.
+fn lag(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
+    let (keep, now, before) = lag_coefficients(time_constant_s, period_s);
+    let mut state = signal[0];
+    let mut last = signal[0];
+    for value in signal {
+        state = keep * state + now * *value + before * last;
+        last = *value;
+        *value = state;
+    }
+}
+
+/// Delays `signal` by `delay(index)` samples, which may be negative or fractional; a cubic that does not overshoot its neighbours.
+fn shift(signal: &mut [f64], scratch: &[f64], delay: impl Fn(usize) -> f64) {
+    let last = scratch.len() - 1;
+    let at = |index: isize| scratch[index.clamp(0, last as isize) as usize];
+    for (index, value) in signal.iter_mut().enumerate() {
+        let place = index as f64 - delay(index);
+        let floor = place.floor();
+        let share = place - floor;
+        let floor = floor as isize;
+        let (a, b, c, d) = (at(floor - 1), at(floor), at(floor + 1), at(floor + 2));
+        let cubic = b + 0.5 * share * (c - a + share * (2.0 * a - 5.0 * b + 4.0 * c - d + share * (3.0 * (b - c) + d - a)));
+        *value = cubic.clamp(b.min(c), b.max(c));
+    }
+}
+
+/// Values from `low` to `high` at equal ratios.
+fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
+    (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
+}

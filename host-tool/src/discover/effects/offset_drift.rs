@@ -1,0 +1,69 @@
+//! `offset-drift`: the zero wanders with the session's time, towards a limit or as a smooth curve.
+
+use std::collections::BTreeMap;
+
+use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &Curve];
+
+struct WarmUp;
+struct Curve;
+
+impl Form for WarmUp {
+    fn name(&self) -> &'static str {
+        "offset-drift"
+    }
+    fn form(&self) -> &'static str {
+        "towards a limit"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| -(-run.session_s[sample] / parameters[0]).exp_m1());
+    }
+    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([(format!("drift_{}", session.output_unit), weights[0] * session.output_scale)])
+    }
+}
+
+impl Form for Curve {
+    fn name(&self) -> &'static str {
+        "offset-drift"
+    }
+    fn form(&self) -> &'static str {
+        "cubic in the session's time"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
+    fn weights(&self) -> usize {
+        3
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![]]
+    }
+    fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        for power in 1..=3 {
+            columns.push(true, |sample| (run.session_s[sample] / 600.0).powi(power));
+        }
+    }
+    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let unit = &session.output_unit;
+        BTreeMap::from([(format!("drift_in_600_s_{unit}"), weights.iter().sum::<f64>() * session.output_scale)])
+    }
+}

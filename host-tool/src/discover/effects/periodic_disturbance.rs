@@ -1,0 +1,111 @@
+//! `periodic-disturbance`: heart or pump, at a rhythm of its own, running on between recordings.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Beat];
+
+/// Harmonics of the rhythm.
+const HARMONICS: usize = 3;
+
+struct Beat;
+
+/// Power of the residual at one frequency, recordings added without regard to phase.
+fn power(session: &Session, residual: &[Vec<f64>], frequency_hz: f64, coherent: bool) -> f64 {
+    let mut total = 0.0;
+    let (mut all_re, mut all_im) = (0.0, 0.0);
+    for (run, values) in session.runs.iter().zip(residual) {
+        if values.is_empty() {
+            continue;
+        }
+        let turn = 2.0 * PI * frequency_hz * run.period_s;
+        let (sine, cosine) = turn.sin_cos();
+        let (mut im, mut re) = (2.0 * PI * frequency_hz * run.session_s[0]).sin_cos();
+        let (mut sum_re, mut sum_im) = (0.0, 0.0);
+        for value in values {
+            sum_re += value * re;
+            sum_im += value * im;
+            (re, im) = (re * cosine - im * sine, re * sine + im * cosine);
+        }
+        total += sum_re * sum_re + sum_im * sum_im;
+        all_re += sum_re;
+        all_im += sum_im;
+    }
+    if coherent { all_re * all_re + all_im * all_im } else { total }
+}
+
+impl Form for Beat {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        "running on through the session"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: false }]
+    }
+    fn weights(&self) -> usize {
+        2 * HARMONICS
+    }
+    fn cost(&self) -> usize {
+        3
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let longest = session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max);
+        let period_s = session.runs[0].period_s;
+        let spacing = 0.4 / longest;
+        let mut spectrum: Vec<(f64, f64)> = Vec::new();
+        let mut frequency = 0.3_f64.max(2.0 / longest);
+        while frequency < 0.45 / period_s {
+            spectrum.push((power(session, residual, frequency, false), frequency));
+            frequency += spacing;
+        }
+        // Peaks over their surroundings: the residual of a poor model is all low frequencies.
+        let mut peaks: Vec<(f64, f64)> = (0..spectrum.len())
+            .map(|index| {
+                let mut around: Vec<f64> = spectrum[index.saturating_sub(30)..(index + 31).min(spectrum.len())].iter().map(|entry| entry.0).collect();
+                around.sort_by(f64::total_cmp);
+                (spectrum[index].0 / around[around.len() / 2].max(1e-30), spectrum[index].1)
+            })
+            .collect();
+        peaks.sort_by(|x, y| y.0.total_cmp(&x.0));
+        let mut starts = Vec::new();
+        for (_, peak) in peaks.iter().take(3) {
+            // The phase runs on through the session: a comb of narrow lines under each peak.
+            let fine = 0.2 / session.length_s;
+            let steps = (1.2 * spacing / fine).ceil() as i64;
+            let best = (-steps..=steps)
+                .map(|step| peak + step as f64 * fine)
+                .map(|frequency| (power(session, residual, frequency, true), frequency))
+                .max_by(|x, y| x.0.total_cmp(&y.0));
+            if let Some((_, frequency)) = best {
+                starts.push(vec![frequency]);
+                starts.push(vec![frequency / 2.0]);
+            }
+        }
+        starts
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        for harmonic in 1..=HARMONICS {
+            let omega = 2.0 * PI * parameters[0] * harmonic as f64;
+            columns.push(true, |sample| (omega * run.session_s[sample]).sin());
+            columns.push(true, |sample| (omega * run.session_s[sample]).cos());
+        }
+    }
+    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let unit = &session.output_unit;
+        (0..HARMONICS)
+            .map(|harmonic| {
+                let name = if harmonic == 0 { format!("amplitude_{unit}") } else { format!("amplitude_of_harmonic_{}_{unit}", harmonic + 1) };
+                (name, weights[2 * harmonic].hypot(weights[2 * harmonic + 1]) * session.output_scale)
+            })
+            .collect()
+    }
+}

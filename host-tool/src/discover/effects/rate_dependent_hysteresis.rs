@@ -1,0 +1,80 @@
+//! `rate-dependent-hysteresis`: the loop widens with speed: thresholds grow with a power of the rate, or operators follow late.
+
+use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
+use crate::discover::session::Session;
+
+use super::ladder;
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &Viscous];
+
+struct Additive;
+struct Proportional;
+struct Viscous;
+
+const POWER: Parameter = Parameter { name: "rate_power", quantity: Quantity::Ratio, low: 0.2, high: 1.5, logarithmic: true };
+
+impl Form for Additive {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same overstress"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, POWER]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.003, 0.15, 6).into_iter().flat_map(|size| [vec![size, 0.5], vec![size, 1.0]]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.extra_per_rate = parameters[0];
+        habit.rate_power = parameters[1];
+    }
+}
+
+impl Form for Proportional {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows in proportion"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, POWER]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.05, 3.0, 5).into_iter().flat_map(|size| [vec![size, 0.5], vec![size, 1.0]]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.growth_per_rate = parameters[0];
+        habit.rate_power = parameters[1];
+    }
+}
+
+impl Form for Viscous {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "operators follow their bounds late"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.01, 0.4, 6).into_iter().map(|value| vec![value]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.viscous_s = parameters[0];
+    }
+}

@@ -1,0 +1,60 @@
+//! `resonance`: the tip swings, a mass on a spring behind the hysteresis.
+
+use std::f64::consts::PI;
+
+use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::session::{Run, Session};
+
+use super::ladder;
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Tip];
+
+struct Tip;
+
+/// Sends `signal` through a swinging mass; exact for straight lines between samples.
+fn swing(signal: &mut [f64], frequency_hz: f64, damping: f64, period_s: f64) {
+    let omega = 2.0 * PI * frequency_hz;
+    let damped = omega * (1.0 - damping * damping).max(1e-6).sqrt();
+    let decay = (-damping * omega * period_s).exp();
+    let (sine, cosine) = (damped * period_s).sin_cos();
+    let ratio = damping * omega / damped;
+    let position = (decay * (cosine + ratio * sine), decay * sine / damped);
+    let speed = (-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine));
+    let mut place = signal[0];
+    let mut rate = 0.0;
+    let mut last = signal[0];
+    for value in signal {
+        let slope = (*value - last) / period_s;
+        let behind = 2.0 * damping / omega * slope;
+        let (off, off_rate) = (place - (last - behind), rate - slope);
+        place = position.0 * off + position.1 * off_rate + *value - behind;
+        rate = speed.0 * off + speed.1 * off_rate + slope;
+        last = *value;
+        *value = place;
+    }
+}
+
+impl Form for Tip {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "swinging tip"
+    }
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true },
+            Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.filter(|column| swing(column, parameters[0], parameters[1], run.period_s));
+    }
+}

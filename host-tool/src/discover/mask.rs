@@ -1,0 +1,72 @@
+//! Finding samples that no motion could have caused: out and back within a few samples, while the input did nothing of the kind.
+
+use super::session::Session;
+
+/// Longest burst of wrong samples.
+const LONGEST: usize = 6;
+
+/// Median of `values`, which are reordered.
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Standard deviation of white noise in `values` from their second differences, robust against motion and against outliers.
+#[must_use]
+pub fn fast_noise(values: &[f64]) -> f64 {
+    let mut differences: Vec<f64> = values.windows(3).map(|triple| (triple[0] - 2.0 * triple[1] + triple[2]).abs()).collect();
+    // Second differences of white noise have six times its variance; the median of a normal deviate's size is 0.6745.
+    median(&mut differences) / 0.6745 / 6.0_f64.sqrt()
+}
+
+/// Masks outliers in `residual` (all recordings); returns how many samples are masked.
+///
+/// A burst counts when the residual jumps out by more than seven deviations of the noise and back by as much within [`LONGEST`] samples,
+/// and the output itself does the same: a model's mistake in a fast motion does not return at once.
+pub fn outliers(session: &mut Session, residual: &[Vec<f64>]) -> usize {
+    let mut masked = 0;
+    for (run, residual) in session.runs.iter_mut().zip(residual) {
+        let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
+        let threshold = 7.0 * noise;
+        let output = run.output.clone();
+        let samples = output.len();
+        let mut sample = 1;
+        while sample < samples {
+            let jump = output[sample] - output[sample - 1];
+            let length = (1..=LONGEST).find(|&length| {
+                let end = sample + length;
+                if end >= samples || jump.abs() < threshold {
+                    return false;
+                }
+                let back = output[end] - output[end - 1];
+                let level = output[end] - output[sample - 1];
+                let inside = sample..end;
+                let out = inside.clone().all(|at| {
+                    let share = (at + 1 - sample) as f64 / (length + 1) as f64;
+                    let line = output[sample - 1] + share * level;
+                    (output[at] - line) * jump.signum() > 0.6 * jump.abs()
+                });
+                // What the input could have caused: a stroke of its own of that size within the burst.
+                let span = |low: f64, high: f64| high - low;
+                let around = &run.input[sample.saturating_sub(3)..(end + 1).min(samples)];
+                let moved = span(around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
+                let residual_out = inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
+                back * jump < 0.0 && back.abs() > 0.5 * jump.abs() && level.abs() < 0.4 * jump.abs() && out && residual_out && moved < 1.5 * jump.abs()
+            });
+            if let Some(length) = length {
+                for at in sample..sample + length {
+                    if run.keep[at] {
+                        masked += 1;
+                    }
+                    run.keep[at] = false;
+                }
+                sample += length;
+            }
+            sample += 1;
+        }
+    }
+    masked
+}

@@ -1,0 +1,302 @@
+//! A simulation model under discovery: a bank of play operators and the effects added so far; its fit and its residual.
+
+use super::catalogue::{Columns, Form, Habit};
+use super::least_squares::Gram;
+use super::session::{Role, Run, Session};
+
+/// Number of play operators.
+pub const OPERATORS: usize = 18;
+
+/// One effect in the model.
+#[derive(Clone)]
+pub struct Slot {
+    /// Its form.
+    pub form: &'static dyn Form,
+    /// Its non-linear parameters.
+    pub parameters: Vec<f64>,
+    /// Weights of the columns it adds, as of the last fit.
+    pub weights: Vec<f64>,
+}
+
+/// The model.
+#[derive(Clone)]
+pub struct Model {
+    /// Thresholds of the operators, normalised.
+    pub thresholds: Vec<f64>,
+    /// Whether operators remember earlier recordings.
+    pub carry: bool,
+    /// Effects in the order of the signal.
+    pub slots: Vec<Slot>,
+    /// Constant and weights of the operators as of the last fit.
+    pub base: Vec<f64>,
+}
+
+/// Sums for the three roles.
+#[derive(Clone)]
+pub struct Sums {
+    /// Samples that are fitted.
+    pub fit: Gram,
+    /// Samples that select.
+    pub select: Gram,
+    /// Which weights may be negative.
+    pub free: Vec<bool>,
+}
+
+/// Which samples a pass looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// Those that are fitted.
+    Fit,
+    /// Those that are fitted and those that select.
+    Both,
+}
+
+impl Model {
+    /// The Prandtl-Ishlinskii model alone, thresholds denser near zero.
+    #[must_use]
+    pub fn baseline(carry: bool) -> Self {
+        let thresholds: Vec<f64> = (0..OPERATORS).map(|index| 0.62 * (index as f64 / (OPERATORS - 1) as f64).powf(1.6)).collect();
+        Self { thresholds, carry, slots: Vec::new(), base: vec![0.0; OPERATORS + 1] }
+    }
+
+    /// This model with one more effect, in its place in the chain.
+    #[must_use]
+    pub fn with(&self, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+        let mut model = self.clone();
+        let at = model.slots.partition_point(|slot| slot.form.place() <= form.place());
+        model.slots.insert(at, Slot { form, parameters, weights: Vec::new() });
+        model
+    }
+
+    /// This model without one effect.
+    #[must_use]
+    pub fn without(&self, slot: usize) -> Self {
+        let mut model = self.clone();
+        model.slots.remove(slot);
+        model
+    }
+
+    /// Number of parameters that the effects add.
+    #[must_use]
+    pub fn cost(&self) -> usize {
+        self.slots.iter().map(|slot| slot.form.cost()).sum()
+    }
+
+    /// Whether some effect needs the model's own output.
+    #[must_use]
+    pub fn needs_sum(&self) -> bool {
+        self.slots.iter().any(|slot| slot.form.needs_sum())
+    }
+
+    /// All columns of the linear part for one recording.
+    pub fn columns(&self, run: &Run, columns: &mut Columns) {
+        let samples = run.input.len();
+        columns.samples = samples;
+        columns.values.clear();
+        columns.free.clear();
+        let mut path = run.input.clone();
+        let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
+        for slot in &self.slots {
+            slot.form.input(&slot.parameters, run, &mut path);
+            slot.form.habit(&slot.parameters, &mut habit);
+        }
+        columns.push(true, |_| 1.0);
+        self.operators(run, &path, &habit, columns);
+        let mut weights = self.base.clone();
+        let mut sum = Vec::new();
+        for slot in &self.slots {
+            if slot.form.needs_sum() {
+                sum.clear();
+                sum.resize(samples, 0.0);
+                for (index, &weight) in weights.iter().enumerate().skip(1) {
+                    if weight != 0.0 {
+                        for (value, column) in sum.iter_mut().zip(columns.column(index)) {
+                            *value += weight * column;
+                        }
+                    }
+                }
+            }
+            slot.form.output(&slot.parameters, run, &sum, columns);
+            weights.extend(&slot.weights);
+            weights.resize(columns.free.len(), 0.0);
+        }
+    }
+
+    /// The play operators' columns.
+    fn operators(&self, run: &Run, path: &[f64], habit: &Habit, columns: &mut Columns) {
+        let samples = path.len();
+        let start = columns.values.len();
+        columns.values.resize(start + samples * self.thresholds.len(), 0.0);
+        columns.free.resize(columns.free.len() + self.thresholds.len(), false);
+        let bend = |v: f64| habit.envelope_bend * v * (1.0 - v);
+        let speed: Vec<f64> = if habit.growth_per_rate == 0.0 && habit.extra_per_rate == 0.0 {
+            Vec::new()
+        } else {
+            (0..samples)
+                .map(|index| {
+                    let (before, after) = (index.saturating_sub(1), (index + 1).min(samples - 1));
+                    ((path[after] - path[before]).abs() / ((after - before) as f64 * run.period_s)).powf(habit.rate_power)
+                })
+                .collect()
+        };
+        let follow = if habit.viscous_s > 0.0 { 1.0 - (-run.period_s / habit.viscous_s).exp() } else { 1.0 };
+        for (index, &threshold) in self.thresholds.iter().enumerate() {
+            let column = &mut columns.values[start + index * samples..start + (index + 1) * samples];
+            let mut state = 0.0_f64;
+            if self.carry {
+                for &value in &run.history {
+                    let gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value).max(-threshold);
+                    state = state.clamp(value - gap, value + gap);
+                }
+            }
+            if habit.is_plain() {
+                for (out, &value) in column.iter_mut().zip(path) {
+                    state = state.max(value - threshold).min(value + threshold);
+                    *out = state;
+                }
+                continue;
+            }
+            for (sample, (out, &value)) in column.iter_mut().zip(path).enumerate() {
+                let mut gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value);
+                if let Some(speed) = speed.get(sample) {
+                    gap += speed * (habit.growth_per_rate * threshold + habit.extra_per_rate);
+                }
+                let gap = gap.max(0.0);
+                let bound = state.max(value - gap).min(value + gap);
+                state = if sample == 0 { bound } else { state + follow * (bound - state) };
+                *out = state;
+            }
+        }
+    }
+
+    /// Sums of products over the session.
+    #[must_use]
+    pub fn sums(&self, session: &Session, scope: Scope) -> Sums {
+        let mut columns = Columns::default();
+        let mut sums: Option<Sums> = None;
+        for run in &session.runs {
+            let wanted = |role: Role| role == Role::Fit || (scope == Scope::Both && role == Role::Select);
+            if !run.role.iter().any(|&role| wanted(role)) {
+                continue;
+            }
+            self.columns(run, &mut columns);
+            let width = columns.free.len();
+            let sums = sums.get_or_insert_with(|| Sums { fit: Gram::new(width), select: Gram::new(width), free: columns.free.clone() });
+            let mut start = 0;
+            while start < run.input.len() {
+                let role = run.role[start];
+                let end = (start..run.input.len()).find(|&sample| run.role[sample] != role).unwrap_or(run.input.len());
+                if wanted(role) {
+                    accumulate(if role == Role::Fit { &mut sums.fit } else { &mut sums.select }, &columns, run, start..end);
+                }
+                start = end;
+            }
+        }
+        sums.unwrap_or_else(|| Sums { fit: Gram::new(0), select: Gram::new(0), free: Vec::new() })
+    }
+
+    /// Takes the weights of a fit.
+    pub fn take(&mut self, weights: &[f64]) {
+        let base = self.thresholds.len() + 1;
+        self.base = weights[..base].to_vec();
+        let mut at = base;
+        for slot in &mut self.slots {
+            let count = slot.form.weights();
+            slot.weights = weights[at..at + count].to_vec();
+            at += count;
+        }
+    }
+
+    /// Fits the weights, with passes where an effect acts on the model's own output; mean squares of fitted and selecting samples.
+    pub fn fit(&mut self, session: &Session, scope: Scope) -> (f64, f64) {
+        let passes = if self.needs_sum() { 3 } else { 1 };
+        let mut result = (f64::MAX, f64::MAX);
+        for _ in 0..passes {
+            let sums = self.sums(session, scope);
+            let weights = sums.fit.solve(&sums.free);
+            result = (sums.fit.mean_square(&weights), sums.select.mean_square(&weights));
+            self.take(&weights);
+        }
+        result
+    }
+
+    /// Fits the weights to fitted and selecting samples together.
+    pub fn fit_all(&mut self, session: &Session) -> f64 {
+        let passes = if self.needs_sum() { 3 } else { 1 };
+        let mut result = f64::MAX;
+        for _ in 0..passes {
+            let mut sums = self.sums(session, Scope::Both);
+            sums.fit.add(&sums.select.clone());
+            let weights = sums.fit.solve(&sums.free);
+            result = sums.fit.mean_square(&weights);
+            self.take(&weights);
+        }
+        result
+    }
+
+    /// Model output for one recording, normalised.
+    #[must_use]
+    pub fn predict(&self, run: &Run) -> Vec<f64> {
+        let mut columns = Columns::default();
+        self.columns(run, &mut columns);
+        let mut weights = self.base.clone();
+        for slot in &self.slots {
+            weights.extend(&slot.weights);
+        }
+        let mut sum = vec![0.0; run.input.len()];
+        for (index, &weight) in weights.iter().enumerate() {
+            if weight != 0.0 {
+                for (value, column) in sum.iter_mut().zip(columns.column(index)) {
+                    *value += weight * column;
+                }
+            }
+        }
+        sum
+    }
+
+    /// Measured minus predicted for every recording.
+    #[must_use]
+    pub fn residuals(&self, session: &Session) -> Vec<Vec<f64>> {
+        session.runs.iter().map(|run| run.output.iter().zip(self.predict(run)).map(|(y, p)| y - p).collect()).collect()
+    }
+}
+
+/// Adds the samples of `range` to the sums; masked samples do not count.
+fn accumulate(gram: &mut Gram, columns: &Columns, run: &Run, range: std::ops::Range<usize>) {
+    let width = columns.free.len();
+    let kept: Vec<usize> = if run.keep[range.clone()].iter().all(|&keep| keep) {
+        Vec::new()
+    } else {
+        range.clone().filter(|&sample| run.keep[sample]).collect()
+    };
+    let gather = |values: &[f64]| -> Vec<f64> {
+        if kept.is_empty() { values[range.clone()].to_vec() } else { kept.iter().map(|&sample| values[sample]).collect() }
+    };
+    let output = gather(&run.output);
+    let packed: Vec<Vec<f64>> = (0..width).map(|index| gather(columns.column(index))).collect();
+    for row in 0..width {
+        gram.target[row] += dot(&packed[row], &output);
+        for column in 0..=row {
+            let product = dot(&packed[row], &packed[column]);
+            gram.products[row * width + column] += product;
+            if row != column {
+                gram.products[column * width + row] += product;
+            }
+        }
+    }
+    gram.energy += dot(&output, &output);
+    gram.samples += output.len() as f64;
+}
+
+/// Scalar product with eight running sums, so that it vectorises and its order is fixed.
+fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (xs, ys) = (x.chunks_exact(8), y.chunks_exact(8));
+    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in xs.zip(ys) {
+        for lane in 0..8 {
+            sums[lane] += x[lane] * y[lane];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,65 @@
+//! How much of the residual is noise: from rest, where nothing else can be, or from the residual's fast part.
+
+use super::mask::fast_noise;
+use super::session::Session;
+
+/// Standard deviation of the noise, normalised, from the residuals of all recordings.
+///
+/// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
+/// correlation of neighbours (an AR(1) law). Without a hundred samples of rest the fast part has to do, which misses coloured noise.
+#[must_use]
+pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
+    let mut sum = 0.0;
+    let mut neighbours = 0.0;
+    let mut count = 0.0;
+    let mut freedom = 0.0;
+    let mut lengths = 0.0;
+    let mut stretches = 0.0;
+    for (run, residual) in session.runs.iter().zip(residual) {
+        for rest in &run.rest {
+            let values: Vec<f64> = rest.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
+            if values.len() < 10 {
+                continue;
+            }
+            // Straight line off: creep and drift move during rest, noise does not.
+            let n = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / n;
+            let centre = 0.5 * (n - 1.0);
+            let slope = values.iter().enumerate().map(|(at, value)| (at as f64 - centre) * value).sum::<f64>() / (n * (n * n - 1.0) / 12.0);
+            let flat: Vec<f64> = values.iter().enumerate().map(|(at, value)| value - mean - slope * (at as f64 - centre)).collect();
+            sum += flat.iter().map(|value| value * value).sum::<f64>();
+            neighbours += flat.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
+            count += n;
+            freedom += n - 2.0;
+            lengths += n;
+            stretches += 1.0;
+        }
+    }
+    if count < 100.0 {
+        let mut floors: Vec<f64> = residual.iter().map(|values| fast_noise(values)).collect();
+        floors.sort_by(f64::total_cmp);
+        return floors[floors.len() / 2];
+    }
+    let correlation = (neighbours / sum.max(1e-30)).clamp(0.0, 0.9);
+    let mean_length = lengths / stretches;
+    let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
+    let white_lost = 2.0 / mean_length;
+    (sum / freedom * (1.0 - white_lost) / (1.0 - lost)).sqrt()
+}
+
+/// Mean squares of blocks of about one second, over the samples for which `wanted` holds.
+#[must_use]
+pub fn blocks(session: &Session, residual: &[Vec<f64>], wanted: impl Fn(usize, usize) -> bool) -> Vec<f64> {
+    let mut all = Vec::new();
+    for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
+        let length = (1.0 / run.period_s).round().max(4.0) as usize;
+        for start in (0..residual.len()).step_by(length) {
+            let samples: Vec<usize> =
+                (start..(start + length).min(residual.len())).filter(|&sample| run.keep[sample] && wanted(index, sample)).collect();
+            if samples.len() * 2 >= length {
+                all.push(samples.iter().map(|&sample| residual[sample].powi(2)).sum::<f64>() / samples.len() as f64);
+            }
+        }
+    }
+    all
+}

@@ -1,0 +1,172 @@
+//! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates, weights solved inside.
+
+use super::catalogue::{Form, Parameter};
+use super::model::{Model, Scope};
+use super::session::Session;
+
+/// A fitted candidate.
+#[derive(Clone)]
+pub struct Fitted {
+    /// The model with the candidate.
+    pub model: Model,
+    /// Mean square of the fitted samples.
+    pub fit: f64,
+    /// Mean square of the selecting samples.
+    pub select: f64,
+}
+
+/// Parameters of all effects on one line, and where they are searched.
+fn specification(model: &Model) -> Vec<Parameter> {
+    model.slots.iter().flat_map(|slot| slot.form.parameters().iter().copied()).collect()
+}
+
+fn inward(specification: &[Parameter], values: &[f64]) -> Vec<f64> {
+    specification
+        .iter()
+        .zip(values)
+        .map(|(parameter, &value)| if parameter.logarithmic { value.ln() } else { value / (parameter.high - parameter.low) * 4.0 })
+        .collect()
+}
+
+fn outward(specification: &[Parameter], values: &[f64]) -> Vec<f64> {
+    specification
+        .iter()
+        .zip(values)
+        .map(|(parameter, &value)| {
+            let value = if parameter.logarithmic { value.exp() } else { value / 4.0 * (parameter.high - parameter.low) };
+            value.clamp(parameter.low, parameter.high)
+        })
+        .collect()
+}
+
+/// Puts parameters on one line into the model's effects; only those of `only`, if given.
+fn place(model: &mut Model, values: &[f64]) {
+    let mut at = 0;
+    for slot in &mut model.slots {
+        let count = slot.parameters.len();
+        slot.parameters.copy_from_slice(&values[at..at + count]);
+        at += count;
+    }
+}
+
+/// Mean square of the fitted samples with the weights solved for and the model's own output as it is.
+fn objective(model: &Model, session: &Session) -> f64 {
+    let sums = model.sums(session, Scope::Fit);
+    let weights = sums.fit.solve(&sums.free);
+    sums.fit.mean_square(&weights)
+}
+
+/// Improves the parameters at `indices` (on the line of all parameters) from where they are.
+pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], size: f64, evaluations: usize) -> f64 {
+    if indices.is_empty() {
+        return objective(model, session);
+    }
+    let all = specification(model);
+    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
+    let searched: Vec<Parameter> = indices.iter().map(|&index| all[index]).collect();
+    let begin = inward(&searched, &indices.iter().map(|&index| line[index]).collect::<Vec<_>>());
+    let mut trial = model.clone();
+    let mut spent = 0;
+    let mut evaluate = |point: &[f64], spent: &mut usize| {
+        *spent += 1;
+        let mut values = line.clone();
+        for (&index, value) in indices.iter().zip(outward(&searched, point)) {
+            values[index] = value;
+        }
+        place(&mut trial, &values);
+        objective(&trial, session)
+    };
+    let n = begin.len();
+    let mut points: Vec<(f64, Vec<f64>)> = vec![(evaluate(&begin, &mut spent), begin.clone())];
+    for axis in 0..n {
+        let mut point = begin.clone();
+        point[axis] += size;
+        points.push((evaluate(&point, &mut spent), point));
+    }
+    while spent < evaluations {
+        points.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let spread = (points[n].0 - points[0].0) / points[0].0.max(1e-30);
+        let width = (0..n).map(|axis| (points[n].1[axis] - points[0].1[axis]).abs()).fold(0.0, f64::max);
+        if spread < 1e-6 || width < 1e-4 {
+            break;
+        }
+        let centre: Vec<f64> = (0..n).map(|axis| points[..n].iter().map(|point| point.1[axis]).sum::<f64>() / n as f64).collect();
+        let along = |factor: f64| -> Vec<f64> { (0..n).map(|axis| centre[axis] + factor * (points[n].1[axis] - centre[axis])).collect() };
+        let reflected = along(-1.0);
+        let value = evaluate(&reflected, &mut spent);
+        if value < points[0].0 {
+            let expanded = along(-2.0);
+            let further = evaluate(&expanded, &mut spent);
+            points[n] = if further < value { (further, expanded) } else { (value, reflected) };
+        } else if value < points[n - 1].0 {
+            points[n] = (value, reflected);
+        } else {
+            let contracted = if value < points[n].0 { along(-0.5) } else { along(0.5) };
+            let nearer = evaluate(&contracted, &mut spent);
+            if nearer < points[n].0.min(value) {
+                points[n] = (nearer, contracted);
+            } else {
+                let best = points[0].1.clone();
+                for point in &mut points[1..] {
+                    for axis in 0..n {
+                        point.1[axis] = best[axis] + 0.5 * (point.1[axis] - best[axis]);
+                    }
+                    point.0 = evaluate(&point.1, &mut spent);
+                }
+            }
+        }
+    }
+    points.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let mut values = line;
+    for (&index, value) in indices.iter().zip(outward(&searched, &points[0].1)) {
+        values[index] = value;
+    }
+    place(model, &values);
+    points[0].0
+}
+
+/// Indices of the parameters of slot `slot` on the line of all parameters.
+fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
+    let before: usize = model.slots[..slot].iter().map(|slot| slot.parameters.len()).sum();
+    (before..before + model.slots[slot].parameters.len()).collect()
+}
+
+/// Fits one more effect in one form, the others held.
+#[must_use]
+pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
+    let mut tried: Vec<(f64, Model)> = form
+        .starts(session, residual)
+        .into_iter()
+        .map(|start| {
+            let model = base.with(form, start);
+            (objective(&model, session), model)
+        })
+        .collect();
+    tried.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let (_, mut model) = tried.into_iter().next()?;
+    let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
+    let indices = indices_of(&model, slot);
+    simplex(&mut model, session, &indices, 0.15, 14 * indices.len());
+    let (mut fit, mut select) = model.fit(session, Scope::Both);
+    if model.slots[slot].form.needs_sum() && !indices.is_empty() {
+        simplex(&mut model, session, &indices, 0.1, 10 * indices.len());
+        (fit, select) = model.fit(session, Scope::Both);
+    }
+    Some(Fitted { model, fit, select })
+}
+
+/// Improves all parameters of all effects together.
+#[must_use]
+pub fn polish(model: &Model, session: &Session, effort: usize) -> Fitted {
+    let mut model = model.clone();
+    let count: usize = model.slots.iter().map(|slot| slot.parameters.len()).sum();
+    let indices: Vec<usize> = (0..count).collect();
+    model.fit(session, Scope::Fit);
+    simplex(&mut model, session, &indices, 0.06, effort * count);
+    let (mut fit, mut select) = model.fit(session, Scope::Both);
+    if model.needs_sum() && count > 0 {
+        simplex(&mut model, session, &indices, 0.03, effort * count / 2);
+        (fit, select) = model.fit(session, Scope::Both);
+    }
+    Fitted { model, fit, select }
+}

@@ -1,0 +1,284 @@
+//! Recordings made ready for discovery: common scales, rest, roles, outliers.
+//!
+//! Terms. *Role*: what a sample is used for: fitting, selecting between effects, or neither until the figures at the end (kept out).
+//! *Rest*: a stretch at least 0.6 s long in which the input does not move. *Mask*: samples taken out as outliers.
+
+use crate::recording::Recording;
+
+/// What a sample is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Parameters and weights are fitted to it.
+    Fit,
+    /// Effects are chosen by it.
+    Select,
+    /// Nobody looks at it until the end.
+    Kept,
+}
+
+/// One recording, normalised.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Name in reports.
+    pub name: String,
+    /// Number in the session, by start.
+    pub index: usize,
+    /// Sample period, s.
+    pub period_s: f64,
+    /// Input over the session's input span.
+    pub input: Vec<f64>,
+    /// Output over the session's output span.
+    pub output: Vec<f64>,
+    /// Time since the session began, s.
+    pub session_s: Vec<f64>,
+    /// Time since the recording began, s.
+    pub time_s: Vec<f64>,
+    /// Role of each sample.
+    pub role: Vec<Role>,
+    /// Whether each sample counts.
+    pub keep: Vec<bool>,
+    /// Stretches of rest.
+    pub rest: Vec<std::ops::Range<usize>>,
+    /// Turning points of the input before this recording, oldest first.
+    pub history: Vec<f64>,
+}
+
+/// A session.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// Recordings in order of their start.
+    pub runs: Vec<Run>,
+    /// Input that is zero in normalised units.
+    pub input_offset: f64,
+    /// Input span.
+    pub input_scale: f64,
+    /// Output span.
+    pub output_scale: f64,
+    /// Quantity and unit of the input.
+    pub input_unit: String,
+    /// Unit of the output.
+    pub output_unit: String,
+    /// Length of the session, s.
+    pub length_s: f64,
+    /// Whether the recordings told their place in the session.
+    pub has_session_time: bool,
+    /// Fastest change of the input that is not a step, spans per s.
+    pub fastest_per_s: f64,
+}
+
+/// What can go wrong with the recordings.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// None at all.
+    #[error("there is no recording: give --data a CSV file or a folder of CSV files")]
+    Empty,
+    /// Too short to learn from.
+    #[error("{samples} samples are too few to find an effect in; at least 400 are needed")]
+    TooShort {
+        /// How many there are.
+        samples: usize,
+    },
+    /// The input does not move.
+    #[error("the input is the same everywhere ({value}); a recording with a moving input is needed")]
+    StillInput {
+        /// Its value.
+        value: f64,
+    },
+    /// The output does not move.
+    #[error("the output is the same everywhere ({value}); is the sensor connected?")]
+    StillOutput {
+        /// Its value.
+        value: f64,
+    },
+    /// Different sample periods.
+    #[error("{path} is sampled every {found_s} s, the others every {expected_s} s; resample it first")]
+    Period {
+        /// Which.
+        path: String,
+        /// Its period.
+        found_s: f64,
+        /// The others' period.
+        expected_s: f64,
+    },
+}
+
+fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+impl Session {
+    /// Makes recordings ready. `kept` take no part in any choice; when there are none, some of `recordings` are set apart.
+    ///
+    /// # Errors
+    /// When there is too little or nothing moving.
+    pub fn new(recordings: &[Recording], kept: &[Recording]) -> Result<Self, SessionError> {
+        let first = recordings.first().ok_or(SessionError::Empty)?;
+        let samples: usize = recordings.iter().map(Recording::len).sum();
+        if samples < 400 {
+            return Err(SessionError::TooShort { samples });
+        }
+        for recording in recordings.iter().chain(kept) {
+            if (recording.sample_period_s / first.sample_period_s - 1.0).abs() > 0.05 {
+                return Err(SessionError::Period {
+                    path: recording.path.display().to_string(),
+                    found_s: recording.sample_period_s,
+                    expected_s: first.sample_period_s,
+                });
+            }
+        }
+        let (lowest, highest) = span(recordings.iter().flat_map(|recording| recording.input.iter().copied()));
+        if highest - lowest <= 1e-12 * highest.abs().max(1e-12) {
+            return Err(SessionError::StillInput { value: lowest });
+        }
+        // The span of the output is taken between quantiles, or one wild sample would set the scale.
+        let mut outputs: Vec<f64> = recordings.iter().flat_map(|recording| recording.output.iter().copied()).collect();
+        outputs.sort_by(f64::total_cmp);
+        let output_scale = outputs[outputs.len() - 1 - outputs.len() / 200] - outputs[outputs.len() / 200];
+        if output_scale <= 1e-12 * outputs[0].abs().max(1e-12) {
+            return Err(SessionError::StillOutput { value: outputs[0] });
+        }
+        // Zero stays zero unless the input never comes near it.
+        let input_offset = if lowest > 0.1 * highest { lowest } else { 0.0 };
+        let input_scale = (highest - input_offset).abs().max((lowest - input_offset).abs());
+        let session_column = |recording: &Recording| recording.extra.iter().find(|column| column.name == "session_time_s").map(|column| column.values.clone());
+        let has_session_time = recordings.iter().all(|recording| session_column(recording).is_some());
+        let mut clock_s = 0.0;
+        let mut runs = Vec::new();
+        for (position, recording) in recordings.iter().chain(kept).enumerate() {
+            let origin = recording.time_s[0];
+            let time_s: Vec<f64> = recording.time_s.iter().map(|time| time - origin).collect();
+            let session_s = match session_column(recording) {
+                Some(column) if has_session_time => column,
+                _ => time_s.iter().map(|time| time + clock_s).collect(),
+            };
+            clock_s += time_s[time_s.len() - 1] + recording.sample_period_s;
+            let input: Vec<f64> = recording.input.iter().map(|value| (value - input_offset) / input_scale).collect();
+            let output: Vec<f64> = recording.output.iter().map(|value| value / output_scale).collect();
+            let rest = rest_of(&input, recording.sample_period_s);
+            let role = if position < recordings.len() { Role::Fit } else { Role::Kept };
+            runs.push(Run {
+                name: recording.path.file_name().map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned()),
+                index: 0,
+                period_s: recording.sample_period_s,
+                keep: vec![true; input.len()],
+                role: vec![role; input.len()],
+                input,
+                output,
+                session_s,
+                time_s,
+                rest,
+                history: Vec::new(),
+            });
+        }
+        runs.sort_by(|x, y| x.session_s[0].total_cmp(&y.session_s[0]));
+        let origin = runs[0].session_s[0];
+        let mut history: Vec<f64> = Vec::new();
+        let mut steps = Vec::new();
+        for (index, run) in runs.iter_mut().enumerate() {
+            run.index = index;
+            for value in &mut run.session_s {
+                *value -= origin;
+            }
+            run.history.clone_from(&history);
+            remember(&mut history, &run.input);
+            steps.extend(run.input.windows(2).map(|pair| (pair[1] - pair[0]).abs() / run.period_s));
+        }
+        steps.sort_by(f64::total_cmp);
+        let fastest_per_s = steps[steps.len() - 1 - steps.len() / 200].max(1e-9);
+        let length_s = runs.iter().filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max);
+        let mut session = Self {
+            runs,
+            input_offset,
+            input_scale,
+            output_scale,
+            input_unit: first.input_signal.unit.clone(),
+            output_unit: first.output_signal.unit.clone(),
+            length_s,
+            has_session_time,
+            fastest_per_s,
+        };
+        session.assign_roles(kept.is_empty());
+        Ok(session)
+    }
+
+    /// Every other recording selects; without recordings of their own, one in six is kept out. Few recordings are cut into blocks.
+    fn assign_roles(&mut self, keep_some: bool) {
+        let own: Vec<usize> = (0..self.runs.len()).filter(|&run| self.runs[run].role[0] == Role::Fit).collect();
+        if own.len() >= 6 {
+            for (position, &run) in own.iter().enumerate() {
+                // Neighbours take turns, and turn about every eight so that no habit of the session's order falls on one role only.
+                let role = if keep_some && position % 6 == 4 {
+                    Role::Kept
+                } else if (position + position / 8) % 2 == 0 {
+                    Role::Fit
+                } else {
+                    Role::Select
+                };
+                self.runs[run].role.fill(role);
+            }
+            return;
+        }
+        for &run in &own {
+            let run = &mut self.runs[run];
+            let blocks = 12;
+            let length = run.input.len().div_ceil(blocks);
+            for (sample, role) in run.role.iter_mut().enumerate() {
+                let block = sample / length;
+                *role = if keep_some && block % 6 == 5 {
+                    Role::Kept
+                } else if block % 2 == 0 {
+                    Role::Fit
+                } else {
+                    Role::Select
+                };
+            }
+        }
+    }
+
+    /// Number of samples with this role that count.
+    #[must_use]
+    pub fn count(&self, role: Role) -> usize {
+        self.runs.iter().map(|run| run.role.iter().zip(&run.keep).filter(|&(&of, &keep)| keep && of == role).count()).sum()
+    }
+}
+
+/// Stretches in which the input does not move, without their first 0.1 s.
+fn rest_of(input: &[f64], period_s: f64) -> Vec<std::ops::Range<usize>> {
+    let mut found = Vec::new();
+    let mut start = 0;
+    for index in 1..=input.len() {
+        if index == input.len() || (input[index] - input[start]).abs() > 1e-4 {
+            let skip = if start == 0 { 0 } else { (0.1 / period_s).ceil() as usize };
+            if (index - start) as f64 * period_s >= 0.6 && index > start + skip + 8 {
+                found.push(start + skip..index);
+            }
+            start = index;
+        }
+    }
+    found
+}
+
+/// Adds the turning points of `input` to `history` and forgets those that later, larger ones wipe out.
+fn remember(history: &mut Vec<f64>, input: &[f64]) {
+    for &value in input {
+        loop {
+            let count = history.len();
+            if count >= 2 {
+                let (before, last) = (history[count - 2], history[count - 1]);
+                // Still going the same way: the last point was no turning point.
+                if (last - before) * (value - last) >= 0.0 {
+                    history.pop();
+                    continue;
+                }
+                // A stroke that swallows the one before wipes it out.
+                if count >= 3 && (value - last).abs() >= (last - before).abs() {
+                    history.pop();
+                    history.pop();
+                    continue;
+                }
+            }
+            break;
+        }
+        history.push(value);
+    }
+}
