@@ -8,6 +8,7 @@
 //! last good one is held in its place and the event counted. Play operators never forget, so one such sample let through would spoil
 //! the memory for good.
 
+use hysteresis::play;
 use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use model_export::validate::Invalid;
 
@@ -83,18 +84,6 @@ impl FrontEndState {
     }
 }
 
-/// Paper eq. (2): the play operator follows `v` at the distance of the threshold.
-fn play(path: f32, threshold: f32, last: f32) -> f32 {
-    let (low, high) = (path - threshold, path + threshold);
-    if last < low {
-        low
-    } else if last > high {
-        high
-    } else {
-        last
-    }
-}
-
 impl FrontEnd {
     /// Builds the front end of a model.
     ///
@@ -164,7 +153,7 @@ impl FrontEnd {
         let mut sum = 0.0;
         let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights);
         for ((threshold, weight), memory) in operators.zip(&mut state.plays) {
-            *memory = play(path, *threshold, *memory);
+            *memory = play::step(*threshold, path, *memory);
             sum += weight * *memory;
         }
 
