@@ -1,14 +1,119 @@
 //! `catheter identify`.
 
-use anyhow::{Result, bail};
+use std::path::PathBuf;
 
-use super::{Common, Outcome};
+use anyhow::Result;
+use serde::Serialize;
+
+use super::{Common, Data, Outcome};
+use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
+use crate::recording::{self, Recording, Timing};
+use crate::{output, say};
 
 /// Fit a physics model to recordings.
+///
+/// Finds a Prandtl-Ishlinskii model (a weighted sum of play operators) by non-negative least squares; thresholds are free unless given.
+/// The error reported is that of the model running freely on the recorded input. Every parameter comes with a 95 % confidence interval.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  catheter identify --data data/paper/train --out pi.toml --json pi.json
+  catheter identify --data data/paper/train --out pi.toml --operators 12
+  catheter identify --data data/all/train --out m.toml --model modified-pi --dead-time-s auto --lag-s auto
+  catheter identify --data model_1hz_sine.csv --columns time=t_s,input=voltage_V,output=displacement_um --skip-s 1 --out piezo.toml")]
 pub struct Arguments {
     #[command(flatten)]
+    data: Data,
+    /// The model file to write.
+    #[arg(long, value_name = "M.toml", value_parser = output::file_argument("toml"))]
+    out: PathBuf,
+    /// Kind of model; the modified one bends the sum by a curve (asymmetry, saturation).
+    #[arg(long, value_enum, default_value_t = ModelKind::Pi)]
+    model: ModelKind,
+    /// So many operators with thresholds on an even grid up to half the input's span.
+    #[arg(long, value_name = "N", conflicts_with_all = ["free_thresholds", "thresholds"])]
+    operators: Option<usize>,
+    /// At most so many operators with free thresholds; 12 when nothing else is said.
+    #[arg(long, value_name = "N", conflicts_with = "thresholds")]
+    free_thresholds: Option<usize>,
+    /// These thresholds, in the input's unit.
+    #[arg(long, value_name = "R,R,...", value_delimiter = ',')]
+    thresholds: Option<Vec<f64>>,
+    /// Play operators (displacement), stop operators (friction force), or whichever fits better.
+    #[arg(long = "type", value_enum, default_value_t = OperatorType::Auto)]
+    operator_type: OperatorType,
+    /// Input at which the actuator rested before the recordings; 0 for pressure, else where the recordings start.
+    #[arg(long, value_name = "VALUE", allow_negative_numbers = true)]
+    rest_input: Option<f64>,
+    /// Leave the first seconds of each recording out of the fit (start-up transients, unknown history).
+    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    skip_s: f64,
+    /// Fit a constant for each recording (a sensor set to zero anew); the model gets their mean.
+    #[arg(long)]
+    offset_per_recording: bool,
+    /// Dead time between input and operators: seconds or `auto`.
+    #[arg(long, default_value = "0", value_name = "S|auto", value_parser = choice)]
+    dead_time_s: Choice,
+    /// Time constant of a first-order lag between input and operators: seconds or `auto`.
+    #[arg(long, default_value = "0", value_name = "S|auto", value_parser = choice)]
+    lag_s: Choice,
+    /// Segments of the modified model's curve.
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    curve_segments: usize,
+    #[command(flatten)]
     common: Common,
+}
+
+/// Kind of model on the command line.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum ModelKind {
+    Pi,
+    ModifiedPi,
+}
+
+/// Type of operator on the command line.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum OperatorType {
+    Auto,
+    Play,
+    Stop,
+}
+
+/// What `--json` gets.
+#[derive(Serialize)]
+struct Summary<'a> {
+    model: Kind,
+    thresholds: &'a [f64],
+    weights: &'a [f64],
+    rmse: f64,
+    nrmse: f64,
+    max_abs: f64,
+    n: usize,
+    constant: f64,
+    input_gain: f64,
+    rest_input: f64,
+    dead_time_s: f64,
+    lag_time_constant_s: f64,
+    thresholds_95: &'a [[f64; 2]],
+    weights_95: &'a [[f64; 2]],
+    constant_95: Option<[f64; 2]>,
+    interval_widening: f64,
+    curve_slopes: Option<[f64; 3]>,
+    operator_type: Family,
+    input_unit: &'a str,
+    output_unit: &'a str,
+    files: Vec<FileSummary<'a>>,
+}
+
+#[derive(Serialize)]
+struct FileSummary<'a> {
+    path: &'a std::path::Path,
+    family: &'a str,
+    n: usize,
+    rmse: f64,
+    nrmse: f64,
+    max_abs: f64,
+    timing: Timing,
 }
 
 /// Runs the command.
@@ -16,6 +121,118 @@ pub struct Arguments {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let _ = &arguments.common;
-    bail!("not there yet")
+    let config = FitConfig {
+        kind: match arguments.model {
+            ModelKind::Pi => Kind::PrandtlIshlinskii,
+            ModelKind::ModifiedPi => Kind::ModifiedPrandtlIshlinskii,
+        },
+        thresholds: match (arguments.operators, &arguments.thresholds) {
+            (Some(count), _) => Thresholds::Grid(count),
+            (None, Some(thresholds)) => Thresholds::Given(thresholds.clone()),
+            (None, None) => Thresholds::Free(arguments.free_thresholds.unwrap_or(12)),
+        },
+        family: match arguments.operator_type {
+            OperatorType::Auto => None,
+            OperatorType::Play => Some(Family::Play),
+            OperatorType::Stop => Some(Family::Stop),
+        },
+        rest_input: arguments.rest_input,
+        skip_s: arguments.skip_s,
+        offsets: arguments.offset_per_recording,
+        dead_time_s: arguments.dead_time_s,
+        lag_time_constant_s: arguments.lag_s,
+        curve_segments: arguments.curve_segments,
+    };
+    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let mut outputs = vec![arguments.out.as_path()];
+    outputs.extend(arguments.common.json.as_deref());
+    output::refuse_overwriting(&inputs, &outputs)?;
+    let fit = identify::fit(&recordings, &config)?;
+    fit.model.write(&arguments.out)?;
+    if let Some(path) = &arguments.common.json {
+        output::write_json(path, &summary(&fit, &recordings))?;
+    }
+    print(&fit, &recordings, arguments);
+    Ok(Outcome::Success)
+}
+
+fn summary<'a>(fit: &'a Fit, recordings: &'a [Recording]) -> Summary<'a> {
+    let model = &fit.model;
+    let files = recordings.iter().map(|recording| {
+        let (rmse, nrmse, max_abs) = model.errors(recording);
+        FileSummary {
+            path: &recording.path,
+            family: &recording.family,
+            n: recording.len(),
+            rmse,
+            nrmse,
+            max_abs,
+            timing: recording.timing(),
+        }
+    });
+    Summary {
+        model: model.kind,
+        thresholds: &model.thresholds,
+        weights: &model.weights,
+        rmse: fit.rmse,
+        nrmse: fit.nrmse,
+        max_abs: fit.max_abs,
+        n: model.provenance.samples,
+        constant: model.constant,
+        input_gain: model.input_gain,
+        rest_input: model.rest_input,
+        dead_time_s: model.input_path.dead_time_s,
+        lag_time_constant_s: model.input_path.lag_time_constant_s,
+        thresholds_95: &model.thresholds_95,
+        weights_95: &model.weights_95,
+        constant_95: model.constant_95,
+        interval_widening: fit.interval_widening,
+        curve_slopes: fit.curve_slopes,
+        operator_type: fit.family,
+        input_unit: &model.input.unit,
+        output_unit: &model.output.unit,
+        files: files.collect(),
+    }
+}
+
+fn print(fit: &Fit, recordings: &[Recording], arguments: &Arguments) {
+    let model = &fit.model;
+    let (input, output) = (&model.input.unit, &model.output.unit);
+    say!("threshold [{input}]  weight [{output}/{input}]  95 % interval of the weight");
+    for (index, (threshold, weight)) in model.thresholds.iter().zip(&model.weights).enumerate() {
+        let [low, high] = model.weights_95[index];
+        say!("{threshold:>15.6}  {weight:>15.6}  {low:.6} .. {high:.6}");
+    }
+    if model.input_gain != 0.0 {
+        say!("input gain {:.6} {output}/{input} ({:?} operators)", model.input_gain, fit.family);
+    }
+    say!("constant {:.6} {output}, rest input {} {input}", model.constant, model.rest_input);
+    if model.input_path.dead_time_s > 0.0 || model.input_path.lag_time_constant_s > 0.0 {
+        say!("dead time {:.4} s, lag {:.4} s", model.input_path.dead_time_s, model.input_path.lag_time_constant_s);
+    }
+    if let Some([low, middle, high]) = fit.curve_slopes {
+        say!("slope of the curve at the low end {low:.3}, in the middle {middle:.3}, at the high end {high:.3}");
+    }
+    let gaps: usize = recordings.iter().map(|recording| recording.gaps.len()).sum();
+    if gaps > 0 {
+        say!("note: {gaps} gap(s) in time; the model runs across them as if the input had gone straight");
+    }
+    say!(
+        "rmse {:.3e} {output}, {:.3} % of the range, {} samples -> {}",
+        fit.rmse,
+        100.0 * fit.nrmse,
+        model.provenance.samples,
+        arguments.out.display()
+    );
+}
+
+fn choice(text: &str) -> Result<Choice, String> {
+    if text == "auto" {
+        return Ok(Choice::Auto);
+    }
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value >= 0.0 => Ok(Choice::Given(value)),
+        _ => Err("a time in seconds, zero or positive, or `auto` is wanted".to_owned()),
+    }
 }

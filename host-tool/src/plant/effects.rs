@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use hysteresis::play;
+
 use super::PlantConfig;
 
 /// Everything that the plant remembers.
@@ -23,7 +25,7 @@ pub(super) struct State {
 impl State {
     /// The equilibrium at the first sample.
     pub(super) fn new(config: &PlantConfig, pressure_bar: f64) -> Self {
-        let plays_bar: Vec<f64> = config.thresholds_bar.iter().map(|&threshold| play(pressure_bar, threshold, 0.0)).collect();
+        let plays_bar: Vec<f64> = config.thresholds_bar.iter().map(|&threshold| play::step(threshold, pressure_bar, 0.0)).collect();
         let sum_mm = weighted(config, &plays_bar);
         let creeps_mm = vec![sum_mm; config.creep.as_ref().map_or(0, |creep| creep.gains.len())];
         Self { delayed: VecDeque::from([(0.0, pressure_bar)]), pressure_bar, plays_bar, sum_mm, creeps_mm, stuck_mm: None }
@@ -45,7 +47,7 @@ impl State {
             None => 0.0,
         };
         for (memory, threshold) in self.plays_bar.iter_mut().zip(&config.thresholds_bar) {
-            *memory = play(self.pressure_bar, threshold + widening_bar, *memory);
+            *memory = play::step(threshold + widening_bar, self.pressure_bar, *memory);
         }
         self.sum_mm = weighted(config, &self.plays_bar);
         if let Some(creep) = &config.creep {
@@ -91,11 +93,6 @@ impl State {
         }
         displacement_mm
     }
-}
-
-/// The play operator, eq. (2).
-fn play(pressure_bar: f64, threshold_bar: f64, memory_bar: f64) -> f64 {
-    (pressure_bar - threshold_bar).max((pressure_bar + threshold_bar).min(memory_bar))
 }
 
 /// The weighted sum, eq. (3).
