@@ -156,3 +156,85 @@ fn carried_state_restores_the_next_chunk_bit_for_bit() {
     second.restore_state(&first.carried_state());
     assert_eq!(run(&mut first, 2), run(&mut second, 2));
 }
+
+/// `tests/vectors/lstm.json`, made by the script beside it.
+#[derive(serde::Deserialize)]
+struct Vectors {
+    cases: Vec<Case>,
+}
+
+#[derive(serde::Deserialize)]
+struct Case {
+    activation: Activation,
+    state_limit: f32,
+    features: usize,
+    units: Vec<usize>,
+    lanes: usize,
+    steps: usize,
+    input: Vec<f32>,
+    target: Vec<f32>,
+    parameters: Weights,
+    output: Vec<f64>,
+    loss: f64,
+    gradient: Weights,
+}
+
+#[derive(serde::Deserialize)]
+struct Weights {
+    layers: Vec<LayerWeights>,
+    dense_weights: Vec<f32>,
+    dense_bias: f32,
+}
+
+#[derive(serde::Deserialize)]
+struct LayerWeights {
+    input_weights: Vec<f32>,
+    recurrent_weights: Vec<f32>,
+    bias: Vec<f32>,
+}
+
+impl Weights {
+    fn network(&self, case: &Case) -> Network {
+        let mut network = Network::zeros(case.features, &case.units, case.activation, case.state_limit);
+        for (layer, weights) in network.layers.iter_mut().zip(&self.layers) {
+            layer.input_weights.copy_from_slice(&weights.input_weights);
+            layer.recurrent_weights.copy_from_slice(&weights.recurrent_weights);
+            layer.bias.copy_from_slice(&weights.bias);
+        }
+        network.dense_weights.copy_from_slice(&self.dense_weights);
+        network.dense_bias = self.dense_bias;
+        network
+    }
+}
+
+#[test]
+fn forward_and_gradients_equal_those_of_pytorch() {
+    let vectors: Vectors = serde_json::from_str(include_str!("../../../tests/vectors/lstm.json")).unwrap();
+    assert_eq!(vectors.cases.len(), 3);
+    for case in &vectors.cases {
+        let network = case.parameters.network(case);
+        let flat = network.to_flat();
+        let mut sequence = Sequence::new(&network.architecture(), case.lanes, case.steps);
+        sequence.features_mut(case.steps).copy_from_slice(&case.input);
+        sequence.forward(&flat);
+        let (outputs, gradient) = sequence.outputs_and_gradient_mut();
+        let count = outputs.len() as f32;
+        let mut loss = 0.0;
+        for (row, &output) in outputs.iter().enumerate() {
+            // f32 sums and activations within 3e-7, over 9 steps and 2 layers.
+            assert!((f64::from(output) - case.output[row]).abs() < 5e-6, "{:?} row {row}", case.activation);
+            let error = output - case.target[row];
+            loss += f64::from(error * error / count);
+            gradient[row] = 2.0 * error / count;
+        }
+        assert!((loss - case.loss).abs() < 1e-5 * case.loss, "{:?}: {loss} {}", case.activation, case.loss);
+        let mut found = vec![0.0; flat.len()];
+        sequence.backward(&flat, &mut found);
+        let expected = case.gradient.network(case).to_flat();
+        let largest = expected.iter().fold(0.0f32, |largest, value| largest.max(value.abs()));
+        assert!(largest > 0.01);
+        for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            assert!((found - expected).abs() < 1e-5 * largest, "{:?} parameter {index}: {found} {expected}", case.activation);
+        }
+    }
+}
