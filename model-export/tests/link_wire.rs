@@ -1,0 +1,472 @@
+//! The bytes on the wire. They were made by an independent encoder from the format's description, not by the code under test, so that
+//! neither a new library version nor a moved field can change them unnoticed.
+
+use heapless::Vec;
+use model_export::blob::crc32;
+use model_export::link::fault::{Blocker, Fault, Notice, explain};
+use model_export::link::frame::{Decoder, FrameError, MAX_PAYLOAD, MAX_WIRE, encode};
+use model_export::link::hello::{Hello, HelloError};
+use model_export::link::message::*;
+use model_export::link::settings::{INFO, SettingError, SettingValue, Settings, by_name};
+use model_export::link::state::{ResetCause, State};
+use model_export::link::{Kind, SCHEMA_HASH};
+use proptest::prelude::*;
+
+/// Name and frame of one example of everything that can be said.
+#[rustfmt::skip]
+const WIRE: &[(&str, &str)] = &[
+    ("hello request", "06011bdf05a500"),
+    ("hello answer", "070243415448010202020302011befbeadde01020304050607080473746d3332663430352d72696701010577e6e5a000"),
+    ("request Status", "0410b42405e93fe24200"),
+    ("request Arm", "0910b424017f0fe53500"),
+    ("request Disarm", "0910b42402c55eecac00"),
+    ("request Start", "0910b42403536eebdb00"),
+    ("request Stop", "0910b42404f0fb8f4500"),
+    ("request Vent", "0910b4240566cb883200"),
+    ("request Acknowledge", "0910b42406dc9a81ab00"),
+    ("request SetPoint pressure", "0510b42407010107c03fc6591e4300"),
+    ("request SetPoint displacement", "0610b4240701010710c0e45a44d200"),
+    ("request Playback", "0910b42408ac0201030101010101010a3f52b83e40ffecd0c300"),
+    ("request PlaybackClear", "0910b424094d873e3b00"),
+    ("request SettingGet", "0a10b4240a3df5f311a900"),
+    ("request SettingSet float", "0610b4240b010101072040cef6938600"),
+    ("request SettingSet integer", "0d10b4240b0501fa016450068900"),
+    ("request SettingSet flag", "0710b4240b110205d3b77bb700"),
+    ("request SettingsDifference", "0b10b4240c01285a55b75d00"),
+    ("request SettingsSave", "0910b4240d5443533c00"),
+    ("request SettingsRevert", "0510b4240e05e07a159500"),
+    ("request ModelBegin", "1110b4240ff0a204effdb6f50d61ab7fbd00"),
+    ("request ModelChunk", "0810b42410800405020107ff8004ee704300"),
+    ("request ModelFinish", "0910b424111b1f522800"),
+    ("request ModelActivate", "0910b42412a14e5bb100"),
+    ("request ModelRollback", "0910b42413377e5cc600"),
+    ("request FaultRecord", "0910b4241494eb385800"),
+    ("request PreviousFaultRecord", "0910b4241502db3f2f00"),
+    ("reply Done", "031107059286e4ad00"),
+    ("reply Refused Blocked", "04110701064803d2b07f00"),
+    ("reply Refused State", "0a1107010104f9eec11900"),
+    ("reply Refused NotUnderstood", "09110701020ea9bb3b00"),
+    ("reply Refused Busy", "09110701039899bc4c00"),
+    ("reply Refused Setting", "0a110701040289bfd58d00"),
+    ("reply Refused SettingsInconsistent", "0a110701050afa06159a00"),
+    ("reply Refused WrongQuantity", "0911070106176dd63c00"),
+    ("reply Refused NotFinite", "0911070107815dd14b00"),
+    ("reply Refused PlaybackIndex", "0a110701084039d0b2b900"),
+    ("reply Refused PlaybackFull", "0a110701090cc3ecc3df00"),
+    ("reply Refused NoUpload", "091107010a3c21603500"),
+    ("reply Refused UploadOffset", "0b1107010b80026edd0caa00"),
+    ("reply Refused TooLong", "0c1107010c8080084de51be200"),
+    ("reply Refused Checksum", "091107010d9fb404ab00"),
+    ("reply Refused PieceLength", "091107010e25e50d3200"),
+    ("reply Refused NotAModel", "091107010fb3d50a4500"),
+    ("reply Refused NoOtherModel", "091107011046d802c800"),
+    ("reply Refused Storage", "0911070111d0e805bf00"),
+    ("reply Refused NoRecord", "09110701126ab90c2600"),
+    ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
+    ("reply Playback", "0b11070360a0013c440a4800"),
+    ("reply Setting", "041107040101074040d19ca00d00"),
+    ("reply Differences", "06110705020101010320400101054040110203020105f0f3d88e00"),
+    ("reply Uploaded", "0a11070680065a3018d000"),
+    ("reply FaultRecord", "17110707101f8080848008cd830604c08db701ff1ff40a0103c03f0103e8400103f0400108c03f026697992900"),
+    ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d058994f07c00"),
+];
+
+fn hello() -> Hello {
+    Hello {
+        firmware: [1, 2, 3],
+        protocol: 1,
+        schema_hash: 0xdead_beef,
+        model_id: [1, 2, 3, 4, 5, 6, 7, 8],
+        reset_cause: ResetCause::Watchdog,
+        board: heapless::String::try_from("stm32f405-rig").unwrap(),
+    }
+}
+
+fn requests() -> std::vec::Vec<Request> {
+    let values_bar = Vec::from_slice(&[0.0, 0.5, 2.98]).unwrap();
+    let bytes = Vec::from_slice(&[0, 1, 0, 255, 128]).unwrap();
+    vec![
+        Request::Status,
+        Request::Arm,
+        Request::Disarm,
+        Request::Start,
+        Request::Stop,
+        Request::Vent,
+        Request::Acknowledge,
+        Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 },
+        Request::SetPoint { quantity: Quantity::Displacement, value: -2.25 },
+        Request::Playback(PlaybackChunk { first_index: 300, last: true, values_bar }),
+        Request::PlaybackClear,
+        Request::SettingGet { number: 61 },
+        Request::SettingSet { number: 1, value: SettingValue::Float(2.5) },
+        Request::SettingSet { number: 5, value: SettingValue::Integer(250) },
+        Request::SettingSet { number: 17, value: SettingValue::Flag(false) },
+        Request::SettingsDifference { baseline: Baseline::Defaults, from_number: 40 },
+        Request::SettingsSave,
+        Request::SettingsRevert(Baseline::Saved),
+        Request::ModelBegin { length: 70_000, crc32: 0xdead_beef },
+        Request::ModelChunk { offset: 512, bytes },
+        Request::ModelFinish,
+        Request::ModelActivate,
+        Request::ModelRollback,
+        Request::FaultRecord,
+        Request::PreviousFaultRecord,
+    ]
+}
+
+fn replies() -> std::vec::Vec<Reply> {
+    let refusals = [
+        Refusal::Blocked([Blocker::EmergencyStopPressed, Blocker::VentNotVerified].into_iter().collect()),
+        Refusal::State(State::Running),
+        Refusal::NotUnderstood,
+        Refusal::Busy,
+        Refusal::Setting(SettingError::OutOfBounds),
+        Refusal::SettingsInconsistent(10),
+        Refusal::WrongQuantity,
+        Refusal::NotFinite,
+        Refusal::PlaybackIndex(64),
+        Refusal::PlaybackFull(12),
+        Refusal::NoUpload,
+        Refusal::UploadOffset(256),
+        Refusal::TooLong(131_072),
+        Refusal::Checksum,
+        Refusal::PieceLength,
+        Refusal::NotAModel,
+        Refusal::NoOtherModel,
+        Refusal::Storage,
+        Refusal::NoRecord,
+    ];
+    let status = Status {
+        state: State::Armed,
+        first_fault: 17,
+        faults: [Fault::LaserStuck].into_iter().collect(),
+        blockers: [Blocker::WrongState].into_iter().collect(),
+        notices: [Notice::Slew].into_iter().collect(),
+        time_ms: 123_456_789_012,
+        late_ticks: 5,
+        longest_tick_cycles: 61_000,
+        stack_unused_bytes: 2_048,
+        damaged_frames: 1,
+        telemetry_dropped: 9,
+        reset_cause: ResetCause::Watchdog,
+        settings_unsaved: true,
+        playback_next_index: 640,
+        playback_free: 200,
+    };
+    let entries = [
+        SettingDifference { number: 1, in_use: SettingValue::Float(2.5), baseline: SettingValue::Float(3.0) },
+        SettingDifference { number: 17, in_use: SettingValue::Flag(false), baseline: SettingValue::Flag(true) },
+    ];
+    let record = FaultRecord {
+        first: 16,
+        second: 31,
+        all: [Fault::LaserRange, Fault::VentNotVerified].into_iter().collect(),
+        time_ms: 98_765,
+        state: State::Running,
+        output_ubar: 1_500_000,
+        pressure_code: 4_095,
+        laser_code: 1_396,
+        pressure_bar: 1.5,
+        displacement_mm: 7.25,
+        estimate_mm: 7.5,
+        set_point: 1.5,
+        late_ticks: 2,
+    };
+    let mut replies = vec![Reply::Done];
+    replies.extend(refusals.map(Reply::Refused));
+    replies.extend([
+        Reply::Status(status),
+        Reply::Playback { next_index: 96, free: 160 },
+        Reply::Setting(SettingValue::Float(3.0)),
+        Reply::Differences { entries: Vec::from_slice(&entries).unwrap(), next_number: 0 },
+        Reply::Uploaded(768),
+        Reply::FaultRecord(record),
+    ]);
+    replies
+}
+
+fn telemetry() -> Telemetry {
+    Telemetry {
+        sequence: 1_000,
+        time_ms: 20_000,
+        dropped: 3,
+        state: State::Running,
+        first_fault: 0,
+        notices: [Notice::Slew].into_iter().collect(),
+        laser_code: 4_000,
+        pressure_code: 3_000,
+        output_ubar: 1_234_567,
+        command_bar: 1.25,
+        set_point: 1.5,
+        pressure_bar: Some(1.2),
+        displacement_mm: None,
+        estimate_mm: Some(6.5),
+        playback_index: 77,
+        late_ticks: 0,
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(text: &str) -> std::vec::Vec<u8> {
+    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(&text[at..at + 2], 16).unwrap()).collect()
+}
+
+/// The payload of one whole frame.
+fn payload(wire: &[u8]) -> Vec<u8, MAX_PAYLOAD> {
+    let mut decoder = Decoder::new();
+    let payloads: std::vec::Vec<_> = wire.iter().filter_map(|byte| decoder.push(*byte)).collect();
+    assert_eq!(payloads.len(), 1);
+    payloads[0].clone().unwrap()
+}
+
+/// Every example as this code encodes it, in the order of [`WIRE`].
+fn encoded() -> std::vec::Vec<Vec<u8, MAX_WIRE>> {
+    let mut frames = vec![encode(&[Kind::HelloRequest.byte()]).unwrap(), encode(&hello().encode()).unwrap()];
+    frames.extend(requests().into_iter().map(|request| RequestFrame { token: 0x1234, request }.to_wire().unwrap()));
+    frames.extend(replies().into_iter().map(|reply| ReplyFrame { token: 7, reply }.to_wire().unwrap()));
+    frames.push(telemetry().to_wire().unwrap());
+    frames
+}
+
+#[test]
+fn every_message_has_the_recorded_bytes_and_the_schema_hash_is_theirs() {
+    let frames = encoded();
+    assert_eq!(frames.len(), WIRE.len());
+    let mut hash = 0;
+    for (frame, (name, wire)) in frames.iter().zip(WIRE) {
+        assert_eq!(hex(frame), *wire, "{name}");
+        hash = crc32(hash, frame);
+    }
+    assert_eq!(hash, SCHEMA_HASH, "0x{hash:08x}");
+}
+
+#[test]
+fn every_recorded_frame_reads_back_as_its_message() {
+    let mut wires = WIRE.iter().map(|(_, wire)| payload(&unhex(wire)));
+    assert_eq!(wires.next().unwrap().as_slice(), [Kind::HelloRequest.byte()]);
+    assert_eq!(Hello::decode(&wires.next().unwrap()), Ok(hello()));
+    for request in requests() {
+        assert_eq!(RequestFrame::from_payload(&wires.next().unwrap()), Ok(RequestFrame { token: 0x1234, request }));
+    }
+    for reply in replies() {
+        assert_eq!(ReplyFrame::from_payload(&wires.next().unwrap()), Ok(ReplyFrame { token: 7, reply }));
+    }
+    assert_eq!(Telemetry::from_payload(&wires.next().unwrap()), Ok(telemetry()));
+}
+
+/// An example is missing if a variant is: these matches stop compiling when one is added.
+#[test]
+fn every_variant_has_an_example() {
+    let request_number = |request: &Request| match request {
+        Request::Status => 0,
+        Request::Arm => 1,
+        Request::Disarm => 2,
+        Request::Start => 3,
+        Request::Stop => 4,
+        Request::Vent => 5,
+        Request::Acknowledge => 6,
+        Request::SetPoint { .. } => 7,
+        Request::Playback(_) => 8,
+        Request::PlaybackClear => 9,
+        Request::SettingGet { .. } => 10,
+        Request::SettingSet { .. } => 11,
+        Request::SettingsDifference { .. } => 12,
+        Request::SettingsSave => 13,
+        Request::SettingsRevert(_) => 14,
+        Request::ModelBegin { .. } => 15,
+        Request::ModelChunk { .. } => 16,
+        Request::ModelFinish => 17,
+        Request::ModelActivate => 18,
+        Request::ModelRollback => 19,
+        Request::FaultRecord => 20,
+        Request::PreviousFaultRecord => 21,
+    };
+    let mut numbers: std::vec::Vec<_> = requests().iter().map(request_number).collect();
+    numbers.dedup();
+    assert_eq!(numbers, (0..=21).collect::<std::vec::Vec<_>>());
+    let reply_number = |reply: &Reply| match reply {
+        Reply::Done => 0,
+        Reply::Refused(_) => 1,
+        Reply::Status(_) => 2,
+        Reply::Playback { .. } => 3,
+        Reply::Setting(_) => 4,
+        Reply::Differences { .. } => 5,
+        Reply::Uploaded(_) => 6,
+        Reply::FaultRecord(_) => 7,
+    };
+    let mut numbers: std::vec::Vec<_> = replies().iter().map(reply_number).collect();
+    numbers.dedup();
+    assert_eq!(numbers, (0..=7).collect::<std::vec::Vec<_>>());
+}
+
+#[test]
+fn hello_of_a_later_version_is_understood_and_anything_else_is_named() {
+    let mut later = hello().encode().to_vec();
+    later.extend_from_slice(&[9; 100]);
+    later[11] = 0xff; // a later protocol
+    later[25] = 200; // a reset cause of tomorrow
+    let understood = Hello::decode(&later).unwrap();
+    assert_eq!((understood.protocol, understood.reset_cause), (0x00ff, ResetCause::Other(200)));
+    assert_eq!(Hello::decode(&later[..41]), Err(HelloError::TooShort));
+    assert_eq!(Hello::decode(&[Kind::Telemetry.byte(); 42]), Err(HelloError::NotHello));
+    let mut name = hello().encode();
+    name[26] = 0xe4;
+    assert_eq!(Hello::decode(&name), Err(HelloError::BoardName));
+}
+
+#[test]
+fn every_flipped_bit_of_every_frame_is_noticed() {
+    for frame in encoded() {
+        for bit in 0..(frame.len() - 1) * 8 {
+            let mut damaged = frame.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            let mut decoder = Decoder::new();
+            let sound = damaged.iter().filter_map(|byte| decoder.push(*byte)).any(|outcome| outcome.is_ok());
+            assert!(!sound, "bit {bit} of {}", hex(&frame));
+        }
+    }
+}
+
+#[test]
+fn a_frame_is_found_behind_garbage_and_too_long_ones_are_dropped_whole() {
+    let mut decoder = Decoder::new();
+    let frame = RequestFrame { token: 1, request: Request::Vent }.to_wire().unwrap();
+    let garbage = [0xa5u8; 2 * MAX_WIRE];
+    let outcomes: std::vec::Vec<_> =
+        garbage.iter().chain(&[0]).chain(&frame).chain(&[0, 0]).chain(&frame).filter_map(|byte| decoder.push(*byte)).collect();
+    assert_eq!(outcomes.len(), 3);
+    assert_eq!(outcomes[0], Err(FrameError::TooLong));
+    assert!(outcomes[1].is_ok() && outcomes[2].is_ok());
+    assert_eq!(encode(&[0; MAX_PAYLOAD + 1]), Err(FrameError::TooLong));
+    assert!(encode(&[1; MAX_PAYLOAD]).is_ok());
+}
+
+/// The largest of everything fits a frame.
+#[test]
+fn the_longest_messages_fit_their_frames() {
+    let bytes = Vec::from_slice(&[0xff; MAX_CHUNK_BYTES]).unwrap();
+    let values_bar = Vec::from_slice(&[f32::MAX; MAX_CHUNK_POINTS]).unwrap();
+    let difference = SettingDifference { number: u16::MAX, in_use: SettingValue::Float(1.0), baseline: SettingValue::Integer(u32::MAX) };
+    let entries = Vec::from_slice(&[difference; MAX_PAGE]).unwrap();
+    for request in [
+        Request::ModelChunk { offset: u32::MAX, bytes },
+        Request::Playback(PlaybackChunk { first_index: u32::MAX, last: true, values_bar }),
+    ] {
+        RequestFrame { token: u16::MAX, request }.to_wire().unwrap();
+    }
+    ReplyFrame { token: u16::MAX, reply: Reply::Differences { entries, next_number: u16::MAX } }.to_wire().unwrap();
+}
+
+#[test]
+fn settings_have_unique_numbers_names_that_end_in_their_unit_and_defaults_within_bounds() {
+    let mut settings = Settings::default();
+    for (index, info) in INFO.iter().enumerate() {
+        for other in &INFO[..index] {
+            assert!(other.number < info.number && other.name != info.name, "{} {}", other.name, info.name);
+        }
+        assert_eq!(by_name(info.name), Some(info));
+        assert_eq!(settings.get(info.number), Some(info.default), "{}", info.name);
+        for value in [info.default, info.minimum, info.maximum] {
+            assert_eq!(settings.set(info.number, value), Ok(()), "{} {value:?}", info.name);
+        }
+        settings.set(info.number, info.default).unwrap();
+        let unit = info.unit.replace('/', "_per_").to_lowercase();
+        assert!(unit.is_empty() || info.name.ends_with(&format!("_{unit}")), "{} in {}", info.name, info.unit);
+        let wrong_type = if info.default == SettingValue::Flag(true) { SettingValue::Integer(1) } else { SettingValue::Flag(true) };
+        if !matches!(info.default, SettingValue::Flag(_)) {
+            assert_eq!(settings.set(info.number, wrong_type), Err(SettingError::WrongType), "{}", info.name);
+        }
+        if let (SettingValue::Float(low), SettingValue::Float(high)) = (info.minimum, info.maximum) {
+            for value in [low.next_down(), high.next_up(), f32::NAN, f32::INFINITY] {
+                assert_eq!(settings.set(info.number, SettingValue::Float(value)), Err(SettingError::OutOfBounds), "{}", info.name);
+            }
+        }
+    }
+    assert_eq!(settings, Settings::default());
+    assert_eq!(settings.set(60_000, SettingValue::Flag(true)), Err(SettingError::Unknown));
+}
+
+#[test]
+fn differences_name_both_values() {
+    let changed = Settings { ceiling_bar: 2.0, laser_required: false, ..Settings::default() };
+    let differences: std::vec::Vec<_> = changed.differences(&Settings::default()).collect();
+    assert_eq!(
+        differences,
+        [(1, SettingValue::Float(2.0), SettingValue::Float(3.0)), (17, SettingValue::Flag(false), SettingValue::Flag(true)),]
+    );
+}
+
+#[test]
+fn everything_with_a_number_is_explained() {
+    assert_eq!(explain("E017").unwrap().name, "laser-stuck");
+    assert_eq!(explain("e17"), explain("E017"));
+    assert_eq!(explain("B03").unwrap().name, "emergency-stop-pressed");
+    assert_eq!(explain("N2").unwrap().name, "floor");
+    for nonsense in ["", "E", "17", "E999", "E000", "X01", "E-1", "Ä1"] {
+        assert_eq!(explain(nonsense), None, "{nonsense}");
+    }
+    let all = Fault::ALL.iter().map(|fault| fault.explanation());
+    let all = all.chain(Blocker::ALL.iter().map(|blocker| blocker.explanation()));
+    for explanation in all.chain(Notice::ALL.iter().map(|notice| notice.explanation())) {
+        assert!(explanation.meaning.ends_with('.') && explanation.remedy.ends_with('.'), "{explanation:?}");
+        assert!(explanation.name.chars().all(|character| character.is_ascii_lowercase() || character == '-'), "{explanation:?}");
+    }
+}
+
+/// Every setting that a text names exists.
+#[test]
+fn explanations_name_settings_that_exist() {
+    let mut named = 0;
+    for fault in Fault::ALL {
+        let remedy = fault.explanation().remedy;
+        for word in remedy.split([' ', ',', ';', '.']).filter(|word| word.contains('_')) {
+            assert!(INFO.iter().any(|info| info.name.ends_with(&format!(".{word}"))), "{word} in {remedy}");
+            named += 1;
+        }
+    }
+    assert!(named >= 8);
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    let examples = requests();
+    (0..examples.len()).prop_map(move |index| examples[index].clone())
+}
+
+proptest! {
+    /// The same body as the fuzz target `link_parser`.
+    #[test]
+    fn no_bytes_break_the_parser(bytes in prop::collection::vec(prop_oneof![3 => any::<u8>(), 1 => Just(0u8)], 0..2000)) {
+        model_export::link::parse_anything(&bytes);
+    }
+
+    /// Random bytes seldom pass a CRC, so payloads are attacked behind it as well.
+    #[test]
+    fn no_payload_breaks_the_message_decoders(body in prop::collection::vec(any::<u8>(), 0..MAX_PAYLOAD - 1), kind in any::<u8>()) {
+        for kind in [kind, 0x01, 0x02, 0x10, 0x11, 0x12] {
+            let mut payload = vec![kind];
+            payload.extend_from_slice(&body);
+            model_export::link::parse_anything(&encode(&payload).unwrap());
+        }
+    }
+
+    #[test]
+    fn frames_survive_any_payload_and_any_chopping(payloads in prop::collection::vec(prop::collection::vec(any::<u8>(), 1..=MAX_PAYLOAD), 1..5)) {
+        let mut decoder = Decoder::new();
+        let mut received = std::vec::Vec::new();
+        for payload in &payloads {
+            let wire = encode(payload).unwrap();
+            prop_assert!(wire.len() <= MAX_WIRE && !wire[..wire.len() - 1].contains(&0));
+            received.extend(wire.iter().filter_map(|byte| decoder.push(*byte)).map(|outcome| outcome.unwrap().to_vec()));
+        }
+        prop_assert_eq!(received, payloads);
+    }
+
+    #[test]
+    fn requests_survive_the_wire(request in any_request(), token in any::<u16>()) {
+        let frame = RequestFrame { token, request };
+        prop_assert_eq!(RequestFrame::from_payload(&payload(&frame.to_wire().unwrap())), Ok(frame));
+    }
+}
