@@ -13,8 +13,9 @@
 //!
 //! Every millisecond, in the interrupt of the end of the ADC's conversion:
 //!
-//! 1. fill [`TickInputs`]: the two codes, the emergency stop, ticks lost since the last call, the background's beat counter, and at most
-//!    one [`Command`] from the queue that the link fills;
+//! 1. fill [`TickInputs`]: the two codes, the emergency stop, ticks lost since the last call, the background's beat counter, the flag that
+//!    wants a vent, and at most one [`Command`] from the queue that the link fills (queue places: at least as many for answers as for
+//!    commands, since every command with a token gets exactly one answer and none may be dropped);
 //! 2. call [`Rig::tick`] with the model (or [`NoModel`]);
 //! 3. apply [`TickOutputs`] in this order: dump valve, valve drive, then feed the watchdog if told so; push the answer and the telemetry
 //!    sample into their queues without waiting (a full telemetry queue drops the sample; count it and hand the count to the link).
@@ -151,6 +152,8 @@ pub struct TickInputs {
     pub lost_ticks: u16,
     /// Counter that the background advances.
     pub background_beat: u32,
+    /// Vent, whatever else is asked for.
+    pub vent: bool,
     /// At most one command.
     pub command: Option<Command>,
     /// Telemetry samples dropped so far, for the next sample.
@@ -436,11 +439,17 @@ impl Rig {
     /// # Deadline
     /// 1 ms, of which the model's step takes most. No loop depends on data except over the features and units of the model.
     pub fn tick(&mut self, model: &mut impl ModelStep, inputs: TickInputs) -> TickOutputs {
-        let TickInputs { sample, emergency_stop, overran, lost_ticks, background_beat, command, telemetry_dropped } = inputs;
+        let TickInputs { sample, emergency_stop, overran, lost_ticks, background_beat, vent, command, telemetry_dropped } = inputs;
         let elapsed = lost_ticks.saturating_add(1);
         self.state.notices = NoticeSet::EMPTY;
         self.advance(elapsed, overran || lost_ticks > 0, background_beat);
-        let pending = self.take_command(model, command);
+        let mut pending = self.take_command(model, command);
+        if vent {
+            if pending.request.is_some() {
+                pending.reply = Some(Reply::Refused(Refusal::Busy));
+            }
+            pending.request = Some(Event::Vent);
+        }
 
         // Measurements. The output in force is the one the sample was taken under.
         let in_force = self.state.limiter.output();

@@ -90,6 +90,7 @@ struct Step {
     overran: bool,
     lost_ticks: u16,
     beats: bool,
+    vent: bool,
     action: Option<Action>,
 }
 
@@ -101,19 +102,22 @@ fn step() -> impl Strategy<Value = Step> {
         prop::bool::weighted(0.02),
         prop::bool::weighted(0.05),
         prop_oneof![30 => Just(0u16), 1 => any::<u16>()],
-        prop::bool::weighted(0.95),
+        (prop::bool::weighted(0.95), prop::bool::weighted(0.02)),
         prop::option::weighted(0.7, action()),
     )
-        .prop_map(|(repeat, honest_sample, (laser_code, pressure_code), emergency_stop, overran, lost_ticks, beats, action)| Step {
-            repeat,
-            honest_sample,
-            sample: RawSample { laser_code, pressure_code },
-            emergency_stop,
-            overran,
-            lost_ticks,
-            beats,
-            action,
-        })
+        .prop_map(
+            |(repeat, honest_sample, (laser_code, pressure_code), emergency_stop, overran, lost_ticks, (beats, vent), action)| Step {
+                repeat,
+                honest_sample,
+                sample: RawSample { laser_code, pressure_code },
+                emergency_stop,
+                overran,
+                lost_ticks,
+                beats,
+                vent,
+                action,
+            },
+        )
 }
 
 /// The promise, checked from outside with the settings then in force.
@@ -164,6 +168,7 @@ fn attack(mut bench: Bench, steps: Vec<Step>, lies: Vec<u32>) -> (u32, i32) {
                     overran: step.overran,
                     lost_ticks: step.lost_ticks,
                     background_beat: beat,
+                    vent: step.vent,
                     command: action.take().map(|action| Command { token: None, action }),
                     telemetry_dropped: 0,
                 };

@@ -145,6 +145,7 @@ pub struct Bench {
     pub breakage: Option<Breakage>,
     pub outputs: TickOutputs,
     beat: u32,
+    pub vent: bool,
     pub replies: Vec<Reply>,
 }
 
@@ -165,6 +166,7 @@ impl Bench {
             breakage: None,
             outputs,
             beat: 1,
+            vent: false,
             replies: Vec::new(),
         }
     }
@@ -186,6 +188,7 @@ impl Bench {
             overran: self.breakage == Some(Breakage::EveryTickLate),
             lost_ticks,
             background_beat: self.beat,
+            vent: core::mem::take(&mut self.vent),
             command: action.map(|action| Command { token: Some(7), action }),
             telemetry_dropped: 0,
         };

@@ -99,11 +99,11 @@ pub enum Request {
         /// Skip settings with lower numbers.
         from_number: u16,
     },
-    /// Write the settings in use to flash; refused unless idle.
+    /// Write the settings in use to flash; refused unless idle or in the fault state.
     SettingsSave,
     /// Go back to a baseline; refused unless vented.
     SettingsRevert(Baseline),
-    /// Begin a model upload into the slot that is not active; refused unless idle.
+    /// Begin a model upload into the slot that is not active; refused unless idle or in the fault state.
     ModelBegin {
         /// Length of the blob in bytes.
         length: u32,

@@ -1,0 +1,78 @@
+//! Settings in flash: pairs of number and value, so that firmware versions that know other settings still read the rest.
+
+use heapless::Vec;
+use model_export::link::settings::{INFO, SettingValue, Settings};
+
+/// Kind of a settings slot.
+pub const STORE_KIND: u16 = 0x5345;
+/// Version of the encoding.
+pub const STORE_VERSION: u16 = 1;
+/// Longest encoding: up to nine bytes an entry, and the count.
+pub const MAX_BYTES: usize = 9 * INFO.len() + 4;
+
+/// Settings as they came out of flash.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stored {
+    /// The settings; what is missing or not acceptable has its default.
+    pub settings: Settings,
+    /// Entries with numbers unknown to this version.
+    pub unknown: u16,
+    /// Entries whose value this version does not accept.
+    pub rejected: u16,
+    /// The bytes did not decode to their end.
+    pub is_damaged: bool,
+}
+
+/// Encodes all settings; `None` never happens, since [`MAX_BYTES`] is the longest encoding.
+pub fn encode(settings: &Settings) -> Option<Vec<u8, MAX_BYTES>> {
+    let mut bytes = Vec::new();
+    let mut buffer = [0; 16];
+    for info in INFO {
+        let entry = (info.number, settings.get(info.number)?);
+        bytes.extend_from_slice(postcard::to_slice(&entry, &mut buffer).ok()?).ok()?;
+    }
+    Some(bytes)
+}
+
+/// Decodes settings of any version of the firmware.
+pub fn decode(mut bytes: &[u8]) -> Stored {
+    let mut stored = Stored::default();
+    while !bytes.is_empty() {
+        let Ok(((number, value), rest)) = postcard::take_from_bytes::<(u16, SettingValue)>(bytes) else {
+            stored.is_damaged = true;
+            break;
+        };
+        bytes = rest;
+        match stored.settings.set(number, value) {
+            Ok(()) => {}
+            Err(model_export::link::settings::SettingError::Unknown) => stored.unknown = stored.unknown.saturating_add(1),
+            Err(_) => stored.rejected = stored.rejected.saturating_add(1),
+        }
+    }
+    stored
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_the_flash() {
+        let settings = Settings { ceiling_bar: 2.5, laser_required: false, host_timeout_ms: 100, ..Settings::default() };
+        let stored = decode(&encode(&settings).unwrap());
+        assert_eq!(stored, Stored { settings, ..Stored::default() });
+    }
+
+    #[test]
+    fn a_setting_of_another_version_is_skipped_and_an_impossible_one_takes_its_default() {
+        let mut bytes: Vec<u8, 64> = Vec::new();
+        let mut buffer = [0; 16];
+        for entry in [(60_000u16, SettingValue::Flag(true)), (1, SettingValue::Float(99.0)), (5, SettingValue::Integer(100))] {
+            bytes.extend_from_slice(postcard::to_slice(&entry, &mut buffer).unwrap()).unwrap();
+        }
+        let stored = decode(&bytes);
+        assert_eq!((stored.unknown, stored.rejected, stored.is_damaged), (1, 1, false));
+        assert_eq!(stored.settings, Settings { host_timeout_ms: 100, ..Settings::default() });
+        assert!(decode(&bytes[..bytes.len() - 1]).is_damaged);
+    }
+}
