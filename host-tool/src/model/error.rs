@@ -19,8 +19,8 @@ pub enum ModelError {
     #[error("{}: cannot be read ({problem}); check the path", path.display())]
     Open { path: PathBuf, problem: String },
     /// The physics file is refused.
-    #[error("{}: is no valid physics model: {problem}; make it again with `catheter identify`", path.display())]
-    Physics { path: PathBuf, problem: String },
+    #[error(transparent)]
+    Physics(#[from] crate::identify::ModelError),
     /// The trained model is refused.
     #[error(transparent)]
     Network(#[from] ModelFileError),

@@ -9,6 +9,7 @@
 
 mod blob;
 mod error;
+mod physics;
 mod resample;
 mod trained;
 
@@ -18,6 +19,7 @@ use serde::Serialize;
 
 pub use blob::BlobModel;
 pub use error::ModelError;
+pub use physics::PhysicsPredictor;
 pub use trained::NetworkModel;
 
 use crate::recording::{Recording, Signal};
@@ -110,7 +112,7 @@ pub fn load(path: &Path) -> Result<Box<dyn Predictor>, ModelError> {
     Ok(match ending.as_str() {
         "safetensors" => Box::new(NetworkModel::load(path)?),
         "blob" => Box::new(BlobModel::load(path)?),
-        _ => return Err(ModelError::Ending { path: path.into() }),
+        _ => Box::new(PhysicsPredictor::load(path)?),
     })
 }
 
