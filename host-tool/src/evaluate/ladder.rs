@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::metrics::{FamilyErrors, mean};
 use super::statics::Polynomial;
-use super::{Judged, Judging, by_family, judge, mean_rmse};
+use super::{Judged, Judging, by_family, judge, mean_nrmse, mean_rmse};
 use crate::identify::{self, Choice, FitConfig, Kind};
 use crate::model::{PhysicsPredictor, Predictor};
 use crate::recording::Recording;
@@ -88,12 +88,7 @@ pub fn simple_rungs(training: &[Recording], skip_s: f64) -> Result<Vec<Entry>> {
         physics("modified PI", FitConfig { kind: Kind::ModifiedPrandtlIshlinskii, ..base() })?,
         physics(
             "modified PI, delayed",
-            FitConfig {
-                kind: Kind::ModifiedPrandtlIshlinskii,
-                dead_time_s: Choice::Auto,
-                lag_time_constant_s: Choice::Auto,
-                ..base()
-            },
+            FitConfig { kind: Kind::ModifiedPrandtlIshlinskii, dead_time_s: Choice::Auto, lag_time_constant_s: Choice::Auto, ..base() },
         )?,
     ])
 }
@@ -102,7 +97,6 @@ pub fn simple_rungs(training: &[Recording], skip_s: f64) -> Result<Vec<Entry>> {
 #[must_use]
 pub fn rung(name: &str, model: &dyn Predictor, judged: &[Judged]) -> Rung {
     let files: Vec<_> = judged.iter().map(|judged| &judged.errors).collect();
-    let relative: Vec<f64> = files.iter().filter_map(|file| file.errors.nrmse).collect();
     let description = model.description();
     Rung {
         name: name.to_owned(),
@@ -110,7 +104,7 @@ pub fn rung(name: &str, model: &dyn Predictor, judged: &[Judged]) -> Rung {
         parameters: description.parameters,
         macs_per_step: description.macs_per_step,
         mean_rmse: mean_rmse(files.iter().copied()),
-        mean_nrmse: mean(&relative),
+        mean_nrmse: mean_nrmse(files.iter().copied()),
         max_abs: files.iter().map(|file| file.errors.max_abs).fold(0.0, f64::max),
         families: by_family(files.iter().copied()),
         sufficient: false,

@@ -98,6 +98,13 @@ pub fn by_family<'a>(files: impl IntoIterator<Item = &'a FileErrors> + Clone) ->
     names.into_iter().map(of_family).collect()
 }
 
+/// Mean of the files' NRMSE, over those that have one.
+#[must_use]
+pub fn mean_nrmse<'a>(files: impl IntoIterator<Item = &'a FileErrors>) -> Option<f64> {
+    let each: Vec<f64> = files.into_iter().filter_map(|file| file.errors.nrmse).collect();
+    mean(&each)
+}
+
 /// Mean of the files' RMSE; zero without files.
 #[must_use]
 pub fn mean_rmse<'a>(files: impl IntoIterator<Item = &'a FileErrors>) -> f64 {

@@ -36,7 +36,8 @@ impl Polynomial {
             .iter()
             .flat_map(|recording| (counted(recording)..recording.len()).map(|index| (recording.input[index], recording.output[index])))
             .collect();
-        let (low, high) = samples.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &(input, _)| (low.min(input), high.max(input)));
+        let (low, high) =
+            samples.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &(input, _)| (low.min(input), high.max(input)));
         if !(high > low) {
             bail!("the input never moves; a static curve cannot be fitted");
         }

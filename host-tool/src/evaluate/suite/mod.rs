@@ -19,8 +19,7 @@ use serde::{Deserialize, Serialize};
 pub use plants::{KnownPlant, find};
 
 use super::compare::{Comparison, compare, growth, stretches};
-use super::metrics::mean;
-use super::{FileErrors, Judging};
+use super::{FileErrors, Judging, mean_nrmse};
 use crate::model::Predictor;
 use crate::recording::Recording;
 
@@ -163,11 +162,10 @@ pub fn run(request: &Request<'_>) -> Result<SuiteReport> {
 }
 
 fn on_recordings(request: &Request<'_>, report: &mut SuiteReport) {
-    let relative: Vec<f64> = request.errors.iter().filter_map(|file| file.errors.nrmse).collect();
     let limit = if request.plant.is_some() { request.limits.recordings } else { request.limits.recordings_measured };
-    match mean(&relative) {
+    match mean_nrmse(request.errors) {
         Some(value) => {
-            let what = format!("mean NRMSE on the {} recording(s) given, free running", relative.len());
+            let what = format!("mean NRMSE on the {} recording(s) given, free running", request.errors.len());
             report.criteria.push(Criterion::at_most("recordings", what, value, limit, "of range"));
         }
         None => report.not_judged.push("recordings: the measured output never moves".to_owned()),

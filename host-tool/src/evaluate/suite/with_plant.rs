@@ -2,7 +2,9 @@
 
 use anyhow::{Context, Result};
 
-use super::{Criterion, HOLD_S, Hold, KnownPlant, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, span, stretches};
+use super::{
+    Criterion, HOLD_S, Hold, KnownPlant, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, span, stretches,
+};
 use crate::evaluate::metrics::{mean, range, root_mean_square};
 use crate::evaluate::{Errors, for_each};
 use crate::excitation::sets::{self, Named, SetConfig};
@@ -137,8 +139,7 @@ fn holds(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> Resu
     let numbered: Vec<(usize, f64)> = levels.into_iter().enumerate().collect();
     let start = scene.samples(HISTORY_S);
     report.holds = for_each(&numbered, scene.request.threads, |&(index, level)| {
-        let segments =
-            vec![(HISTORY_S, scene.wander(1.0, Some(scene.low), Some(level))), (HOLD_S, Signal::Hold { pressure_bar: level })];
+        let segments = vec![(HISTORY_S, scene.wander(1.0, Some(scene.low), Some(level))), (HOLD_S, Signal::Hold { pressure_bar: level })];
         let (_, answer) = scene.play(&scene.excitation(1000 + index, segments))?;
         let errors = answer.errors(start);
         let max_abs = largest(errors.iter().copied());
