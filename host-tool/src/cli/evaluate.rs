@@ -1,14 +1,82 @@
 //! `catheter evaluate`.
 
-use anyhow::{Result, bail};
+use std::path::{Path, PathBuf};
 
-use super::{Common, Outcome};
+use anyhow::{Context, Result, ensure};
+use serde::Serialize;
+
+use super::{Common, Data, Outcome};
+use crate::evaluate::ladder::{self, Entry, Ladder};
+use crate::evaluate::suite::{self, SuiteReport};
+use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, judge, mean_nrmse, mean_rmse};
+use crate::model::{self, Description, Gaps, Predictor};
+use crate::recording::{self, Recording};
+use crate::{output, say};
 
 /// Judge a model on recordings, free running.
 #[derive(clap::Args)]
 pub struct Arguments {
+    /// The model: physics (.toml), trained network (.safetensors) or blob (.blob).
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    #[command(flatten)]
+    data: Data,
+    /// Seconds at the start of each recording that the model sees and that do not count.
+    #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = seconds)]
+    skip_s: f64,
+    /// Shift each prediction by a constant so that it meets the first sample that counts (sensors without a fixed zero).
+    #[arg(long)]
+    tare: bool,
+    /// Interpolate recordings of another sample period than the model's instead of refusing them.
+    #[arg(long)]
+    resample: bool,
+    /// Behind a gap in a recording: start afresh, or carry the memory on.
+    #[arg(long, default_value = "reset", value_name = "HOW")]
+    gaps: Gaps,
+    /// Run the acceptance suite too: holds, half amplitude, noise-free, 100,000 steps, starting histories; a failed limit is exit code 1.
+    #[arg(long)]
+    suite: bool,
+    /// The plant that gives the suite's truth; by default the one that made the recordings, if it can be found.
+    #[arg(long, value_name = "FILE|pi|all-effects", requires = "suite")]
+    plant: Option<String>,
+    /// The f32 model that a blob was made from: the suite compares both, over 100,000 steps.
+    #[arg(long, value_name = "FILE", requires = "suite")]
+    reference: Option<PathBuf>,
+    /// Put the model beside a static curve, Prandtl-Ishlinskii and modified Prandtl-Ishlinskii, and say which is the simplest that
+    /// suffices.
+    #[arg(long, requires = "ladder_train")]
+    ladder: bool,
+    /// Recordings that the simple models of the ladder are fitted to: those that the model was trained on.
+    #[arg(long, num_args = 1.., value_name = "PATH", requires = "ladder")]
+    ladder_train: Vec<PathBuf>,
+    /// Further models for the ladder.
+    #[arg(long, num_args = 1.., value_name = "FILE", requires = "ladder")]
+    compare: Vec<PathBuf>,
     #[command(flatten)]
     common: Common,
+}
+
+/// What `--json` gets.
+#[derive(Serialize)]
+struct Written<'a> {
+    model: String,
+    files: Vec<&'a FileErrors>,
+    mean_rmse: f64,
+    mean_nrmse: Option<f64>,
+    unit: &'a str,
+    families: &'a [FamilyErrors],
+    description: &'a Description,
+    skip_s: f64,
+    tare: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ladder: Option<&'a Ladder>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    suite: Option<&'a SuiteReport>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|value: &f64| value.is_finite() && *value >= 0.0);
+    value.ok_or_else(|| "zero or a positive number of seconds is wanted".to_owned())
 }
 
 /// Runs the command.
@@ -16,6 +84,201 @@ pub struct Arguments {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let _ = &arguments.common;
-    bail!("not there yet")
+    let mut inputs = arguments.data.data.clone();
+    inputs.push(arguments.model.clone());
+    inputs.extend(arguments.reference.iter().chain(&arguments.ladder_train).chain(&arguments.compare).cloned());
+    let outputs: Vec<&Path> = arguments.common.json.as_deref().into_iter().collect();
+    output::refuse_overwriting(&inputs, &outputs)?;
+    let model = model::load(&arguments.model)?;
+    let reference = arguments.reference.as_deref().map(model::load).transpose()?;
+    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    // A recording that is read is not overwritten either when a folder was named.
+    let paths: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    output::refuse_overwriting(&paths, &outputs)?;
+    let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
+    let judging = Judging { fit, skip_s: arguments.skip_s, tare: arguments.tare };
+    let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+
+    let judged = judge(&*model, &recordings, judging, threads)?;
+    let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
+    let families = by_family(&files);
+    print_errors(&*model, &files, &families);
+    let ladder = if arguments.ladder { Some(climb(arguments, &*model, &recordings, judging, threads)?) } else { None };
+    if let Some(ladder) = &ladder {
+        print_ladder(ladder, &model.description().output.unit);
+    }
+    let suite = if arguments.suite {
+        let plant = suite::find(arguments.plant.as_deref(), &recordings)?;
+        if plant.is_some() {
+            let (input, output) = (recording::Signal::pressure_bar(), recording::Signal::displacement_mm());
+            ensure!(
+                model.description().input == input && model.description().output == output,
+                "--plant: the simulated plants take pressure in bar and give displacement in mm, this model does not; leave --plant out"
+            );
+        }
+        let request = suite::Request {
+            model: &*model,
+            reference: reference.as_deref(),
+            recordings: &recordings,
+            errors: &files,
+            judging,
+            plant: plant.as_ref(),
+            limits: suite::Limits::default(),
+            seed: arguments.common.seed,
+            threads,
+        };
+        Some(suite::run(&request)?)
+    } else {
+        None
+    };
+    if let Some(suite) = &suite {
+        print_suite(suite);
+    }
+    if let Some(path) = &arguments.common.json {
+        let written = Written {
+            model: arguments.model.display().to_string(),
+            files: files.iter().collect(),
+            mean_rmse: mean_rmse(&files),
+            mean_nrmse: mean_nrmse(&files),
+            unit: &model.description().output.unit,
+            families: &families,
+            description: model.description(),
+            skip_s: arguments.skip_s,
+            tare: arguments.tare,
+            ladder: ladder.as_ref(),
+            suite: suite.as_ref(),
+        };
+        output::write_json(path, &written)?;
+    }
+    let passed = suite.is_none_or(|suite| suite.passed);
+    Ok(if passed { Outcome::Success } else { Outcome::CheckFailed })
+}
+
+/// The simple rungs, then the model and those to compare with it in order of their cost.
+fn climb(arguments: &Arguments, model: &dyn Predictor, recordings: &[Recording], judging: Judging, threads: usize) -> Result<Ladder> {
+    let training = recording::load(&arguments.ladder_train, arguments.data.columns.as_deref())?;
+    let mut entries = ladder::simple_rungs(&training, arguments.skip_s)?;
+    let mut others: Vec<Entry> = Vec::new();
+    for path in std::iter::once(&arguments.model).chain(&arguments.compare) {
+        let name = path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+        others.push(Entry { name, model: model::load(path)? });
+    }
+    others.sort_by_key(|entry| entry.model.description().macs_per_step);
+    entries.extend(others);
+    ladder::climb(&entries, recordings, judging, threads).with_context(|| format!("the ladder of {}", model.description().path.display()))
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "-".to_owned(), |share| format!("{:.3} %", 100.0 * share))
+}
+
+fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyErrors]) {
+    let description = model.description();
+    let unit = &description.output.unit;
+    say!(
+        "{}: {}, {} fitted numbers, {} multiplications a step",
+        description.path.display(),
+        description.kind,
+        description.parameters,
+        description.macs_per_step
+    );
+    say!();
+    let width = files.iter().map(|file| file.errors_name().chars().count()).max().unwrap_or(0).max(9);
+    say!(
+        "{:width$}  {:>6}  {:>8}  {:>11}  {:>10}  {:>11}",
+        "recording",
+        "family",
+        "samples",
+        format!("RMSE/{unit}"),
+        "of range",
+        format!("largest/{unit}")
+    );
+    for file in files {
+        let errors = &file.errors;
+        say!(
+            "{:width$}  {:>6}  {:>8}  {:>11.6}  {:>10}  {:>11.6}",
+            file.errors_name(),
+            file.family,
+            errors.n,
+            errors.rmse,
+            percent(errors.nrmse),
+            errors.max_abs
+        );
+    }
+    if families.len() > 1 {
+        say!();
+        for family in families {
+            say!(
+                "{:width$}  {:>6}  {:>8}  {:>11.6}  {:>10}  {:>11.6}",
+                format!("{} file(s)", family.files),
+                family.family,
+                family.n,
+                family.rmse,
+                percent(family.nrmse),
+                family.max_abs
+            );
+        }
+    }
+    say!();
+    say!(
+        "mean RMSE {:.6} {unit} over {} file(s), free running; `of range` is RMSE over the range of the recording's output",
+        mean_rmse(files),
+        files.len()
+    );
+}
+
+impl FileErrors {
+    fn errors_name(&self) -> String {
+        self.path.file_name().map_or_else(|| self.path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    }
+}
+
+fn print_ladder(ladder: &Ladder, unit: &str) {
+    say!();
+    let width = ladder.rungs.iter().map(|rung| rung.name.chars().count()).max().unwrap_or(0).max(5);
+    say!(
+        "{:width$}  {:>11}  {:>10}  {:>11}  {:>8}  {:>10}",
+        "model",
+        format!("RMSE/{unit}"),
+        "of range",
+        format!("largest/{unit}"),
+        "numbers",
+        "MAC a step"
+    );
+    for rung in &ladder.rungs {
+        let mark = if Some(&rung.name) == ladder.simplest_sufficient.as_ref() { "  <- the simplest that suffices" } else { "" };
+        say!(
+            "{:width$}  {:>11.6}  {:>10}  {:>11.6}  {:>8}  {:>10}{mark}",
+            rung.name,
+            rung.mean_rmse,
+            percent(rung.mean_nrmse),
+            rung.max_abs,
+            rung.parameters,
+            rung.macs_per_step
+        );
+    }
+    say!("sufficient: {}", ladder.rule);
+}
+
+fn print_suite(suite: &SuiteReport) {
+    say!();
+    match &suite.plant {
+        Some(plant) => say!("acceptance suite, truth by the plant `{plant}`:"),
+        None => say!("acceptance suite without a plant: the model is held against itself"),
+    }
+    for criterion in &suite.criteria {
+        let verdict = if criterion.passed { "pass" } else { "FAIL" };
+        say!(
+            "  {verdict}  {:18}  {:>9.6} of {:>9.6} {:8}  {}",
+            criterion.name,
+            criterion.value,
+            criterion.limit,
+            criterion.unit,
+            criterion.what
+        );
+    }
+    for missing in &suite.not_judged {
+        say!("  not judged: {missing}");
+    }
+    say!("{}", if suite.passed { "passed" } else { "NOT passed" });
 }

@@ -53,8 +53,14 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>]) -> usize {
                 let span = |low: f64, high: f64| high - low;
                 let around = &run.input[sample.saturating_sub(3)..(end + 1).min(samples)];
                 let moved = span(around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
-                let residual_out = inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
-                back * jump < 0.0 && back.abs() > 0.5 * jump.abs() && level.abs() < 0.4 * jump.abs() && out && residual_out && moved < 1.5 * jump.abs()
+                let residual_out =
+                    inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
+                back * jump < 0.0
+                    && back.abs() > 0.5 * jump.abs()
+                    && level.abs() < 0.4 * jump.abs()
+                    && out
+                    && residual_out
+                    && moved < 1.5 * jump.abs()
             });
             if let Some(length) = length {
                 for at in sample..sample + length {

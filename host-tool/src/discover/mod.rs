@@ -173,8 +173,7 @@ fn deviations(before: &[f64], after: &[f64]) -> f64 {
     // Neighbouring blocks share their errors: the variance of the mean takes lags up to three blocks (Newey and West 1987).
     let mut variance = differences.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
     for lag in 1..=3_usize {
-        let covariance: f64 =
-            differences.windows(lag + 1).map(|pair| (pair[0] - mean) * (pair[lag] - mean)).sum::<f64>() / n;
+        let covariance: f64 = differences.windows(lag + 1).map(|pair| (pair[0] - mean) * (pair[lag] - mean)).sum::<f64>() / n;
         variance += 2.0 * (1.0 - lag as f64 / 4.0) * covariance;
     }
     mean / (variance.max(1e-30) / n).sqrt()
@@ -310,7 +309,10 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
         if round == 0 {
             runner_up = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name()).map(|second| {
                 let ratio = (second.fitted.select - floor_square).max(0.0) / (chosen.fitted.select - floor_square).max(0.02 * floor_square);
-                RunnerUp { name: second.form.name().to_owned(), separable: second.fitted.select > 1.02 * chosen.fitted.select || ratio > 1.5 }
+                RunnerUp {
+                    name: second.form.name().to_owned(),
+                    separable: second.fitted.select > 1.02 * chosen.fitted.select || ratio > 1.5,
+                }
             });
         }
         model = chosen.fitted.model.clone();

@@ -140,7 +140,9 @@ impl Session {
         // Zero stays zero unless the input never comes near it.
         let input_offset = if lowest > 0.1 * highest { lowest } else { 0.0 };
         let input_scale = (highest - input_offset).abs().max((lowest - input_offset).abs());
-        let session_column = |recording: &Recording| recording.extra.iter().find(|column| column.name == "session_time_s").map(|column| column.values.clone());
+        let session_column = |recording: &Recording| {
+            recording.extra.iter().find(|column| column.name == "session_time_s").map(|column| column.values.clone())
+        };
         let has_session_time = recordings.iter().all(|recording| session_column(recording).is_some());
         let mut clock_s = 0.0;
         let mut runs = Vec::new();
@@ -157,7 +159,10 @@ impl Session {
             let rest = rest_of(&input, recording.sample_period_s);
             let role = if position < recordings.len() { Role::Fit } else { Role::Kept };
             runs.push(Run {
-                name: recording.path.file_name().map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned()),
+                name: recording
+                    .path
+                    .file_name()
+                    .map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned()),
                 index: 0,
                 period_s: recording.sample_period_s,
                 keep: vec![true; input.len()],

@@ -70,7 +70,8 @@ impl Form for Beat {
         // Peaks over their surroundings: the residual of a poor model is all low frequencies.
         let mut peaks: Vec<(f64, f64)> = (0..spectrum.len())
             .map(|index| {
-                let mut around: Vec<f64> = spectrum[index.saturating_sub(30)..(index + 31).min(spectrum.len())].iter().map(|entry| entry.0).collect();
+                let mut around: Vec<f64> =
+                    spectrum[index.saturating_sub(30)..(index + 31).min(spectrum.len())].iter().map(|entry| entry.0).collect();
                 around.sort_by(f64::total_cmp);
                 (spectrum[index].0 / around[around.len() / 2].max(1e-30), spectrum[index].1)
             })
@@ -103,7 +104,8 @@ impl Form for Beat {
         let unit = &session.output_unit;
         (0..HARMONICS)
             .map(|harmonic| {
-                let name = if harmonic == 0 { format!("amplitude_{unit}") } else { format!("amplitude_of_harmonic_{}_{unit}", harmonic + 1) };
+                let name =
+                    if harmonic == 0 { format!("amplitude_{unit}") } else { format!("amplitude_of_harmonic_{}_{unit}", harmonic + 1) };
                 (name, weights[2 * harmonic].hypot(weights[2 * harmonic + 1]) * session.output_scale)
             })
             .collect()
