@@ -320,3 +320,127 @@ impl<'a> Network<'a> {
         self.dense.bias + self.dense.scale * sum as f32
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use model_export::fixed::{SIGMOID, TANH};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The specification again, in wide integers and floor division, without a line of the code under test.
+    mod specification {
+        use super::*;
+
+        fn floor_shift(value: i128, bits: u32) -> i128 {
+            value.div_euclid(1 << bits)
+        }
+
+        fn smmulr(a: i128, b: i128) -> i128 {
+            floor_shift(a * b + (1 << 31), 32)
+        }
+
+        fn table(entries: &[[i32; 2]], z: i128, bits: u32, step_bits: u32) -> i128 {
+            let q = z.clamp(-(1 << (bits - 1)), (1 << (bits - 1)) - 1);
+            let n = floor_shift(q, step_bits) + 256;
+            let [base, slope] = entries[usize::try_from(n).unwrap()].map(i128::from);
+            base + floor_shift(slope * q.rem_euclid(1 << step_bits), 16)
+        }
+
+        /// New cell and hidden state of one unit.
+        pub fn unit(activation: Activation, layer: &schema::Layer<'_>, z: [i128; 4], c: i128) -> (i128, i128) {
+            let (k, limit) = (u32::from(layer.cell_exponent), i128::from(layer.cell_limit));
+            let sigmoid = |z| table(&SIGMOID, z, 21, 12);
+            let tanh = |z| table(&TANH, z, 20, 11);
+            let [i, f, o] = [z[0], z[1], z[3]].map(sigmoid);
+            let g = match activation {
+                Activation::Tanh => floor_shift(tanh(z[2]), k),
+                Activation::Hard => z[2].clamp(-65_536, 65_535) << (14 - k),
+                Activation::Relu => z[2].clamp(0, floor_shift(limit, 14 - k)) << (14 - k),
+            };
+            let c = (smmulr(f, c) + smmulr(i, g)).clamp(-limit / 2, limit / 2 - 1) * 2;
+            let a = match activation {
+                Activation::Tanh => tanh(floor_shift(c, 14 - k)),
+                Activation::Hard => c.clamp(-(1 << (30 - k)), (1 << (30 - k)) - 1) << k,
+                Activation::Relu => c.max(0),
+            };
+            let s = u32::from(layer.hidden_shift);
+            (c, floor_shift(smmulr(o, a) + (1 << (s - 1)), s).clamp(-32_768, 32_767))
+        }
+
+        pub fn pre_activation(layer: &schema::Layer<'_>, row: usize, x: &[i16], h: &[i16]) -> i128 {
+            let dot = |weights: &[u8], values: &[i16]| -> i128 {
+                weights.iter().zip(values).map(|(w, v)| i128::from(w.cast_signed()) * i128::from(*v)).sum()
+            };
+            let word = |bytes: &[u8]| i128::from(i32::from_le_bytes(bytes[4 * row..4 * row + 4].try_into().unwrap()));
+            let bias = i128::from(i64::from_le_bytes(layer.biases[8 * row..8 * row + 8].try_into().unwrap()));
+            let from_x = dot(&layer.input_weights[row * x.len()..][..x.len()], x) * word(layer.input_multipliers);
+            let from_h = dot(&layer.recurrent_weights[row * h.len()..][..h.len()], h) * word(layer.recurrent_multipliers);
+            floor_shift(bias + from_x + from_h, 32)
+        }
+    }
+
+    fn bytes(length: usize) -> impl Strategy<Value = Vec<u8>> {
+        prop::collection::vec(any::<u8>(), length)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(600))]
+
+        #[test]
+        fn a_step_is_the_specification_to_the_bit(
+            (inputs, units, matrices, recurrent) in (1usize..=64, 1usize..=6).prop_flat_map(|(inputs, units)| {
+                (Just(inputs), Just(units), bytes(4 * units * inputs), bytes(4 * units * units))
+            }),
+            words in bytes(4 * 24 * 2),
+            biases in prop::collection::vec(-(1i64 << 52)..(1 << 52), 24),
+            damping in 0u32..14,
+            code in 0u8..3,
+            (cell_exponent, hidden_shift, half_limit) in (0u8..=7, 1u8..=14, 1i32..=(1 << 29)),
+            steps in prop::collection::vec(prop::collection::vec(any::<i16>(), 64), 4),
+        ) {
+            let rows = 4 * units;
+            // Multipliers of every size, so that pre-activations fall inside the tables as well as far outside.
+            let scaled = |words: &[u8]| -> Vec<u8> {
+                words.as_chunks::<4>().0.iter().flat_map(|word| (i32::from_le_bytes(*word) >> damping).to_le_bytes()).collect()
+            };
+            let biases: Vec<u8> = biases.iter().flat_map(|bias| bias.to_le_bytes()).collect();
+            let (input_multipliers, recurrent_multipliers) = (scaled(&words[..4 * rows]), scaled(&words[96..96 + 4 * rows]));
+            let wire = schema::Layer {
+                inputs: u16::try_from(inputs).unwrap(),
+                units: u16::try_from(units).unwrap(),
+                input_weights: &matrices,
+                recurrent_weights: &recurrent,
+                input_multipliers: &input_multipliers,
+                recurrent_multipliers: &recurrent_multipliers,
+                biases: &biases[..8 * rows],
+                cell_exponent,
+                cell_limit: 2 * half_limit,
+                hidden_shift,
+            };
+            let activation = Activation::from_code(code).unwrap();
+            let layer = Layer { wire: wire.clone(), activation, inputs, units };
+            let mut state = LayerState::default();
+            let (mut h, mut c) = (std::vec![0i16; units], std::vec![0i128; units]);
+            for input in steps {
+                let input: [i16; 64] = input.try_into().unwrap();
+                Portable.step(0, &layer, &input, &mut state);
+                let mut next = Vec::new();
+                for unit in 0..units {
+                    let z = [0, 1, 2, 3].map(|gate| specification::pre_activation(&wire, gate * units + unit, &input[..inputs], &h));
+                    let (cell, hidden) = specification::unit(activation, &wire, z, c[unit]);
+                    c[unit] = cell;
+                    next.push(i16::try_from(hidden).unwrap());
+                }
+                h = next;
+                prop_assert_eq!(&state.hidden[..units], &h[..]);
+                prop_assert!(state.cell[..units].iter().map(|cell| i128::from(*cell)).eq(c.iter().copied()));
+                prop_assert!(state.hidden[units..].iter().all(|hidden| *hidden == 0));
+            }
+        }
+    }
+}
