@@ -8,6 +8,7 @@ use sha2::{Digest, Sha256};
 
 use super::{Common, Outcome};
 use crate::export::{self, Comparison, Export};
+use crate::identify::PhysicsModel;
 use crate::network::{self, TrainedModel};
 use crate::{output, recording, say};
 
@@ -24,8 +25,8 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// The trained model, as `catheter train` writes it.
-    #[arg(value_name = "MODEL.safetensors")]
+    /// The trained model, as `catheter train` writes it, or a physics model, as `catheter identify` does.
+    #[arg(value_name = "MODEL.safetensors|MODEL.toml")]
     model: PathBuf,
     /// Recordings like those the model will meet, for example its training data: CSV files or folders of them.
     #[arg(long, required = true, num_args = 1.., value_name = "PATH")]
@@ -85,6 +86,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 fn load(path: &Path) -> Result<TrainedModel> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("blob") => bail!("{}: already a blob; `catheter inspect` shows what is in it", path.display()),
+        Some("toml") => {
+            let physics = PhysicsModel::read(path)?;
+            Ok(export::from_physics(&physics).with_context(|| format!("cannot export {}", path.display()))?)
+        }
         _ => Ok(network::load(path)?),
     }
 }

@@ -7,6 +7,8 @@
 mod calibrate;
 mod report;
 mod single;
+#[cfg(test)]
+mod tests;
 
 pub mod reference;
 
@@ -14,8 +16,11 @@ use firmware::estimator::{Estimator, EstimatorState};
 use model_export::blob::{self, BlobError, crc32};
 use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, QuantiseError, QuantisedNetwork, quantise};
 use model_export::schema;
+use sha2::{Digest, Sha256};
 
-use crate::network::{Activation, Mode, Network, TrainedModel};
+use crate::identify::{self, PhysicsModel};
+use crate::model::PERIOD_TOLERANCE;
+use crate::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
 use crate::recording::Recording;
 
 pub use calibrate::Calibration;
@@ -102,6 +107,42 @@ pub fn float_network(network: &Network) -> FloatNetwork<'_> {
         dense_weights: &network.dense_weights,
         dense_bias: network.dense_bias,
     }
+}
+
+/// A physics model as a model without a network.
+///
+/// # Errors
+/// When the microcontroller's front end cannot represent it.
+pub fn from_physics(physics: &PhysicsModel) -> Result<TrainedModel, identify::ModelError> {
+    let (input, output, front_end) = physics.front_end()?;
+    let channel = |wire: schema::Channel<'_>| Channel {
+        quantity: wire.quantity.to_owned(),
+        unit: wire.unit.to_owned(),
+        offset: wire.offset,
+        scale: wire.scale,
+        minimum: wire.minimum,
+        maximum: wire.maximum,
+    };
+    // One hash for all files: that of their hashes, in order.
+    let hashes: String = physics.provenance.data.iter().map(|source| source.sha256.as_str()).collect();
+    let training_data_sha256 = Sha256::digest(hashes).iter().map(|byte| format!("{byte:02x}")).collect();
+    let provenance = Provenance {
+        preset: physics.provenance.method.clone(),
+        tool_version: physics.provenance.program.clone(),
+        training_data_sha256,
+        training_recordings: physics.provenance.data.len(),
+        validation_rmse: physics.provenance.rmse,
+        ..Provenance::default()
+    };
+    Ok(TrainedModel {
+        input: channel(input),
+        output: channel(output),
+        sample_period_s: physics.sample_period_s,
+        mode: Mode::Streaming,
+        front_end,
+        network: None,
+        provenance,
+    })
 }
 
 /// Samples in the golden vectors: enough for several reversals, few enough to replay at every boot.
@@ -196,8 +237,7 @@ fn check(model: &TrainedModel, recording: &Recording) -> Result<(), ExportError>
             });
         }
     }
-    // One per cent: clocks differ, sample rates that differ by more are other sample rates.
-    if (recording.sample_period_s / model.sample_period_s - 1.0).abs() > 0.01 {
+    if (recording.sample_period_s / model.sample_period_s - 1.0).abs() > PERIOD_TOLERANCE {
         return Err(ExportError::SamplePeriod { path: path(), found: recording.sample_period_s, expected: model.sample_period_s });
     }
     Ok(())
