@@ -1,6 +1,19 @@
 //! Firmware logic for the catheter rig: no heap, no panic, and every line of it runs on the desktop too.
 #![no_std]
 #![forbid(unsafe_code)]
+// What can panic or narrow silently is kept out of the library; tests may.
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::unwrap_used
+    )
+)]
 
 pub mod calibration;
 pub mod control;

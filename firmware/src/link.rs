@@ -39,11 +39,9 @@ pub const TELEMETRY_QUEUE: usize = 8;
 
 /// Where commands for the tick go: on a board a queue of a few places.
 pub trait CommandSink {
-    /// Queues a command.
-    ///
-    /// # Errors
-    /// The command comes back if the queue is full.
-    fn send(&mut self, command: Command) -> Result<(), Command>;
+    /// Queues a command; `false` if the queue is full and the command is dropped.
+    #[must_use]
+    fn send(&mut self, command: Command) -> bool;
 
     /// Makes the next tick vent ([`crate::tick::TickInputs::vent`]), however full the queue is.
     fn vent(&mut self);
@@ -340,13 +338,14 @@ impl<S: Flash, M: Flash> Link<S, M> {
         };
         match outcome {
             Outcome::Reply(reply) => self.reply(token, reply),
-            Outcome::Send(action) => match commands.send(Command { token: Some(token), action }) {
-                Ok(()) => self.awaited = self.awaited.saturating_add(1),
-                Err(_) => {
+            Outcome::Send(action) => {
+                if commands.send(Command { token: Some(token), action }) {
+                    self.awaited = self.awaited.saturating_add(1);
+                } else {
                     self.candidate.take_if(|candidate| candidate.token == token);
                     self.reply(token, Reply::Refused(Refusal::Busy));
                 }
-            },
+            }
         }
         event
     }
@@ -418,7 +417,6 @@ impl<S: Flash, M: Flash> Link<S, M> {
 }
 
 /// What becomes of a request.
-#[expect(clippy::large_enum_variant, reason = "lives for one call; there is no heap to box it into")]
 enum Outcome {
     Reply(Reply),
     Send(Action),
