@@ -1,28 +1,392 @@
-//! The hybrid's front end: physics identified from the training recordings, in `f64`, frozen before the network is trained.
+//! The hybrid's front end: physics identified from the training recordings, frozen before the network is trained.
+//!
+//! In order, each step judged by cross-validation over recordings: the *input path* (dead time and lag, a coarse grid, then a pattern
+//! search), the *bank* (how many operators, how wide, play or stop type), the *thresholds* (moved freely where that pays) and the
+//! *creep filters* of the play sum. Weights are non-negative least squares on the normal equations throughout. Play type is a
+//! Prandtl-Ishlinskii sum that follows its input; stop type, `L = k v + sum e_i (v - H_i) / r_i`, is a force that saturates, and
+//! becomes play operators with negative weights.
 
-use model_export::schema::{self, Feature, FeatureSource};
+use model_export::schema::{self, Feature, FeatureSource, MAX_DEAD_TIME_SAMPLES};
 
 use super::fit::TrainError;
+use super::tracks::{Track, tracks};
+use crate::identify::nnls::{Normal, solve};
 use crate::network::Channel;
 use crate::recording::Recording;
 
-/// Identifies the front end.
+/// Most folds of the cross-validation.
+const FOLDS: usize = 8;
+/// Samples that the search for the input path looks at; longer data are thinned evenly.
+const SEARCH_SAMPLES: usize = 30_000;
+/// A more complex front end must lower the cross-validated error at least by this factor.
+const WORTH: f64 = 0.98;
+/// Mean square error, of a normalised output, below which the operators nearly explain the data.
+const NEARLY_EXACT: f64 = 1e-4;
+/// Time constants offered for creep, in s; those shorter than ten samples are left out.
+const CREEP_S: [f64; 3] = [0.8, 4.0, 20.0];
+
+/// What the bank is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Play,
+    Stop,
+}
+
+/// A front end being identified.
+#[derive(Clone, Debug)]
+struct Candidate {
+    dead_time_samples: f64,
+    /// Lag time constant in samples; 0 is none.
+    lag_samples: f64,
+    kind: Kind,
+    thresholds: Vec<f64>,
+    /// Creep coefficients, and the play weights that their sum is made with.
+    creep: Vec<f64>,
+    creep_sum: Vec<f64>,
+}
+
+/// A candidate's weights and how well it does.
+#[derive(Clone, Debug)]
+struct Fit {
+    weights: Vec<f64>,
+    input_weight: f64,
+    creep_weights: Vec<f64>,
+    bias: f64,
+    /// Mean square error over the training samples.
+    in_sample: f64,
+    /// Mean square error over the folds left out.
+    left_out: f64,
+}
+
+struct Data<'a> {
+    recordings: &'a [Recording],
+    parts: &'a [Vec<bool>],
+    input: &'a Channel,
+    output: &'a Channel,
+    /// Every how many samples the normal equations take one.
+    stride: usize,
+}
+
+/// Identifies the front end from the training part of the recordings.
 ///
 /// # Errors
 /// When the recordings carry too little to identify from.
 pub fn front_end(
-    _recordings: &[Recording],
-    _parts: &[Vec<bool>],
-    _input: &Channel,
-    _output: &Channel,
-    _sample_period_s: f64,
+    recordings: &[Recording],
+    parts: &[Vec<bool>],
+    input: &Channel,
+    output: &Channel,
+    sample_period_s: f64,
 ) -> Result<schema::FrontEnd, TrainError> {
-    let mut front_end = super::front_end::plain(true);
-    for threshold in [0.0f32, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8] {
-        let index = u8::try_from(front_end.play_thresholds.len()).unwrap_or(0);
-        let _ = front_end.play_thresholds.push(threshold);
-        let _ = front_end.play_weights.push(0.0);
-        let _ = front_end.features.push(Feature { source: FeatureSource::Play(index), offset: 0.0, gain: 1.0 });
+    let samples = parts.iter().flatten().filter(|part| **part).count();
+    let search = Data { recordings, parts, input, output, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
+    let all = Data { stride: 1, ..search };
+
+    let (low, high) = normalised_range(input);
+    let bank = |count: usize, width: f64| -> Vec<f64> {
+        // Denser near zero, where small loops are; the widest operator is half the range times `width`.
+        (1..=count).map(|i| 0.5 * (high - low) * width * (i as f64 / count as f64).powf(1.5)).collect()
+    };
+    let start = Candidate {
+        dead_time_samples: 0.0,
+        lag_samples: 0.0,
+        kind: Kind::Play,
+        thresholds: bank(12, 0.9),
+        creep: Vec::new(),
+        creep_sum: Vec::new(),
+    };
+
+    // Kind first at rest, then path, then shape: the path hardly depends on the shape, the kind hardly on the path.
+    let mut best = (start.clone(), search.fit(&start)?);
+    let stop = Candidate { kind: Kind::Stop, ..start };
+    search.improve(&mut best, stop, WORTH)?;
+    search.path(&mut best)?;
+    for (count, width) in [(6, 0.9), (8, 0.5), (16, 0.9), (8, 0.25), (4, 0.25)] {
+        let fewer = count < best.0.thresholds.len();
+        let candidate = Candidate { thresholds: bank(count, width), ..best.0.clone() };
+        search.improve(&mut best, candidate, if fewer { 1.0 } else { WORTH })?;
     }
-    Ok(front_end)
+    search.move_thresholds(&mut best)?;
+    search.creep(&mut best, sample_period_s)?;
+    search.refine_path(&mut best, 0.5)?;
+    search.move_thresholds(&mut best)?;
+
+    let fit = all.fit(&best.0)?;
+    Ok(assemble(&best.0, &fit))
+}
+
+fn normalised_range(channel: &Channel) -> (f64, f64) {
+    let normalised = |value: f32| f64::from((value - channel.offset) / channel.scale);
+    (normalised(channel.minimum), normalised(channel.maximum))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
+
+/// Coefficient of a first-order lag of this time constant for steps of one sample (exact for a held input).
+fn coefficient(time_constant_samples: f64) -> f64 {
+    if time_constant_samples > 0.0 { -(-1.0 / time_constant_samples).exp_m1() } else { 1.0 }
+}
+
+impl Candidate {
+    /// The front end whose features are what the fit needs: path, plays, creeps.
+    fn probe(&self) -> schema::FrontEnd {
+        let mut front_end = self.bare();
+        let plain = |source| Feature { source, offset: 0.0, gain: 1.0 };
+        let _ = front_end.features.push(plain(FeatureSource::Path));
+        for index in 0..self.thresholds.len() {
+            let _ = front_end.features.push(plain(FeatureSource::Play(index_u8(index))));
+        }
+        for index in 0..self.creep.len() {
+            let _ = front_end.features.push(plain(FeatureSource::Creep(index_u8(index))));
+        }
+        front_end
+    }
+
+    /// Path, thresholds and creep filters, with the play weights that the creep filters are fed by.
+    fn bare(&self) -> schema::FrontEnd {
+        let weight = |index: usize| self.creep_sum.get(index).copied().unwrap_or(0.0);
+        schema::FrontEnd {
+            dead_time_samples: narrow(self.dead_time_samples),
+            lag_coefficient: narrow(coefficient(self.lag_samples)),
+            play_thresholds: self.thresholds.iter().map(|value| narrow(*value)).collect(),
+            play_weights: (0..self.thresholds.len()).map(|index| narrow(weight(index))).collect(),
+            creep_coefficients: self.creep.iter().map(|value| narrow(*value)).collect(),
+            creep_weights: self.creep.iter().map(|_| 0.0).collect(),
+            ..schema::FrontEnd::default()
+        }
+    }
+}
+
+fn index_u8(index: usize) -> u8 {
+    u8::try_from(index).unwrap_or(u8::MAX)
+}
+
+impl Data<'_> {
+    /// Fits the candidate's weights; the folds are whole recordings, or blocks where there are few.
+    fn fit(&self, candidate: &Candidate) -> Result<Fit, TrainError> {
+        let (n, creeps) = (candidate.thresholds.len(), candidate.creep.len());
+        // Columns: operators, path, creeps, constant.
+        let columns = n + 1 + creeps + 1;
+        let mut folds = vec![Normal::new(columns); FOLDS];
+        let mut row = vec![1.0; columns];
+        let prepared: Vec<Track> = tracks(self.recordings, self.parts, &candidate.probe(), self.input, self.output)?;
+        let alone = prepared.len() < FOLDS;
+        for (number, track) in prepared.iter().enumerate() {
+            let width = track.features.len() / track.len().max(1);
+            for sample in (0..track.len()).step_by(self.stride) {
+                if !track.training[sample] {
+                    continue;
+                }
+                let features = &track.features[sample * width..(sample + 1) * width];
+                let path = f64::from(features[0]);
+                row[n] = path;
+                for (index, threshold) in candidate.thresholds.iter().enumerate() {
+                    let play = f64::from(features[1 + index]);
+                    row[index] = match candidate.kind {
+                        Kind::Play => play,
+                        Kind::Stop => (path - play) / threshold,
+                    };
+                }
+                for index in 0..creeps {
+                    row[n + 1 + index] = f64::from(features[1 + n + index]);
+                }
+                let fold = if alone { sample * FOLDS / track.len() } else { number % FOLDS };
+                folds[fold].add(&row, f64::from(track.output[sample]));
+            }
+        }
+        folds.iter_mut().for_each(Normal::complete);
+        let total = Normal::sum(&folds, columns);
+        if total.rows < 10 * columns {
+            return Err(TrainError::Data(format!(
+                "only {} training samples: too few to identify {columns} weights of the hybrid's physics; record more or use a stream preset",
+                total.rows
+            )));
+        }
+        let bounded: Vec<bool> =
+            (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
+        let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
+        let x = solution(&total);
+        let mut left_out = 0.0;
+        for out in 0..FOLDS {
+            let rest = Normal::sum(folds.iter().enumerate().filter(|(index, _)| *index != out).map(|(_, fold)| fold), columns);
+            left_out += folds[out].residual_square(&solution(&rest));
+        }
+        let rows = total.rows as f64;
+        Ok(Fit {
+            weights: x[..n].to_vec(),
+            input_weight: x[n],
+            creep_weights: x[n + 1..columns - 1].to_vec(),
+            bias: x[columns - 1],
+            in_sample: total.residual_square(&x) / rows,
+            left_out: left_out / rows,
+        })
+    }
+
+    /// Takes the candidate when its cross-validated error is below `worth` times the best one's (both as root mean squares).
+    fn improve(&self, best: &mut (Candidate, Fit), candidate: Candidate, worth: f64) -> Result<bool, TrainError> {
+        let fit = self.fit(&candidate)?;
+        let better = fit.left_out < best.1.left_out * worth * worth;
+        if better {
+            *best = (candidate, fit);
+        }
+        Ok(better)
+    }
+
+    /// Dead time and lag: a coarse grid, then a pattern search.
+    fn path(&self, best: &mut (Candidate, Fit)) -> Result<(), TrainError> {
+        let at_rest = best.clone();
+        for lag_samples in [0.0, 1.0, 2.5, 5.0, 10.0, 20.0] {
+            for dead_time_samples in [0.0, 1.0, 2.0, 4.0, 7.0, 12.0] {
+                let candidate = Candidate { dead_time_samples, lag_samples, ..at_rest.0.clone() };
+                self.improve(best, candidate, 1.0)?;
+            }
+        }
+        self.refine_path(best, 2.0)?;
+        // Dead time and lag are claims about the rig: they must pay.
+        if best.1.left_out > at_rest.1.left_out * WORTH * WORTH {
+            *best = at_rest;
+        }
+        Ok(())
+    }
+
+    /// Pattern search around the best path, from steps of `start` samples down.
+    fn refine_path(&self, best: &mut (Candidate, Fit), start: f64) -> Result<(), TrainError> {
+        if best.0.dead_time_samples == 0.0 && best.0.lag_samples == 0.0 {
+            return Ok(());
+        }
+        let longest = MAX_DEAD_TIME_SAMPLES as f64;
+        let mut step = start;
+        while step > 0.02 {
+            let mut moved = false;
+            for (dead_time, lag) in [(step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step), (step, -step), (-step, step)] {
+                let candidate = Candidate {
+                    dead_time_samples: (best.0.dead_time_samples + dead_time).clamp(0.0, longest),
+                    lag_samples: (best.0.lag_samples + lag).max(0.0),
+                    ..best.0.clone()
+                };
+                moved |= self.improve(best, candidate, 1.0)?;
+            }
+            if !moved {
+                step *= 0.5;
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves the thresholds that carry weight: neighbours merge, then Gauss-Newton on the reduced problem (variable projection, Golub
+    /// and Pereyra, 1973, with a numerical Jacobian of the residual norm along each threshold).
+    fn move_thresholds(&self, best: &mut (Candidate, Fit)) -> Result<(), TrainError> {
+        let total: f64 = best.1.weights.iter().sum();
+        let mut thresholds: Vec<(f64, f64)> = Vec::new();
+        for (&threshold, &weight) in best.0.thresholds.iter().zip(&best.1.weights) {
+            if weight <= 1e-4 * total {
+                continue;
+            }
+            match thresholds.last_mut() {
+                // A threshold between two grid points shows as weight on both.
+                Some(last) if threshold < 1.6 * last.0 && best.1.in_sample < NEARLY_EXACT => {
+                    last.0 = (last.0 * last.1 + threshold * weight) / (last.1 + weight);
+                    last.1 += weight;
+                }
+                _ => thresholds.push((threshold, weight)),
+            }
+        }
+        // Only where the operators nearly explain the data do their exact places matter; elsewhere the network does the rest.
+        if thresholds.is_empty() || best.1.in_sample > NEARLY_EXACT {
+            return Ok(());
+        }
+        let moved: Vec<f64> = thresholds.iter().map(|(threshold, _)| *threshold).collect();
+        let candidate = Candidate { thresholds: moved, creep_sum: Vec::new(), creep: Vec::new(), ..best.0.clone() };
+        if !best.0.creep.is_empty() {
+            return Ok(());
+        }
+        let mut trial = (candidate.clone(), self.fit(&candidate)?);
+        let mut step = 0.25;
+        while step > 1e-7 {
+            let mut improved = false;
+            for index in 0..trial.0.thresholds.len() {
+                for direction in [1.0, -1.0] {
+                    let mut candidate = trial.0.clone();
+                    let gap = candidate.thresholds[index];
+                    candidate.thresholds[index] += direction * step * gap;
+                    if candidate.thresholds.windows(2).any(|pair| pair[1] <= pair[0] * 1.001) {
+                        continue;
+                    }
+                    let fit = self.fit(&candidate)?;
+                    if fit.in_sample < trial.1.in_sample * 0.9999 {
+                        trial = (candidate, fit);
+                        improved = true;
+                        break;
+                    }
+                }
+            }
+            if !improved {
+                step *= 0.4;
+            }
+            if step < 0.01 && trial.1.in_sample > 1e-6 {
+                break;
+            }
+        }
+        if trial.1.left_out < best.1.left_out {
+            *best = trial;
+        }
+        Ok(())
+    }
+
+    /// Offers creep filters of the play sum, one after another.
+    fn creep(&self, best: &mut (Candidate, Fit), sample_period_s: f64) -> Result<(), TrainError> {
+        if best.0.kind == Kind::Stop {
+            return Ok(());
+        }
+        for time_constant_s in CREEP_S {
+            let samples = time_constant_s / sample_period_s;
+            if samples < 10.0 {
+                continue;
+            }
+            let mut candidate = best.0.clone();
+            candidate.creep.push(coefficient(samples));
+            candidate.creep_sum = best.1.weights.clone();
+            let mut fit = self.fit(&candidate)?;
+            // The filters follow the sum whose weights they change: two passes settle it.
+            for _ in 0..2 {
+                candidate.creep_sum = fit.weights.clone();
+                fit = self.fit(&candidate)?;
+            }
+            if fit.left_out < best.1.left_out * WORTH * WORTH {
+                *best = (candidate, fit);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The front end with its weights, and everything that may help the network as features.
+fn assemble(candidate: &Candidate, fit: &Fit) -> schema::FrontEnd {
+    let mut front_end = candidate.bare();
+    let (weights, input_weight): (Vec<f64>, f64) = match candidate.kind {
+        Kind::Play => (fit.weights.clone(), fit.input_weight),
+        Kind::Stop => {
+            let slopes: Vec<f64> = fit.weights.iter().zip(&candidate.thresholds).map(|(weight, threshold)| weight / threshold).collect();
+            (slopes.iter().map(|slope| -slope).collect(), fit.input_weight + slopes.iter().sum::<f64>())
+        }
+    };
+    front_end.play_weights = weights.iter().map(|value| narrow(*value)).collect();
+    front_end.input_weight = narrow(input_weight);
+    // The creep filters were fitted behind `creep_sum`, which settled on these weights.
+    front_end.creep_weights = fit.creep_weights.iter().map(|value| narrow(*value)).collect();
+    front_end.bias = narrow(fit.bias);
+
+    let mut sources = vec![FeatureSource::Input, FeatureSource::InputDifference];
+    if candidate.dead_time_samples > 0.0 || candidate.lag_samples > 0.0 {
+        sources.extend([FeatureSource::Path, FeatureSource::PathDifference]);
+    }
+    sources.extend((0..candidate.thresholds.len()).map(|index| FeatureSource::Stop(index_u8(index))));
+    sources.push(FeatureSource::Readout);
+    sources.extend((0..candidate.creep.len()).map(|index| FeatureSource::Creep(index_u8(index))));
+    // Offset and gain are set from the data afterwards.
+    front_end.features = sources.into_iter().map(|source| Feature { source, offset: 0.0, gain: 1.0 }).collect();
+    front_end
 }
