@@ -24,6 +24,12 @@ use crate::recording::Recording;
 use model::range;
 use thresholds::{Found, Search};
 
+/// At most `count` thresholds, ascending and up to `largest`, that explain prepared runs best: free thresholds by variable projection.
+#[must_use]
+pub fn free_thresholds(runs: &[Run], family: Family, count: usize, largest: f64) -> Vec<f64> {
+    Search { runs, family, sign: 1.0, offsets: false, largest }.run(count).thresholds
+}
+
 /// Where the thresholds come from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Thresholds {

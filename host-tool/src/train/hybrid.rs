@@ -11,6 +11,7 @@ use model_export::schema::{self, Feature, FeatureSource, MAX_DEAD_TIME_SAMPLES};
 use super::fit::TrainError;
 use super::tracks::{Track, tracks};
 use crate::identify::nnls::{Normal, solve};
+use crate::identify::{Family, Run, free_thresholds, input_path};
 use crate::network::Channel;
 use crate::recording::Recording;
 
@@ -22,6 +23,8 @@ const SEARCH_SAMPLES: usize = 30_000;
 const WORTH: f64 = 0.98;
 /// Mean square error, of a normalised output, below which the operators nearly explain the data.
 const NEARLY_EXACT: f64 = 1e-4;
+/// Free thresholds at most.
+const FREE_OPERATORS: usize = 12;
 /// Time constants offered for creep, in s; those shorter than ten samples are left out.
 const CREEP_S: [f64; 3] = [0.8, 4.0, 20.0];
 
@@ -106,10 +109,9 @@ pub fn front_end(
         let candidate = Candidate { thresholds: bank(count, width), ..best.0.clone() };
         search.improve(&mut best, candidate, if fewer { 1.0 } else { WORTH })?;
     }
-    search.move_thresholds(&mut best)?;
+    search.free_thresholds(&mut best)?;
     search.creep(&mut best, sample_period_s)?;
     search.refine_path(&mut best, 0.5)?;
-    search.move_thresholds(&mut best)?;
 
     let fit = all.fit(&best.0)?;
     Ok(assemble(&best.0, &fit))
@@ -205,8 +207,7 @@ impl Data<'_> {
                 total.rows
             )));
         }
-        let bounded: Vec<bool> =
-            (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
+        let bounded: Vec<bool> = (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
         let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
         let x = solution(&total);
         let mut left_out = 0.0;
@@ -276,63 +277,45 @@ impl Data<'_> {
         Ok(())
     }
 
-    /// Moves the thresholds that carry weight: neighbours merge, then Gauss-Newton on the reduced problem (variable projection, Golub
-    /// and Pereyra, 1973, with a numerical Jacobian of the residual norm along each threshold).
-    fn move_thresholds(&self, best: &mut (Candidate, Fit)) -> Result<(), TrainError> {
-        let total: f64 = best.1.weights.iter().sum();
-        let mut thresholds: Vec<(f64, f64)> = Vec::new();
-        for (&threshold, &weight) in best.0.thresholds.iter().zip(&best.1.weights) {
-            if weight <= 1e-4 * total {
-                continue;
-            }
-            match thresholds.last_mut() {
-                // A threshold between two grid points shows as weight on both.
-                Some(last) if threshold < 1.6 * last.0 && best.1.in_sample < NEARLY_EXACT => {
-                    last.0 = (last.0 * last.1 + threshold * weight) / (last.1 + weight);
-                    last.1 += weight;
-                }
-                _ => thresholds.push((threshold, weight)),
-            }
-        }
-        // Only where the operators nearly explain the data do their exact places matter; elsewhere the network does the rest.
-        if thresholds.is_empty() || best.1.in_sample > NEARLY_EXACT {
+    /// Lets the thresholds go where they fit best, where that pays; elsewhere a grid serves the network as well.
+    fn free_thresholds(&self, best: &mut (Candidate, Fit)) -> Result<(), TrainError> {
+        if best.1.in_sample > NEARLY_EXACT {
             return Ok(());
         }
-        let moved: Vec<f64> = thresholds.iter().map(|(threshold, _)| *threshold).collect();
-        let candidate = Candidate { thresholds: moved, creep_sum: Vec::new(), creep: Vec::new(), ..best.0.clone() };
-        if !best.0.creep.is_empty() {
-            return Ok(());
-        }
-        let mut trial = (candidate.clone(), self.fit(&candidate)?);
-        let mut step = 0.25;
-        while step > 1e-7 {
-            let mut improved = false;
-            for index in 0..trial.0.thresholds.len() {
-                for direction in [1.0, -1.0] {
-                    let mut candidate = trial.0.clone();
-                    let gap = candidate.thresholds[index];
-                    candidate.thresholds[index] += direction * step * gap;
-                    if candidate.thresholds.windows(2).any(|pair| pair[1] <= pair[0] * 1.001) {
-                        continue;
-                    }
-                    let fit = self.fit(&candidate)?;
-                    if fit.in_sample < trial.1.in_sample * 0.9999 {
-                        trial = (candidate, fit);
-                        improved = true;
-                        break;
-                    }
+        let candidate = &best.0;
+        let family = match candidate.kind {
+            Kind::Play => Family::Play,
+            Kind::Stop => Family::Stop,
+        };
+        let mut runs = Vec::new();
+        let mut samples = 0;
+        for (recording, part) in self.recordings.iter().zip(self.parts) {
+            for segment in recording.segments() {
+                // Whole runs only: the operators need their past. A run that is partly for validation stays out.
+                if samples < SEARCH_SAMPLES && part[segment.clone()].iter().all(|part| *part) {
+                    let scaled = |value: f64, channel: &Channel| (value - f64::from(channel.offset)) / f64::from(channel.scale);
+                    let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| scaled(*value, self.input)).collect();
+                    samples += input.len();
+                    runs.push(Run {
+                        input: input_path(&input, candidate.dead_time_samples, coefficient(candidate.lag_samples)),
+                        output: recording.output[segment].iter().map(|value| scaled(*value, self.output)).collect(),
+                        skip: 0,
+                    });
                 }
             }
-            if !improved {
-                step *= 0.4;
-            }
-            if step < 0.01 && trial.1.in_sample > 1e-6 {
-                break;
-            }
         }
-        if trial.1.left_out < best.1.left_out {
-            *best = trial;
+        if runs.is_empty() {
+            return Ok(());
         }
+        let (low, high) = normalised_range(self.input);
+        let mut thresholds = free_thresholds(&runs, family, FREE_OPERATORS, 0.5 * (high - low));
+        // The operator of threshold zero is the path itself, which has its own weight.
+        thresholds.retain(|threshold| *threshold > 0.0);
+        if thresholds.is_empty() {
+            return Ok(());
+        }
+        let candidate = Candidate { thresholds, creep: Vec::new(), creep_sum: Vec::new(), ..candidate.clone() };
+        self.improve(best, candidate, 1.0)?;
         Ok(())
     }
 
