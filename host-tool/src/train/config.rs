@@ -53,6 +53,9 @@ pub struct TrainConfig {
     pub settling_samples: usize,
     /// Share of visits to a recording that start in its middle instead of at its beginning.
     pub middle_starts: f32,
+    /// No network is trained when the front end's readout alone leaves less than this root mean square of the normalised output: the
+    /// simpler model suffices. 0 always trains one.
+    pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,
     /// Share of the recordings kept for validation (the paper: 0.3).
@@ -90,6 +93,7 @@ impl TrainConfig {
             forget_bias: 1.0,
             settling_samples: 100,
             middle_starts: 0.0,
+            sufficient: 1e-5,
             longest_visit: 2000,
             validation_fraction: 0.3,
             validations: 25,
@@ -136,6 +140,7 @@ impl TrainConfig {
         check(fraction(self.final_learning_rate), "final_learning_rate: 0 to 1")?;
         check(fraction(self.rise), "rise: 0 to 1")?;
         check(fraction(self.middle_starts), "middle_starts: 0 to 1")?;
+        check(self.sufficient.is_finite() && self.sufficient >= 0.0, "sufficient: 0 or above")?;
         check(self.longest_visit >= self.chunk, "longest_visit: at least one chunk")?;
         check(self.validation_fraction > 0.0 && self.validation_fraction < 1.0, "validation_fraction: between 0 and 1")?;
         check(self.validations > 0, "validations: at least 1")?;

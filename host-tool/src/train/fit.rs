@@ -106,6 +106,8 @@ pub struct Validated {
 pub enum Ended {
     /// All planned steps were made.
     Complete,
+    /// The front end's readout is exact: no network was trained.
+    PhysicsSuffices,
     /// Validation stopped improving.
     EarlyStop,
     /// The clock ran far past the budget: this machine is much slower than the nominal one.
@@ -137,8 +139,8 @@ pub fn nominal_step_s(architecture: &Architecture, config: &TrainConfig) -> f64 
     sample * (config.lanes * config.chunk) as f64 + Layout::new(architecture).len() as f64 * 1e-9
 }
 
-/// Starting weights: input weights uniform (Glorot), recurrent weights orthogonal, forget gates open, dense zero, so that training
-/// starts from the front end's readout.
+/// Starting weights: input weights uniform (Glorot), recurrent weights orthogonal, forget gates open, dense small, so that training
+/// starts close to the front end's readout.
 #[must_use]
 pub fn starting_network(architecture: &Architecture, forget_bias: f32, seed: u64) -> Network {
     let mut random = stream(seed, Purpose::Weights, 0);
@@ -364,81 +366,97 @@ pub fn train(
     front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
     let tracks = tracks(recordings, &parts, &front_end, &input, &output)?;
 
-    let architecture = Architecture {
-        features: front_end.features.len(),
-        units: config.units.clone(),
-        activation: config.activation,
-        state_limit: config.state_limit,
-    };
-    let target_scale = residual_scale(&tracks);
-    let fingerprint = fingerprint(recordings, config, seed, threads);
-    let feed = match config.mode {
-        Mode::Streaming => Feed::Walk(Walk::new(&tracks, config, seed)),
-        Mode::Window { length } => {
-            let windows = Windows::new(&tracks, length, config.lanes, seed);
-            if windows.count() == 0 {
-                return Err(TrainError::Data(format!("no recording is as long as the window of {length} samples")));
-            }
-            Feed::Windows(windows)
-        }
-    };
     let samples = tracks.iter().flat_map(|track| &track.training).filter(|&&training| training).count();
-    let samples_a_step = match config.mode {
-        Mode::Streaming => config.lanes * config.chunk,
-        Mode::Window { .. } => config.lanes,
-    };
-    let total_steps = planned_steps(config, &architecture, samples as f64 / samples_a_step as f64);
-
-    let start = starting_network(&architecture, config.forget_bias, seed).to_flat();
-    let team = Team::new(&architecture, &start, config.optimizer, config.lanes, config.chunk, threads);
-    let validation = Validation::new(&architecture, &tracks, config.mode);
-    let mut run = Run { config, output_scale: f64::from(output.scale), target_scale, team, feed, validation, tracks };
-    let outcome = run.go(total_steps, plan, &fingerprint, cpu, progress)?;
-
-    let mut network = Network::from_flat(&architecture, &outcome.best);
-    network.dense_weights.iter_mut().for_each(|weight| *weight *= target_scale);
-    network.dense_bias *= target_scale;
+    let residual = residual_scale(&tracks);
     let mut model = TrainedModel {
         input,
         output,
         sample_period_s,
         mode: config.mode,
         front_end,
-        network: Some(network),
+        network: None,
         provenance: Provenance {
             preset: config.preset.clone(),
             seed,
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),
             training_data_sha256: data_hash(recordings),
             training_recordings: parts.iter().filter(|part| part.contains(&true)).count(),
-            optimiser_steps: run.team.steps_made(),
+            optimiser_steps: 0,
             validation_rmse: 0.0,
         },
     };
+    let (val_rmse_front_end, _) = validation_rmse(&model, recordings, &parts)?;
+    let samples_a_step = match config.mode {
+        Mode::Streaming => config.lanes * config.chunk,
+        Mode::Window { .. } => config.lanes,
+    };
+    let finished = if residual < config.sufficient {
+        Finished::without_network()
+    } else {
+        let architecture = Architecture {
+            features: model.front_end.features.len(),
+            units: config.units.clone(),
+            activation: config.activation,
+            state_limit: config.state_limit,
+        };
+        let total_steps = planned_steps(config, &architecture, samples as f64 / samples_a_step as f64);
+        let fingerprint = fingerprint(&model.provenance.training_data_sha256, config, seed, threads);
+        let mut run = Run {
+            config,
+            output_scale: f64::from(model.output.scale),
+            target_scale: residual,
+            team: {
+                let start = starting_network(&architecture, config.forget_bias, seed).to_flat();
+                Team::new(&architecture, &start, config.optimizer, config.lanes, config.chunk, threads)
+            },
+            feed: Feed::new(&tracks, config, seed)?,
+            validation: Validation::new(&architecture, &tracks, config.mode),
+            tracks,
+        };
+        let finished = run.go(total_steps, plan, &fingerprint, cpu, progress)?;
+        let mut network = Network::from_flat(&architecture, &finished.best);
+        network.dense_weights.iter_mut().for_each(|weight| *weight *= residual);
+        network.dense_bias *= residual;
+        model.network = Some(network);
+        finished
+    };
+    model.provenance.optimiser_steps = finished.steps;
     let (val_rmse, validation) = validation_rmse(&model, recordings, &parts)?;
-    let front_end_alone = TrainedModel { network: None, ..model.clone() };
-    let (val_rmse_front_end, _) = validation_rmse(&front_end_alone, recordings, &parts)?;
     model.provenance.validation_rmse = val_rmse;
     let macs_per_step = model.network.as_ref().map_or(0, Network::macs_per_step);
-    let steps = run.team.steps_made();
+    let trained = 3.0 * macs_per_step as f64 * (config.lanes * config.chunk) as f64 * finished.steps_here as f64;
     let report = TrainReport {
         parameters: model.network.as_ref().map_or(0, Network::parameters),
         macs_per_step,
-        epochs: steps as f64 * samples_a_step as f64 / samples.max(1) as f64,
+        epochs: finished.steps as f64 * samples_a_step as f64 / samples.max(1) as f64,
         seconds: wall.elapsed().as_secs_f64(),
         cpu_seconds: cpu.elapsed().as_secs_f64(),
-        train_macs_per_second: 3.0 * macs_per_step as f64 * (config.lanes * config.chunk) as f64 * outcome.steps_here as f64
-            / outcome.step_seconds.max(f64::MIN_POSITIVE),
+        train_macs_per_second: trained / finished.step_seconds.max(f64::MIN_POSITIVE),
         val_rmse,
         val_rmse_front_end,
-        optimiser_steps: steps,
-        planned_steps: total_steps,
-        ended: outcome.ended,
+        optimiser_steps: finished.steps,
+        planned_steps: finished.planned_steps,
+        ended: finished.ended,
         training_recordings: model.provenance.training_recordings,
-        history: outcome.history,
+        history: finished.history,
         validation,
     };
     Ok((model, report))
+}
+
+impl Feed {
+    fn new(tracks: &[Track], config: &TrainConfig, seed: u64) -> Result<Self, TrainError> {
+        match config.mode {
+            Mode::Streaming => Ok(Self::Walk(Walk::new(tracks, config, seed))),
+            Mode::Window { length } => {
+                let windows = Windows::new(tracks, length, config.lanes, seed);
+                if windows.count() == 0 {
+                    return Err(TrainError::Data(format!("no recording is as long as the window of {length} samples")));
+                }
+                Ok(Self::Windows(windows))
+            }
+        }
+    }
 }
 
 fn planned_steps(config: &TrainConfig, architecture: &Architecture, steps_an_epoch: f64) -> u64 {
@@ -462,13 +480,13 @@ fn residual_scale(tracks: &[Track]) -> f32 {
     }
     #[expect(clippy::cast_possible_truncation, reason = "the network works in f32")]
     let scale = (sum / count.max(1) as f64).sqrt() as f32;
-    scale.max(1e-6)
+    scale.max(f32::MIN_POSITIVE)
 }
 
 /// What a checkpoint must agree with to be resumed.
-fn fingerprint(recordings: &[Recording], config: &TrainConfig, seed: u64, threads: usize) -> String {
+fn fingerprint(data_sha256: &str, config: &TrainConfig, seed: u64, threads: usize) -> String {
     let settings = serde_json::to_string(config).unwrap_or_default();
-    format!("{} seed {seed} threads {threads} data {}", settings, data_hash(recordings))
+    format!("{settings} seed {seed} threads {threads} data {data_sha256}")
 }
 
 /// Free-running root mean square error of the model on the validation samples, in output units: of all, and of each recording.
@@ -489,12 +507,29 @@ fn validation_rmse(model: &TrainedModel, recordings: &[Recording], parts: &[Vec<
     Ok(((total / samples.max(1) as f64).sqrt(), each))
 }
 
+/// What a finished loop leaves.
 struct Finished {
     best: Vec<f32>,
+    steps: u64,
+    planned_steps: u64,
     history: Vec<Milestone>,
     ended: Ended,
     steps_here: u64,
     step_seconds: f64,
+}
+
+impl Finished {
+    fn without_network() -> Self {
+        Self {
+            best: Vec::new(),
+            steps: 0,
+            planned_steps: 0,
+            history: Vec::new(),
+            ended: Ended::PhysicsSuffices,
+            steps_here: 0,
+            step_seconds: 0.0,
+        }
+    }
 }
 
 impl Run<'_> {
@@ -540,7 +575,7 @@ impl Run<'_> {
             step_seconds += clock.elapsed().as_secs_f64();
             training_square = if done == 0 { loss } else { 0.98 * training_square + 0.02 * loss };
             let done = done + 1;
-            let validate = done % interval == 0 || done == total_steps;
+            let validate = done.is_multiple_of(interval) || done == total_steps;
             if validate {
                 let parameters = match self.config.optimizer.average_decay > 0.0 {
                     true => self.team.averaged_parameters(),
@@ -597,6 +632,7 @@ impl Run<'_> {
         if ended != Ended::Interrupted {
             plan.remove();
         }
-        Ok(Finished { best, history, ended, steps_here: self.team.steps_made() - first_step, step_seconds })
+        let steps = self.team.steps_made();
+        Ok(Finished { best, steps, planned_steps: total_steps, history, ended, steps_here: steps - first_step, step_seconds })
     }
 }

@@ -1,6 +1,6 @@
 //! Training as a whole: it learns, it repeats, it resumes, it covers the data.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,10 @@ fn play_recording(seed: u64, samples: usize) -> Recording {
     let time_s: Vec<f64> = (0..samples).map(|sample| sample as f64 * 0.02).collect();
     let slow = frequency * 0.37;
     let input: Vec<f64> = (0..samples)
-        .map(|sample| (1.0 + (phase + frequency * sample as f64 * 6.28).sin() * (slow * sample as f64 * 6.28).cos()).max(0.0))
+        .map(|sample| {
+            (1.0 + (phase + frequency * sample as f64 * std::f64::consts::TAU).sin() * (slow * sample as f64 * std::f64::consts::TAU).cos())
+                .max(0.0)
+        })
         .collect();
     let mut memory: f64 = 0.0;
     let output = input
@@ -80,8 +83,8 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let window = TrainConfig { mode: Mode::Window { length: 20 }, chunk: 20, epochs: Some(0.5), ..small_config() };
     for (name, config) in [("streaming", small_config()), ("window", window)] {
         let whole = run(&config, 3, 2, &CheckpointPlan::default()).0;
-        let path = Some(folder.path().join(name));
-        let mut plan = CheckpointPlan { path: path.clone(), resume: false, stop_after: Some(17) };
+        let path = folder.path().join(name);
+        let mut plan = CheckpointPlan { path: Some(path.clone()), resume: false, stop_after: Some(17) };
         assert_eq!(run(&config, 3, 2, &plan).1.ended, Ended::Interrupted, "{name}");
         // A second interruption, then the end.
         plan = CheckpointPlan { resume: true, stop_after: Some(31), ..plan };
@@ -90,7 +93,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
         let (resumed, report) = run(&config, 3, 2, &plan);
         assert_eq!(report.ended, Ended::Complete, "{name}");
         assert_eq!(to_bytes(&resumed).unwrap(), to_bytes(&whole).unwrap(), "{name}");
-        assert!(!Path::new(&path.unwrap()).exists(), "a finished run leaves no checkpoint");
+        assert!(!path.exists(), "a finished run leaves no checkpoint");
     }
 }
 
@@ -176,15 +179,15 @@ fn starts_in_the_middle_settle_without_weight() {
     let mut since_reset = [0usize; 3];
     for _ in 0..200 {
         walk.fill(&tracks, 1.0, &mut batch);
-        for lane in 0..3 {
+        for (lane, since_reset) in since_reset.iter_mut().enumerate() {
             if batch.reset[lane] {
-                since_reset[lane] = 0;
+                *since_reset = 0;
             }
             for step in 0..10 {
-                if since_reset[lane] < 25 {
+                if *since_reset < 25 {
                     assert_eq!(batch.weights[lane * 10 + step], 0.0);
                 }
-                since_reset[lane] += 1;
+                *since_reset += 1;
             }
         }
     }
