@@ -85,9 +85,11 @@ impl Runner<'_> {
             normalised += match self.model.mode {
                 Mode::Streaming => network.step(state, &self.features),
                 Mode::Window { length } => {
-                    if self.window.len() >= length {
-                        self.window.pop_front();
+                    // Before the first sample the input is taken to have rested where it begins.
+                    while self.window.len() < length {
+                        self.window.push_back(self.features.clone());
                     }
+                    self.window.pop_front();
                     self.window.push_back(self.features.clone());
                     state.reset();
                     let mut last = 0.0;

@@ -91,6 +91,12 @@ impl Sequence {
         }
     }
 
+    /// Sizes and activation of the network.
+    #[must_use]
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
     /// Number of lanes.
     #[must_use]
     pub fn lanes(&self) -> usize {
@@ -143,6 +149,46 @@ impl Sequence {
         assert!(rest.is_empty(), "state of another shape");
     }
 
+    /// Takes what one unit did in one step of a forward pass made elsewhere (by the fixed-point code), so that [`Self::backward`] can
+    /// go back through it: gates i, f, g, o, new cell state and new hidden state.
+    pub fn inject(&mut self, layer: usize, lane: usize, step: usize, unit: usize, gates: [f32; 4], cell: f32, hidden: f32) {
+        let limit = self.architecture.state_limit;
+        let lanes = self.lanes;
+        let buffers = &mut self.layers[layer];
+        let row = step * lanes + lane;
+        for (gate, value) in gates.into_iter().enumerate() {
+            buffers.gates[row * buffers.gate_stride + gate * buffers.units + unit] = value;
+        }
+        let at = row * buffers.units + unit;
+        buffers.cell[at + lanes * buffers.units] = cell;
+        buffers.hidden[at + lanes * buffers.units] = hidden;
+        buffers.activated[at] = match self.architecture.activation {
+            Activation::Tanh => Tanh::value(cell, limit),
+            Activation::Relu => Relu::value(cell, limit),
+            Activation::Hard => Hard::value(cell, limit),
+        };
+    }
+
+    /// The output of a forward pass made elsewhere.
+    pub fn inject_output(&mut self, lane: usize, step: usize, output: f32) {
+        self.outputs[step * self.lanes + lane] = output;
+    }
+
+    /// The features of one lane and step of the chunk.
+    #[must_use]
+    pub fn lane_features(&self, lane: usize, step: usize) -> &[f32] {
+        let width = self.architecture.features;
+        &self.features[(step * self.lanes + lane) * width..][..width]
+    }
+
+    /// Raises each layer's entry to the largest magnitude of its hidden state in the last chunk.
+    pub fn raise_to_largest_hidden(&self, largest: &mut [f64]) {
+        for (layer, largest) in self.layers.iter().zip(largest) {
+            let hidden = &layer.hidden[..(self.steps + 1) * self.lanes * layer.units];
+            *largest = hidden.iter().fold(*largest, |largest, value| largest.max(f64::from(value.abs())));
+        }
+    }
+
     /// Makes the state after the chunk the state before the next one.
     pub fn carry(&mut self) {
         for layer in &mut self.layers {
@@ -185,6 +231,12 @@ impl Sequence {
     /// The gradient of the loss with respect to each output of the chunk, to be filled in before [`Self::backward`].
     pub fn output_gradient_mut(&mut self) -> &mut [f32] {
         &mut self.output_gradient[..self.steps * self.lanes]
+    }
+
+    /// Outputs of the last forward pass, one a row.
+    #[must_use]
+    pub fn outputs(&self) -> &[f32] {
+        &self.outputs[..self.steps * self.lanes]
     }
 
     /// Outputs of the last forward pass and their gradients, one a row.

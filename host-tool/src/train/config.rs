@@ -45,6 +45,10 @@ pub struct TrainConfig {
     pub final_learning_rate: f32,
     /// Fraction of the run over which the learning rate rises from zero.
     pub rise: f32,
+    /// Share of the budget for fine-tuning with the fixed-point code in the forward pass; 0 trains in f32 only. Streaming models only.
+    pub quantised: f32,
+    /// Peak learning rate of that phase, as a fraction of the peak before.
+    pub quantised_learning_rate: f32,
     /// Optimiser settings.
     pub optimizer: OptimizerConfig,
     /// Forget-gate bias at the start: 1 remembers by default (Jozefowicz et al., 2015).
@@ -89,6 +93,8 @@ impl TrainConfig {
             learning_rate: 8e-3,
             final_learning_rate: 0.01,
             rise: 0.02,
+            quantised: 0.0,
+            quantised_learning_rate: 0.05,
             optimizer: OptimizerConfig { average_decay: 0.999, ..OptimizerConfig::default() },
             forget_bias: 1.0,
             settling_samples: 100,
@@ -138,6 +144,9 @@ impl TrainConfig {
         check((2..=10_000).contains(&self.chunk), "chunk: 2 to 10000")?;
         check(positive(self.learning_rate) && self.learning_rate <= 1.0, "learning_rate: above 0, at most 1")?;
         check(fraction(self.final_learning_rate), "final_learning_rate: 0 to 1")?;
+        check((0.0..1.0).contains(&self.quantised), "quantised: 0 to below 1")?;
+        check(self.quantised == 0.0 || self.mode == Mode::Streaming, "quantised: only streaming models can be trained so; set 0")?;
+        check(fraction(self.quantised_learning_rate), "quantised_learning_rate: 0 to 1")?;
         check(fraction(self.rise), "rise: 0 to 1")?;
         check(fraction(self.middle_starts), "middle_starts: 0 to 1")?;
         check(self.sufficient.is_finite() && self.sufficient >= 0.0, "sufficient: 0 or above")?;

@@ -11,9 +11,10 @@ use sha2::{Digest as _, Sha256};
 use super::checkpoint::{Checkpoint, CheckpointPlan};
 use super::config::{FrontEndKind, TrainConfig};
 use super::front_end;
+use super::quantised;
 use super::split::split;
 use super::team::Team;
-use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks};
+use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks, window_features};
 use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
 use crate::recording::Recording;
 
@@ -125,18 +126,26 @@ const NOMINAL_UNIT_S: f64 = 9e-9;
 const NOMINAL_SAMPLE_S: f64 = 60e-9;
 /// The run is cut off when it used this many times its budget.
 const OVER_BUDGET: f64 = 2.0;
+/// CPU time of one multiply-accumulate of the fixed-point forward pass in s, and of the element-wise work of a unit; same conditions.
+const NOMINAL_FIXED_MAC_S: f64 = 0.25e-9;
+const NOMINAL_FIXED_UNIT_S: f64 = 60e-9;
+/// Validations of the quantised phase.
+const QUANTISED_VALIDATIONS: u64 = 5;
+/// Changes the seed for the quantised phase, whose visits are others.
+const QUANTISED_SEED: u64 = 0x5155_414e;
 /// Share of the budget that optimiser steps may plan with; the rest is validation and preparation.
 const STEP_SHARE: f64 = 0.9;
 
-/// CPU time of one optimiser step on the nominal machine in s.
+/// CPU time of one optimiser step on the nominal machine in s; `quantised` with the fixed-point forward pass.
 #[must_use]
-pub fn nominal_step_s(architecture: &Architecture, config: &TrainConfig) -> f64 {
-    let macs =
-        Network::zeros(architecture.features, &architecture.units, architecture.activation, architecture.state_limit).macs_per_step();
-    let units: usize = architecture.units.iter().sum();
-    let sample = 3.0 * macs as f64 / NOMINAL_MACS_PER_CPU_S + units as f64 * NOMINAL_UNIT_S + NOMINAL_SAMPLE_S;
+pub fn nominal_step_s(architecture: &Architecture, config: &TrainConfig, quantised: bool) -> f64 {
+    let macs = Network::zeros(architecture.features, &architecture.units, architecture.activation, architecture.state_limit).macs_per_step()
+        as f64;
+    let units = architecture.units.iter().sum::<usize>() as f64;
+    let forward_and_backward = 3.0 * macs / NOMINAL_MACS_PER_CPU_S + units * NOMINAL_UNIT_S + NOMINAL_SAMPLE_S;
+    let fixed = if quantised { macs * NOMINAL_FIXED_MAC_S + units * NOMINAL_FIXED_UNIT_S } else { 0.0 };
     // Adam passes over all parameters once a step.
-    sample * (config.lanes * config.chunk) as f64 + Layout::new(architecture).len() as f64 * 1e-9
+    (forward_and_backward + fixed) * (config.lanes * config.chunk) as f64 + Layout::new(architecture).len() as f64 * 1e-9
 }
 
 /// Starting weights: input weights uniform (Glorot), recurrent weights orthogonal, forget gates open, dense small, so that training
@@ -238,6 +247,7 @@ struct Run<'a> {
     target_scale: f32,
     team: Team,
     feed: Feed,
+    seed: u64,
     validation: Validation,
 }
 
@@ -274,9 +284,35 @@ impl Validation {
         }
     }
 
+    /// Largest magnitude of each layer's hidden state over all samples, free running.
+    fn largest_hidden(&mut self, parameters: &[f32], tracks: &[Track]) -> Vec<f64> {
+        let all: Vec<usize> = (0..tracks.len()).collect();
+        let mut largest = vec![0.0; self.sequence.architecture().units.len()];
+        self.walk(&all, parameters, tracks, |sequence, _, _| sequence.raise_to_largest_hidden(&mut largest));
+        largest
+    }
+
     fn streaming(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32) -> f64 {
         let (mut sum, mut count) = (0.0, 0u64);
-        for group in self.tracks.chunks(VALIDATION_LANES) {
+        let validating = self.tracks.clone();
+        self.walk(&validating, parameters, tracks, |sequence, group, start| {
+            for (lane, &index) in group.iter().enumerate() {
+                let track = &tracks[index];
+                for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
+                    let output = sequence.outputs()[(sample - start) * VALIDATION_LANES + lane];
+                    let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
+                    sum += error * error;
+                    count += 1;
+                }
+            }
+        });
+        sum / count.max(1) as f64
+    }
+
+    /// Runs the network freely over whole tracks, side by side; `see` gets each chunk: the sequence, the tracks in its lanes, and the
+    /// sample it starts at.
+    fn walk(&mut self, chosen: &[usize], parameters: &[f32], tracks: &[Track], mut see: impl FnMut(&Sequence, &[usize], usize)) {
+        for group in chosen.chunks(VALIDATION_LANES) {
             (0..VALIDATION_LANES).for_each(|lane| self.sequence.reset_lane(lane));
             let longest = group.iter().map(|&index| tracks[index].len()).max().unwrap_or(0);
             for start in (0..longest).step_by(VALIDATION_STEPS) {
@@ -290,29 +326,18 @@ impl Validation {
                         features[row * width..][..width].copy_from_slice(&track.features[sample * width..][..width]);
                     }
                 }
-                let outputs = self.sequence.forward(parameters);
-                for (lane, &index) in group.iter().enumerate() {
-                    let track = &tracks[index];
-                    for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
-                        let output = outputs[(sample - start) * VALIDATION_LANES + lane];
-                        let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
-                        sum += error * error;
-                        count += 1;
-                    }
-                }
+                self.sequence.forward(parameters);
+                see(&self.sequence, group, start);
                 self.sequence.carry();
             }
         }
-        sum / count.max(1) as f64
     }
 
     fn windows(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32, length: usize) -> f64 {
         let mut ends = Vec::new();
         for &index in &self.tracks {
             let track = &tracks[index];
-            ends.extend(
-                (length - 1..track.len()).step_by(WINDOW_VALIDATION_STRIDE).filter(|&end| !track.training[end]).map(|end| (index, end)),
-            );
+            ends.extend((0..track.len()).step_by(WINDOW_VALIDATION_STRIDE).filter(|&end| !track.training[end]).map(|end| (index, end)));
         }
         let mut sum = 0.0;
         for group in ends.chunks(VALIDATION_LANES) {
@@ -322,7 +347,7 @@ impl Validation {
             features.fill(0.0);
             for (lane, &(index, end)) in group.iter().enumerate() {
                 for step in 0..length {
-                    let source = &tracks[index].features[(end + 1 + step - length) * width..][..width];
+                    let source = window_features(&tracks[index], width, end, length, step);
                     features[(step * VALIDATION_LANES + lane) * width..][..width].copy_from_slice(source);
                 }
             }
@@ -399,7 +424,7 @@ pub fn train(
             activation: config.activation,
             state_limit: config.state_limit,
         };
-        let total_steps = planned_steps(config, &architecture, samples as f64 / samples_a_step as f64);
+        let steps = planned_steps(config, &architecture, samples as f64 / samples_a_step as f64);
         let fingerprint = fingerprint(&model.provenance.training_data_sha256, config, seed, threads);
         let mut run = Run {
             config,
@@ -409,11 +434,12 @@ pub fn train(
                 let start = starting_network(&architecture, config.forget_bias, seed).to_flat();
                 Team::new(&architecture, &start, config.optimizer, config.lanes, config.chunk, threads)
             },
-            feed: Feed::new(&tracks, config, seed)?,
+            feed: Feed::new(&tracks, config, seed),
+            seed,
             validation: Validation::new(&architecture, &tracks, config.mode),
             tracks,
         };
-        let finished = run.go(total_steps, plan, &fingerprint, cpu, progress)?;
+        let finished = run.go(steps, plan, &fingerprint, cpu, progress)?;
         let mut network = Network::from_flat(&architecture, &finished.best);
         network.dense_weights.iter_mut().for_each(|weight| *weight *= residual);
         network.dense_bias *= residual;
@@ -445,28 +471,34 @@ pub fn train(
 }
 
 impl Feed {
-    fn new(tracks: &[Track], config: &TrainConfig, seed: u64) -> Result<Self, TrainError> {
+    fn new(tracks: &[Track], config: &TrainConfig, seed: u64) -> Self {
         match config.mode {
-            Mode::Streaming => Ok(Self::Walk(Walk::new(tracks, config, seed))),
-            Mode::Window { length } => {
-                let windows = Windows::new(tracks, length, config.lanes, seed);
-                if windows.count() == 0 {
-                    return Err(TrainError::Data(format!("no recording is as long as the window of {length} samples")));
-                }
-                Ok(Self::Windows(windows))
-            }
+            Mode::Streaming => Self::Walk(Walk::new(tracks, config, seed)),
+            Mode::Window { length } => Self::Windows(Windows::new(tracks, length, config.lanes, seed)),
+        }
+    }
+
+    fn skip(&mut self, batches: u64) {
+        match self {
+            Self::Walk(walk) => walk.skip(batches),
+            Self::Windows(windows) => windows.skip(batches),
         }
     }
 }
 
-fn planned_steps(config: &TrainConfig, architecture: &Architecture, steps_an_epoch: f64) -> u64 {
-    let steps = match config.epochs {
-        Some(epochs) => epochs * steps_an_epoch,
-        None => STEP_SHARE * config.budget_cpu_s / nominal_step_s(architecture, config),
-    };
+fn planned_steps(config: &TrainConfig, architecture: &Architecture, steps_an_epoch: f64) -> Plan {
+    let share = f64::from(config.quantised);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive count far below 2^63")]
-    let steps = steps.ceil() as u64;
-    steps.max(1)
+    let whole = |steps: f64| steps.ceil() as u64;
+    let (float, quantised) = match config.epochs {
+        Some(epochs) => ((1.0 - share) * epochs * steps_an_epoch, share * epochs * steps_an_epoch),
+        None => {
+            let seconds = STEP_SHARE * config.budget_cpu_s;
+            let steps = |share: f64, quantised: bool| share * seconds / nominal_step_s(architecture, config, quantised);
+            (steps(1.0 - share, false), steps(share, true))
+        }
+    };
+    Plan { float_steps: whole(float).max(1), quantised_steps: whole(quantised) }
 }
 
 /// Root mean square of what the front end leaves over, so that the network learns something of order one.
@@ -532,6 +564,25 @@ impl Finished {
     }
 }
 
+/// What a run has found so far.
+#[derive(Default)]
+struct Found {
+    best: Vec<f32>,
+    best_square: f64,
+    since_best: u64,
+    history: Vec<Milestone>,
+    training_square: f64,
+    /// Largest magnitude of each layer's hidden state, once known.
+    largest_hidden: Vec<f64>,
+}
+
+/// The optimiser steps of a run: in f32, then with the fixed-point code in the forward pass.
+#[derive(Clone, Copy, Debug)]
+struct Plan {
+    float_steps: u64,
+    quantised_steps: u64,
+}
+
 impl Run<'_> {
     /// Error of the output, in its unit, for a mean square of the network's own target.
     fn training_rmse(&self, mean_square: f64) -> f64 {
@@ -540,99 +591,184 @@ impl Run<'_> {
 
     fn go(
         &mut self,
-        total_steps: u64,
+        steps: Plan,
         plan: &CheckpointPlan,
         fingerprint: &str,
         cpu: ProcessTime,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Finished, TrainError> {
-        let mut best = Vec::new();
-        let mut best_square = f64::INFINITY;
-        let mut since_best = 0;
-        let mut history = Vec::new();
-        let mut training_square = 0.0;
+        let mut found = Found { best_square: f64::INFINITY, ..Found::default() };
         if let Some(saved) = plan.load(fingerprint)? {
             self.team.restore(&saved.team);
-            match &mut self.feed {
-                Feed::Walk(walk) => walk.skip(saved.team.steps_made),
-                Feed::Windows(windows) => windows.skip(saved.team.steps_made),
-            }
-            (best, best_square, since_best) = (saved.best, saved.best_square, saved.since_best);
-            (history, training_square) = (saved.history, saved.training_square);
+            self.feed.skip(saved.team.steps_made);
+            found = Found {
+                best: saved.best,
+                best_square: saved.best_square,
+                since_best: saved.since_best,
+                history: saved.history,
+                training_square: saved.training_square,
+                largest_hidden: Vec::new(),
+            };
         }
-        let interval = (total_steps / self.config.validations).max(1);
         let first_step = self.team.steps_made();
+        let total_steps = steps.float_steps + steps.quantised_steps;
         let mut step_seconds = 0.0;
         let mut ended = Ended::Complete;
-        while self.team.steps_made() < total_steps {
-            let done = self.team.steps_made();
-            let clock = Instant::now();
-            match &mut self.feed {
-                Feed::Walk(walk) => walk.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
-                Feed::Windows(windows) => windows.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
-            }
-            let loss = self.team.step(self.config.learning_rate_at(done, total_steps));
-            step_seconds += clock.elapsed().as_secs_f64();
-            training_square = if done == 0 { loss } else { 0.98 * training_square + 0.02 * loss };
-            let done = done + 1;
-            let validate = done.is_multiple_of(interval) || done == total_steps;
-            if validate {
-                let parameters = match self.config.optimizer.average_decay > 0.0 {
-                    true => self.team.averaged_parameters(),
-                    false => self.team.parameters(),
-                };
-                let square = self.validation.mean_square(&parameters, &self.tracks, self.target_scale);
-                history.push(Milestone {
-                    steps: done,
-                    training_rmse: self.training_rmse(training_square),
-                    validation_rmse: square.sqrt() * self.output_scale,
-                });
-                if square < best_square {
-                    (best, best_square, since_best) = (parameters, square, 0);
-                } else {
-                    since_best += 1;
-                }
-            }
-            if validate || done.is_multiple_of(16) {
-                progress(Progress {
-                    steps: done,
-                    total_steps,
-                    training_rmse: self.training_rmse(training_square),
-                    validation_rmse: history.last().map(|milestone| milestone.validation_rmse),
-                });
-            }
-            let interrupted = plan.stop_after.is_some_and(|stop| done >= stop) && done < total_steps;
-            if validate || interrupted {
-                let checkpoint = Checkpoint {
-                    team: self.team.state(),
-                    best: best.clone(),
-                    best_square,
-                    since_best,
-                    history: history.clone(),
-                    training_square,
-                };
-                plan.save(fingerprint, &checkpoint)?;
-            }
-            if interrupted {
-                ended = Ended::Interrupted;
-                break;
-            }
-            if self.config.patience > 0 && since_best >= self.config.patience {
+        let mut report = |run: &Self, found: &Found| {
+            progress(Progress {
+                steps: run.team.steps_made(),
+                total_steps,
+                training_rmse: run.training_rmse(found.training_square),
+                validation_rmse: found.history.last().map(|milestone| milestone.validation_rmse),
+            });
+        };
+
+        let interval = (steps.float_steps / self.config.validations).max(1);
+        while self.team.steps_made() < steps.float_steps {
+            if self.config.patience > 0 && found.since_best >= self.config.patience {
                 ended = Ended::EarlyStop;
                 break;
             }
-            if self.config.epochs.is_none() && cpu.elapsed().as_secs_f64() > OVER_BUDGET * self.config.budget_cpu_s {
-                ended = Ended::OverBudget;
+            let done = self.team.steps_made() + 1;
+            step_seconds += self.step(self.config.learning_rate_at(done - 1, steps.float_steps), &mut found);
+            let validate = done.is_multiple_of(interval) || done == steps.float_steps;
+            if validate {
+                let parameters = self.result();
+                self.validate(parameters, &mut found);
+            }
+            if validate || done.is_multiple_of(16) {
+                report(self, &found);
+            }
+            let interrupted = plan.stop_after.is_some_and(|stop| done >= stop) && done < total_steps;
+            if validate || interrupted {
+                plan.save(fingerprint, &self.checkpoint(&found))?;
+            }
+            ended = self.cut_off(interrupted, cpu);
+            if ended != Ended::Complete {
                 break;
             }
         }
-        if best.is_empty() {
-            best = self.team.parameters();
+        if found.best.is_empty() {
+            found.best = self.result();
+        }
+
+        if steps.quantised_steps > 0 && matches!(ended, Ended::Complete | Ended::EarlyStop) {
+            let float_ended = ended;
+            self.begin_quantised(&mut found)?;
+            let interval = (steps.quantised_steps / QUANTISED_VALIDATIONS).max(1);
+            for done in 1..=steps.quantised_steps {
+                let rate = self.config.quantised_learning_rate * self.config.learning_rate_at(done - 1, steps.quantised_steps);
+                step_seconds += self.step(rate, &mut found);
+                let validate = done.is_multiple_of(interval) || done == steps.quantised_steps;
+                if validate {
+                    let parameters = self.rounded(&self.result(), &found)?;
+                    self.validate(parameters, &mut found);
+                }
+                if validate || done.is_multiple_of(16) {
+                    report(self, &found);
+                }
+                // No checkpoint here: resumed, the phase starts anew from the last one and comes out the same.
+                let interrupted = plan.stop_after.is_some_and(|stop| self.team.steps_made() >= stop) && done < steps.quantised_steps;
+                ended = self.cut_off(interrupted, cpu);
+                if ended != Ended::Complete {
+                    break;
+                }
+            }
+            if ended == Ended::Complete {
+                ended = float_ended;
+            }
         }
         if ended != Ended::Interrupted {
             plan.remove();
         }
-        let steps = self.team.steps_made();
-        Ok(Finished { best, steps, planned_steps: total_steps, history, ended, steps_here: steps - first_step, step_seconds })
+        let made = self.team.steps_made();
+        Ok(Finished {
+            best: found.best,
+            steps: made,
+            planned_steps: total_steps,
+            history: found.history,
+            ended,
+            steps_here: made - first_step,
+            step_seconds,
+        })
+    }
+
+    /// One batch, one optimiser step; gives the wall time it took in s.
+    fn step(&mut self, learning_rate: f32, found: &mut Found) -> f64 {
+        let clock = Instant::now();
+        let first = self.team.steps_made() == 0;
+        match &mut self.feed {
+            Feed::Walk(walk) => walk.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
+            Feed::Windows(windows) => windows.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
+        }
+        let loss = self.team.step(learning_rate);
+        found.training_square = if first { loss } else { 0.98 * found.training_square + 0.02 * loss };
+        clock.elapsed().as_secs_f64()
+    }
+
+    /// The parameters that would be kept now.
+    fn result(&self) -> Vec<f32> {
+        match self.config.optimizer.average_decay > 0.0 {
+            true => self.team.averaged_parameters(),
+            false => self.team.parameters(),
+        }
+    }
+
+    fn validate(&mut self, parameters: Vec<f32>, found: &mut Found) {
+        let square = self.validation.mean_square(&parameters, &self.tracks, self.target_scale);
+        found.history.push(Milestone {
+            steps: self.team.steps_made(),
+            training_rmse: self.training_rmse(found.training_square),
+            validation_rmse: square.sqrt() * self.output_scale,
+        });
+        if square < found.best_square {
+            (found.best, found.best_square, found.since_best) = (parameters, square, 0);
+        } else {
+            found.since_best += 1;
+        }
+    }
+
+    /// The parameters that the integers stand for.
+    fn rounded(&self, parameters: &[f32], found: &Found) -> Result<Vec<f32>, TrainError> {
+        let rounded = quantised::rounded(self.team.architecture(), parameters, &found.largest_hidden);
+        rounded.map(|(_, flat)| flat).map_err(|error| TrainError::Data(format!("the network does not fit fixed point: {error}")))
+    }
+
+    /// Goes over to the fixed-point forward pass, from the best parameters, on visits that start anew. The best so far becomes that of
+    /// the rounded weights: what counts is what the microcontroller runs.
+    fn begin_quantised(&mut self, found: &mut Found) -> Result<(), TrainError> {
+        found.largest_hidden = self.validation.largest_hidden(&found.best, &self.tracks);
+        self.team.quantise(found.largest_hidden.clone());
+        let mut state = self.team.state();
+        state.parameters.values.clone_from(&found.best);
+        state.parameters.average.clone_from(&found.best);
+        state.carried.iter_mut().for_each(|carried| carried.fill(0.0));
+        self.team.restore(&state);
+        self.feed = Feed::new(&self.tracks, self.config, self.seed ^ QUANTISED_SEED);
+        let parameters = self.rounded(&found.best, found)?;
+        (found.best_square, found.since_best) = (f64::INFINITY, 0);
+        self.validate(parameters, found);
+        Ok(())
+    }
+
+    fn checkpoint(&self, found: &Found) -> Checkpoint {
+        Checkpoint {
+            team: self.team.state(),
+            best: found.best.clone(),
+            best_square: found.best_square,
+            since_best: found.since_best,
+            history: found.history.clone(),
+            training_square: found.training_square,
+        }
+    }
+
+    fn cut_off(&self, interrupted: bool, cpu: ProcessTime) -> Ended {
+        if interrupted {
+            Ended::Interrupted
+        } else if self.config.epochs.is_none() && cpu.elapsed().as_secs_f64() > OVER_BUDGET * self.config.budget_cpu_s {
+            Ended::OverBudget
+        } else {
+            Ended::Complete
+        }
     }
 }

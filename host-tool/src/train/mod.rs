@@ -9,6 +9,7 @@ mod fit;
 pub mod front_end;
 mod hybrid;
 pub mod optimizer;
+pub mod quantised;
 pub mod split;
 pub mod team;
 pub mod tracks;

@@ -7,8 +7,11 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::thread::JoinHandle;
 
+use firmware::estimator::NetworkState;
+
 use super::barrier::Barrier;
 use super::optimizer::{OptimizerConfig, Shard};
+use super::quantised;
 use crate::network::{Architecture, Layout, Sequence};
 
 /// One chunk for all lanes: what goes in, what should come out, and how much each sample counts.
@@ -54,6 +57,8 @@ enum Order {
 
 struct Worker {
     lanes: Range<usize>,
+    /// States of the fixed-point network, one a lane.
+    fixed: Vec<NetworkState>,
     sequence: Sequence,
     parameters: Vec<f32>,
     loss: f64,
@@ -63,6 +68,8 @@ struct Shared {
     barrier: Barrier,
     optimizer: OptimizerConfig,
     order: RwLock<Order>,
+    /// Present in quantisation-aware training: the largest magnitude of each layer's hidden state.
+    largest_hidden: RwLock<Option<Vec<f64>>>,
     batch: RwLock<Batch>,
     workers: Vec<Mutex<Worker>>,
     gradients: Vec<RwLock<Vec<f32>>>,
@@ -129,6 +136,7 @@ impl Team {
         let workers = split(lanes, threads, 1).into_iter().map(|lanes| {
             Mutex::new(Worker {
                 sequence: Sequence::new(architecture, lanes.len(), steps),
+                fixed: vec![NetworkState::default(); lanes.len()],
                 lanes,
                 parameters: parameters.to_vec(),
                 loss: 0.0,
@@ -138,6 +146,7 @@ impl Team {
             barrier: Barrier::new(threads),
             optimizer,
             order: RwLock::new(Order::Stop),
+            largest_hidden: RwLock::new(None),
             batch: RwLock::new(Batch::new(lanes, steps, architecture.features)),
             workers: workers.collect(),
             gradients: (0..threads).map(|_| RwLock::new(vec![0.0; parameters.len()])).collect(),
@@ -181,6 +190,12 @@ impl Team {
         self.shared.barrier.wait();
         self.shared.work(0, learning_rate, self.steps_made, total_weight);
         self.shared.workers.iter().map(|worker| lock(worker).loss).sum()
+    }
+
+    /// From now on the forward pass is that of the fixed-point code; `largest_hidden` is the largest magnitude of each layer's hidden
+    /// state in use.
+    pub fn quantise(&mut self, largest_hidden: Vec<f64>) {
+        *write(&self.shared.largest_hidden) = Some(largest_hidden);
     }
 
     /// The parameters in the order of [`Layout`].
@@ -307,9 +322,23 @@ impl Shared {
         for (column, lane) in worker.lanes.clone().enumerate() {
             if batch.reset[lane] {
                 worker.sequence.reset_lane(column);
+                worker.fixed[column].reset();
             }
         }
-        worker.sequence.forward(&worker.parameters);
+        let largest_hidden = read(&self.largest_hidden);
+        let rounded = largest_hidden
+            .as_ref()
+            .and_then(|largest| quantised::rounded(worker.sequence.architecture(), &worker.parameters, largest).ok());
+        match rounded {
+            Some((fixed, parameters)) => {
+                worker.parameters = parameters;
+                quantised::forward(&fixed, &mut worker.fixed, batch.steps, &mut worker.sequence);
+            }
+            // A weight beyond the format: the exporter says so at the end; until then f32 goes on.
+            None => {
+                worker.sequence.forward(&worker.parameters);
+            }
+        }
         let (outputs, gradient) = worker.sequence.outputs_and_gradient_mut();
         let mut loss = 0.0;
         for (column, lane) in worker.lanes.clone().enumerate() {

@@ -81,13 +81,14 @@ fn equal_seeds_and_threads_give_equal_bytes_and_other_seeds_do_not() {
 fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let window = TrainConfig { mode: Mode::Window { length: 20 }, chunk: 20, epochs: Some(0.5), ..small_config() };
-    for (name, config) in [("streaming", small_config()), ("window", window)] {
+    let quantised = TrainConfig { quantised: 0.3, ..small_config() };
+    for (name, config, second_stop) in [("streaming", small_config(), 31), ("window", window, 31), ("quantised", quantised, 260)] {
         let whole = run(&config, 3, 2, &CheckpointPlan::default()).0;
         let path = folder.path().join(name);
         let mut plan = CheckpointPlan { path: Some(path.clone()), resume: false, stop_after: Some(17) };
         assert_eq!(run(&config, 3, 2, &plan).1.ended, Ended::Interrupted, "{name}");
         // A second interruption, then the end.
-        plan = CheckpointPlan { resume: true, stop_after: Some(31), ..plan };
+        plan = CheckpointPlan { resume: true, stop_after: Some(second_stop), ..plan };
         assert_eq!(run(&config, 3, 2, &plan).1.ended, Ended::Interrupted, "{name}");
         plan.stop_after = None;
         let (resumed, report) = run(&config, 3, 2, &plan);
@@ -95,6 +96,22 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
         assert_eq!(to_bytes(&resumed).unwrap(), to_bytes(&whole).unwrap(), "{name}");
         assert!(!path.exists(), "a finished run leaves no checkpoint");
     }
+}
+
+#[test]
+fn quantisation_aware_training_leaves_weights_that_export_does_not_change() {
+    let plain = TrainConfig { epochs: Some(200.0), ..small_config() };
+    let aware = TrainConfig { quantised: 0.25, ..plain.clone() };
+    let compare = |config: &TrainConfig| {
+        let (model, report) = run(config, 1, 2, &CheckpointPlan::default());
+        let exported = crate::export::export(&model, &recordings()).unwrap();
+        (exported.comparison.rmse, report.val_rmse)
+    };
+    let (difference, rmse) = compare(&plain);
+    let (difference_aware, rmse_aware) = compare(&aware);
+    assert!(difference_aware < 0.5 * difference, "fixed point differs from f32 by {difference_aware}, without by {difference}");
+    // A fifth of the steps, and int8 weights, cost some accuracy, but not much.
+    assert!(rmse_aware < 2.0 * rmse, "{rmse_aware} {rmse}");
 }
 
 #[test]
@@ -194,23 +211,28 @@ fn starts_in_the_middle_settle_without_weight() {
 }
 
 #[test]
-fn windows_cover_every_full_window_once_an_epoch_with_one_target_at_the_end() {
-    let tracks = [track(30, 0.0), track(50, 1000.0), track(5, 2000.0)];
+fn windows_cover_every_sample_once_an_epoch_with_one_target_at_the_end() {
+    let tracks = [track(30, 0.0), track(50, 1000.0), track(4, 2000.0)];
     let mut windows = Windows::new(&tracks, 20, 6, 1);
-    assert_eq!(windows.count(), 11 + 31);
+    assert_eq!(windows.count(), 84);
     let mut batch = team::Batch::new(6, 20, 1);
     let mut seen = std::collections::BTreeSet::new();
-    for _ in 0..7 {
+    for _ in 0..14 {
         windows.fill(&tracks, 1.0, &mut batch);
         for lane in 0..6 {
+            let features = &batch.features[lane * 20..][..20];
             assert_eq!(batch.weights[lane * 20..][..19], [0.0; 19]);
-            let end = lane * 20 + 19;
-            assert_eq!((batch.weights[end], batch.features[end]), (1.0, batch.targets[end]));
-            assert_eq!(batch.features[lane * 20] + 19.0, batch.features[end]);
-            assert!(seen.insert(batch.targets[end] as u32), "each window once");
+            let end = batch.targets[lane * 20 + 19];
+            assert_eq!((batch.weights[lane * 20 + 19], features[19]), (1.0, end));
+            // Full windows count up; before the first sample (0, 1000, 2000) the input rests there.
+            let rest = (end / 1000.0).floor() * 1000.0;
+            for (step, &feature) in features.iter().enumerate() {
+                assert_eq!(feature, (end - 19.0 + step as f32).max(rest));
+            }
+            assert!(seen.insert(end as u32), "each window once");
         }
     }
-    assert_eq!(seen.len(), 42);
+    assert_eq!(seen.len(), 84);
 }
 
 #[test]

@@ -224,7 +224,15 @@ impl Walk {
     }
 }
 
-/// Windows of a fixed length, each with one target at its end, in shuffled order: the paper's training.
+/// Features of one step of the window that ends at sample `end`.
+#[must_use]
+pub fn window_features(track: &Track, width: usize, end: usize, length: usize, step: usize) -> &[f32] {
+    let sample = (end + 1 + step).saturating_sub(length);
+    &track.features[sample * width..][..width]
+}
+
+/// Windows of a fixed length, each with one target at its end, in shuffled order: the paper's training. Before a track's first sample
+/// the input is taken to have rested there, as the estimator does.
 pub struct Windows {
     seed: u64,
     lanes: usize,
@@ -237,12 +245,12 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// All full windows that end in the training parts of tracks.
+    /// All windows that end in the training parts of tracks.
     #[must_use]
     pub fn new(tracks: &[Track], length: usize, lanes: usize, seed: u64) -> Self {
         let mut ends = Vec::new();
         for (index, track) in tracks.iter().enumerate() {
-            let last = (length.saturating_sub(1)..track.len()).filter(|&end| track.training[end]);
+            let last = (0..track.len()).filter(|&end| track.training[end]);
             ends.extend(last.map(|end| (index, end)));
         }
         Self { seed, lanes, length, order: (0..ends.len()).collect(), ends, next: 0, order_epoch: None }
@@ -269,9 +277,11 @@ impl Windows {
             }
             let (track, end) = self.ends[self.order[usize::try_from(place).expect("smaller than the number of windows")]];
             let track = &tracks[track];
-            let first = end + 1 - self.length;
             batch.reset[lane] = true;
-            batch.features[lane * steps * width..][..steps * width].copy_from_slice(&track.features[first * width..(end + 1) * width]);
+            let features = &mut batch.features[lane * steps * width..][..steps * width];
+            for (step, target) in features.chunks_exact_mut(width).enumerate() {
+                target.copy_from_slice(window_features(track, width, end, self.length, step));
+            }
             let row = lane * steps + steps - 1;
             batch.targets[row] = (track.output[end] - track.linear[end]) / target_scale;
             batch.weights[row] = 1.0;
