@@ -3,6 +3,7 @@
 mod bench;
 mod completions;
 mod demo;
+mod discover;
 mod evaluate;
 mod export;
 mod help;
@@ -52,6 +53,7 @@ enum Command {
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
     #[command(after_long_help = help::HIDE)]
+    Discover(discover::Arguments),
     Hide(hide::Arguments),
     #[command(hide = true)]
     Bench(bench::Arguments),
@@ -106,6 +108,7 @@ pub fn main() -> ExitCode {
         Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Discover(arguments) => discover::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),

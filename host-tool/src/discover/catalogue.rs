@@ -21,6 +21,8 @@ pub enum Quantity {
     InputRate,
     /// A value of the output.
     Output,
+    /// A change of the output per s.
+    OutputRate,
     /// A number.
     Ratio,
     /// A number per unit of input.
@@ -53,6 +55,7 @@ impl Parameter {
             Quantity::Input => (format!("{}_{input}", self.name), value * session.input_scale + session.input_offset),
             Quantity::InputRate => (format!("{}_{input}_per_s", self.name), value * session.input_scale),
             Quantity::Output => (format!("{}_{output}", self.name), value * session.output_scale),
+            Quantity::OutputRate => (format!("{}_{output}_per_s", self.name), value * session.output_scale),
             Quantity::Ratio => (self.name.to_owned(), value),
             Quantity::PerInput => (format!("{}_per_{input}", self.name), value / session.input_scale),
         }
@@ -74,6 +77,8 @@ pub struct Habit {
     pub rate_power: f64,
     /// Operators follow their bounds with this time constant, s.
     pub viscous_s: f64,
+    /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.
+    pub stiffening: f64,
 }
 
 impl Habit {
@@ -154,6 +159,18 @@ pub trait Form: Sync {
     /// Number of parameters it counts as when effects compete.
     fn cost(&self) -> usize {
         self.parameters().len() + self.weights()
+    }
+    /// First step of the search around a start, in the logarithm or in a quarter of the range.
+    fn step(&self) -> f64 {
+        0.15
+    }
+    /// Whether its input path has no memory.
+    fn is_static(&self) -> bool {
+        false
+    }
+    /// Whether its parameters are searched on the grid only, and there by all samples that are not kept out.
+    fn discrete(&self) -> bool {
+        false
     }
     /// Where to begin the search.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>>;

@@ -22,11 +22,12 @@ pub fn fast_noise(values: &[f64]) -> f64 {
     median(&mut differences) / 0.6745 / 6.0_f64.sqrt()
 }
 
-/// Masks outliers in `residual` (all recordings); returns how many samples are masked.
+/// Masks outliers in `residual` (all recordings); returns how many samples are masked. Unless the residual is that of a model
+/// (`modelled`), only jumps out and back count.
 ///
 /// A burst counts when the residual jumps out by more than seven deviations of the noise and back by as much within [`LONGEST`] samples,
 /// and the output itself does the same: a model's mistake in a fast motion does not return at once.
-pub fn outliers(session: &mut Session, residual: &[Vec<f64>]) -> usize {
+pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) -> usize {
     let mut masked = 0;
     for (run, residual) in session.runs.iter_mut().zip(residual) {
         let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
@@ -73,6 +74,50 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>]) -> usize {
             }
             sample += 1;
         }
+        if modelled {
+            masked += lonely(run, residual, threshold);
+        }
+    }
+    masked
+}
+
+/// Masks short bursts in which residual and output both leave the level of their surroundings, while those keep still.
+fn lonely(run: &mut super::session::Run, residual: &[f64], threshold: f64) -> usize {
+    const AROUND: usize = 9;
+    let samples = residual.len();
+    let deviation = |values: &[f64], at: usize| {
+        let mut window: Vec<f64> = values[at.saturating_sub(AROUND)..(at + AROUND + 1).min(samples)].to_vec();
+        values[at] - median(&mut window)
+    };
+    let of_residual: Vec<f64> = (0..samples).map(|at| deviation(residual, at)).collect();
+    let mut wrong = Vec::new();
+    for at in 0..samples {
+        let size = of_residual[at];
+        if size.abs() < threshold || !run.keep[at] {
+            continue;
+        }
+        let mut near: Vec<f64> = (at.saturating_sub(AROUND)..(at + AROUND + 1).min(samples))
+            .filter(|&other| other != at && run.keep[other])
+            .map(|other| of_residual[other].abs())
+            .collect();
+        let quiet = median(&mut near) < 0.15 * size.abs();
+        let output = deviation(&run.output, at);
+        if quiet && output * size > 0.0 && output.abs() > 0.6 * size.abs() {
+            wrong.push(at);
+        }
+    }
+    // Longer stretches are motion that the model lacks.
+    let mut masked = 0;
+    let mut start = 0;
+    while start < wrong.len() {
+        let end = (start + 1..wrong.len()).find(|&next| wrong[next] != wrong[next - 1] + 1).unwrap_or(wrong.len());
+        if end - start <= LONGEST {
+            for &at in &wrong[start..end] {
+                run.keep[at] = false;
+                masked += 1;
+            }
+        }
+        start = end;
     }
     masked
 }

@@ -8,12 +8,14 @@
 pub mod catalogue;
 pub mod corpus;
 pub mod effects;
+pub mod file;
 mod least_squares;
 mod mask;
 mod model;
 mod noise;
 mod search;
 mod session;
+mod whereabouts;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,6 +24,7 @@ use serde::Serialize;
 
 pub use model::{Model, Slot};
 pub use session::{Role, Run, Session, SessionError};
+pub use whereabouts::Disagreement;
 
 use crate::recording::Recording;
 use catalogue::Form;
@@ -34,11 +37,13 @@ pub struct DiscoverConfig {
     pub threads: usize,
     /// Most effects to add.
     pub most_effects: usize,
+    /// Seed of the surrogates.
+    pub seed: u64,
 }
 
 impl Default for DiscoverConfig {
     fn default() -> Self {
-        Self { threads: std::thread::available_parallelism().map_or(1, usize::from), most_effects: 3 }
+        Self { threads: std::thread::available_parallelism().map_or(1, usize::from), most_effects: 3, seed: 1 }
     }
 }
 
@@ -67,6 +72,8 @@ pub struct Effect {
     pub confidence: f64,
     /// Parameters in the lab's units.
     pub parameters: BTreeMap<String, f64>,
+    /// Where each non-linear parameter lies with 95 % confidence.
+    pub intervals: BTreeMap<String, [f64; 2]>,
 }
 
 /// The effect that came second.
@@ -108,6 +115,11 @@ pub struct Discovery {
     pub gap_closed: f64,
     /// Every effect tried alone, best first.
     pub candidates: Vec<Candidate>,
+    /// Where the model without effects and the measurement disagree.
+    #[serde(rename = "where")]
+    pub disagreements: Vec<Disagreement>,
+    /// The same in a sentence.
+    pub summary: String,
     /// Samples left out as outliers.
     pub excluded_samples: usize,
     /// Names of the kept-out recordings.
@@ -129,7 +141,7 @@ pub struct Finding {
 /// Least share of the mean square that the first effect takes away.
 const LEAST_GAIN: f64 = 0.012;
 /// Least share of the original excess over the noise that a further effect takes away.
-const LEAST_FURTHER_SHARE: f64 = 0.012;
+const LEAST_FURTHER_SHARE: f64 = 0.02;
 /// Least share of the remaining excess over the noise that a further effect takes away.
 const LEAST_FURTHER_GAIN: f64 = 0.2;
 /// Blocked deviations that an improvement must reach.
@@ -262,10 +274,14 @@ impl Bench<'_> {
 pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverConfig) -> Result<Finding, SessionError> {
     let mut session = Session::new(recordings, kept)?;
     let zero: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
-    mask::outliers(&mut session, &zero);
+    mask::outliers(&mut session, &zero, false);
     let mut before = baseline(&session);
     let residual = before.residuals(&session);
-    mask::outliers(&mut session, &residual);
+    mask::outliers(&mut session, &residual, true);
+    // A second look: the first fit was pulled about by what it is to find.
+    before.fit(&session, model::Scope::Fit);
+    let residual = before.residuals(&session);
+    mask::outliers(&mut session, &residual, true);
     let (_, mut select) = before.fit(&session, model::Scope::Both);
     let excluded: usize = session.runs.iter().map(|run| run.keep.iter().filter(|keep| !**keep).count()).sum();
     let bench = Bench { session: &session, forms: catalogue::forms(), threads: config.threads };
@@ -275,6 +291,7 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
     let mut candidates: Vec<Candidate> = Vec::new();
     let mut runner_up = None;
     let mut order: Vec<&'static str> = Vec::new();
+    let mut twins = false;
     for round in 0..config.most_effects {
         let floor_square = noise::floor(&session, &model.residuals(&session)).powi(2);
         if round > 0 && select < 1.1 * floor_square {
@@ -292,7 +309,7 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
                 }
             }
         }
-        let best = bench.polished(&tried, 30);
+        let best = bench.polished(&tried, 20);
         let Some(chosen) = best.first() else { break };
         let gain = 1.0 - chosen.fitted.select / select;
         let excess = (first_select - floor_square).max(0.05 * floor_square);
@@ -308,11 +325,9 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
         }
         if round == 0 {
             runner_up = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name()).map(|second| {
-                let ratio = (second.fitted.select - floor_square).max(0.0) / (chosen.fitted.select - floor_square).max(0.02 * floor_square);
-                RunnerUp {
-                    name: second.form.name().to_owned(),
-                    separable: second.fitted.select > 1.02 * chosen.fitted.select || ratio > 1.5,
-                }
+                let apart = self::deviations(&bench.selecting_blocks(&second.fitted.model), &bench.selecting_blocks(&chosen.fitted.model));
+                twins = second.fitted.model.cost() <= chosen.fitted.model.cost() && second.fitted.select < 1.005 * chosen.fitted.select;
+                RunnerUp { name: second.form.name().to_owned(), separable: apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select }
             });
         }
         model = chosen.fitted.model.clone();
@@ -342,7 +357,9 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
     let mut after = if final_fit.select <= select * 1.001 { final_fit.model } else { model };
     after.fit_all(&session);
     before.fit_all(&session);
-    let discovery = judge(&session, &before, &after, &order, candidates, runner_up, excluded);
+    let mut discovery = judge(&session, &before, &after, &order, candidates, runner_up, twins, excluded);
+    discovery.disagreements = whereabouts::disagreements(&session, &before.residuals(&session), config.seed);
+    discovery.summary = whereabouts::sentence(&discovery.disagreements);
     Ok(Finding { discovery, session, before, after })
 }
 
@@ -371,6 +388,20 @@ fn rmse(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     (sum / count.max(1.0)).sqrt()
 }
 
+/// Correlation of neighbouring residuals.
+fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
+    let (mut square, mut product) = (1e-30, 0.0);
+    for (run, residual) in session.runs.iter().zip(residual) {
+        for (pair, keep) in residual.windows(2).zip(run.keep.windows(2)) {
+            if keep[0] && keep[1] {
+                square += pair[0] * pair[0];
+                product += pair[0] * pair[1];
+            }
+        }
+    }
+    (product / square).clamp(0.0, 0.98)
+}
+
 /// The verdict and the figures.
 fn judge(
     session: &Session,
@@ -379,6 +410,7 @@ fn judge(
     order: &[&'static str],
     candidates: Vec<Candidate>,
     runner_up: Option<RunnerUp>,
+    twins: bool,
     excluded: usize,
 ) -> Discovery {
     let (residual_before, residual_after) = (before.residuals(session), after.residuals(session));
@@ -388,24 +420,42 @@ fn judge(
     let rmse_before = rmse(session, &residual_before, with_outliers);
     let rmse_after = rmse(session, &residual_after, false);
     // The verdict rests on the samples that were worked with; kept-out ones only report.
-    let worked = |residual: &[Vec<f64>]| {
-        let blocks = noise::blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
-        (blocks.iter().sum::<f64>() / blocks.len().max(1) as f64).sqrt()
+    let worked = |residual: &[Vec<f64>], all: bool| {
+        let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
+            residual.iter().enumerate().filter(move |&(at, _)| run.role[at] != Role::Kept && (all || run.keep[at])).map(|(_, value)| value)
+        });
+        let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
+        (sum / count.max(1.0)).sqrt()
     };
-    let (was, is) = (worked(&residual_before), worked(&residual_after));
+    let (was, is) = (worked(&residual_before, with_outliers), worked(&residual_after, false));
     let stands_out = is > 1.15 * floor;
     let unexplained = if was > 1.02 * floor { ((is - floor) / (was - floor)).clamp(0.0, 1.0) } else { 0.0 };
     let mut effects: Vec<Effect> = Vec::new();
+    let deviations = search::parameter_deviations(after, session, neighbour_correlation(session, &residual_after));
     for name in order {
+        let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
         let mut parameters: BTreeMap<String, f64> =
             slot.form.parameters().iter().zip(&slot.parameters).map(|(parameter, &value)| parameter.tell(value, session)).collect();
         parameters.extend(slot.form.tell(&slot.weights, session));
+        let intervals = slot
+            .form
+            .parameters()
+            .iter()
+            .zip(&slot.parameters)
+            .zip(&deviations[before..])
+            .filter(|(_, deviation)| **deviation > 0.0)
+            .map(|((parameter, &value), deviation)| {
+                let (name, low) = parameter.tell((value - 1.96 * deviation).max(parameter.low), session);
+                (name, [low, parameter.tell((value + 1.96 * deviation).min(parameter.high), session).1])
+            })
+            .collect();
         effects.push(Effect {
             name: (*name).to_owned(),
             form: slot.form.form().to_owned(),
             confidence: (1.0 - unexplained).clamp(0.0, 1.0),
             parameters,
+            intervals,
         });
     }
     if with_outliers {
@@ -415,13 +465,14 @@ fn judge(
             form: "samples that no motion could have caused".to_owned(),
             confidence: 0.99,
             parameters: BTreeMap::from([("share".to_owned(), share)]),
+            intervals: BTreeMap::new(),
         });
     }
     let verdict = if stands_out && (unexplained > 0.10 || effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if runner_up.as_ref().is_some_and(|second| !second.separable) && effects.len() == 1 {
+    } else if twins && runner_up.as_ref().is_some_and(|second| !second.separable) && effects.len() == 1 {
         Verdict::Ambiguous
     } else {
         Verdict::Named
@@ -437,6 +488,8 @@ fn judge(
         noise_floor,
         gap_closed: if gap > 0.0 { ((rmse_before - rmse_after) / gap).clamp(0.0, 1.0) } else { 0.0 },
         candidates,
+        disagreements: Vec::new(),
+        summary: String::new(),
         excluded_samples: excluded,
         kept_out,
     }

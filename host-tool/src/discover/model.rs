@@ -95,13 +95,17 @@ impl Model {
         columns.values.clear();
         columns.free.clear();
         let mut path = run.input.clone();
+        let mut history = run.history.clone();
         let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
         for slot in &self.slots {
             slot.form.input(&slot.parameters, run, &mut path);
+            if self.carry && slot.form.is_static() {
+                slot.form.input(&slot.parameters, run, &mut history);
+            }
             slot.form.habit(&slot.parameters, &mut habit);
         }
         columns.push(true, |_| 1.0);
-        self.operators(run, &path, &habit, columns);
+        self.operators(run, &history, &path, &habit, columns);
         let mut weights = self.base.clone();
         let mut sum = Vec::new();
         for slot in &self.slots {
@@ -123,7 +127,7 @@ impl Model {
     }
 
     /// The play operators' columns.
-    fn operators(&self, run: &Run, path: &[f64], habit: &Habit, columns: &mut Columns) {
+    fn operators(&self, run: &Run, history: &[f64], path: &[f64], habit: &Habit, columns: &mut Columns) {
         let samples = path.len();
         let start = columns.values.len();
         columns.values.resize(start + samples * self.thresholds.len(), 0.0);
@@ -139,22 +143,20 @@ impl Model {
                 })
                 .collect()
         };
+        let growth = (2.0 * run.period_s / LOOKS as f64 / habit.viscous_s.max(1e-9)).min(700.0).exp();
         let follow = if habit.viscous_s > 0.0 { 1.0 - (-run.period_s / habit.viscous_s).exp() } else { 1.0 };
+        if habit.is_plain() {
+            self.plain_operators(history, path, &mut columns.values[start..]);
+            return;
+        }
         for (index, &threshold) in self.thresholds.iter().enumerate() {
             let column = &mut columns.values[start + index * samples..start + (index + 1) * samples];
             let mut state = 0.0_f64;
             if self.carry {
-                for &value in &run.history {
+                for &value in history {
                     let gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value).max(-threshold);
                     state = state.clamp(value - gap, value + gap);
                 }
-            }
-            if habit.is_plain() {
-                for (out, &value) in column.iter_mut().zip(path) {
-                    state = state.max(value - threshold).min(value + threshold);
-                    *out = state;
-                }
-                continue;
             }
             for (sample, (out, &value)) in column.iter_mut().zip(path).enumerate() {
                 let mut gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value);
@@ -163,8 +165,40 @@ impl Model {
                 }
                 let gap = gap.max(0.0);
                 let bound = state.max(value - gap).min(value + gap);
-                state = if sample == 0 { bound } else { state + follow * (bound - state) };
+                state = if sample == 0 {
+                    bound
+                } else if habit.stiffening > 0.0 {
+                    stiffening(state, path[sample - 1], value, gap, growth, habit.stiffening)
+                } else {
+                    state + follow * (bound - state)
+                };
                 *out = state;
+            }
+        }
+    }
+
+    /// Plain operators, several side by side so that none waits for its own last step.
+    fn plain_operators(&self, history: &[f64], path: &[f64], values: &mut [f64]) {
+        const SIDE: usize = 6;
+        let samples = path.len();
+        for (group, block) in self.thresholds.chunks(SIDE).zip(values.chunks_mut(SIDE * samples)) {
+            let mut gap = [0.0; SIDE];
+            gap[..group.len()].copy_from_slice(group);
+            let mut state = [0.0_f64; SIDE];
+            if self.carry {
+                for &value in history {
+                    for lane in 0..SIDE {
+                        state[lane] = state[lane].max(value - gap[lane]).min(value + gap[lane]);
+                    }
+                }
+            }
+            for (sample, &value) in path.iter().enumerate() {
+                for lane in 0..SIDE {
+                    state[lane] = state[lane].max(value - gap[lane]).min(value + gap[lane]);
+                }
+                for lane in 0..group.len() {
+                    block[lane * samples + sample] = state[lane];
+                }
             }
         }
     }
@@ -181,7 +215,11 @@ impl Model {
             }
             self.columns(run, &mut columns);
             let width = columns.free.len();
-            let sums = sums.get_or_insert_with(|| Sums { fit: Gram::new(width), select: Gram::new(width), free: columns.free.clone() });
+            columns.push(true, |sample| run.output[sample]);
+            if run.keep.iter().any(|keep| !keep) {
+                columns.filter(|column| column.iter_mut().zip(&run.keep).filter(|(_, keep)| !**keep).for_each(|(value, _)| *value = 0.0));
+            }
+            let sums = sums.get_or_insert_with(|| Sums { fit: Gram::new(width), select: Gram::new(width), free: columns.free[..width].to_vec() });
             let mut start = 0;
             while start < run.input.len() {
                 let role = run.role[start];
@@ -261,42 +299,66 @@ impl Model {
     }
 }
 
-/// Adds the samples of `range` to the sums; masked samples do not count.
-fn accumulate(gram: &mut Gram, columns: &Columns, run: &Run, range: std::ops::Range<usize>) {
-    let width = columns.free.len();
-    let kept: Vec<usize> = if run.keep[range.clone()].iter().all(|&keep| keep) {
-        Vec::new()
-    } else {
-        range.clone().filter(|&sample| run.keep[sample]).collect()
-    };
-    let gather = |values: &[f64]| -> Vec<f64> {
-        if kept.is_empty() { values[range.clone()].to_vec() } else { kept.iter().map(|&sample| values[sample]).collect() }
-    };
-    let output = gather(&run.output);
-    let packed: Vec<Vec<f64>> = (0..width).map(|index| gather(columns.column(index))).collect();
-    for row in 0..width {
-        gram.target[row] += dot(&packed[row], &output);
-        for column in 0..=row {
-            let product = dot(&packed[row], &packed[column]);
-            gram.products[row * width + column] += product;
-            if row != column {
-                gram.products[column * width + row] += product;
-            }
+/// Steps of a stiffening operator inside a sample.
+const LOOKS: usize = 2;
+
+/// An operator that follows its bound at the speed `x / T (1 + (x / E)^2)` for a distance `x`: the first terms of Eyring's law.
+/// `growth` is `exp(2 t / T)` for one look.
+fn stiffening(mut state: f64, before: f64, now: f64, gap: f64, growth: f64, distance: f64) -> f64 {
+    let far = 1.0 / (distance * distance);
+    for look in 1..=LOOKS {
+        let value = before + (now - before) * look as f64 / LOOKS as f64;
+        let size = state.max(value - gap).min(value + gap) - state;
+        if size != 0.0 {
+            // Exact for a bound that stands still.
+            let left = ((1.0 / (size * size) + far) * growth - far).sqrt().recip();
+            state += size - left.copysign(size);
         }
     }
-    gram.energy += dot(&output, &output);
-    gram.samples += output.len() as f64;
+    state
 }
 
-/// Scalar product with eight running sums, so that it vectorises and its order is fixed.
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (xs, ys) = (x.chunks_exact(8), y.chunks_exact(8));
-    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in xs.zip(ys) {
-        for lane in 0..8 {
-            sums[lane] += x[lane] * y[lane];
-        }
+/// Adds the samples of `range` to the sums. The last column is the measured output; masked samples are zero in all columns.
+fn accumulate(gram: &mut Gram, columns: &Columns, run: &Run, range: std::ops::Range<usize>) {
+    let width = columns.free.len();
+    let samples = columns.samples;
+    assert!(width * samples <= columns.values.len() && range.end <= samples && !range.is_empty());
+    let mut products = vec![0.0; width * width];
+    let stride = isize::try_from(samples).unwrap_or(isize::MAX);
+    let order = isize::try_from(width).unwrap_or(isize::MAX);
+    let first = columns.values[range.start..].as_ptr();
+    // SAFETY: the assertion above keeps `width` columns of `samples` values inside the slice; the range lies inside a column, so every
+    // element `first + column * samples + k` with `k < range.len()` does too. The target is `width * width` long and not aliased.
+    unsafe {
+        gemm::gemm(
+            width,
+            width,
+            range.len(),
+            products.as_mut_ptr(),
+            1,
+            order,
+            false,
+            first,
+            1,
+            stride,
+            first,
+            stride,
+            1,
+            0.0,
+            1.0,
+            false,
+            false,
+            false,
+            gemm::Parallelism::None,
+        );
     }
-    sums.iter().sum::<f64>() + rest
+    let inner = width - 1;
+    for row in 0..inner {
+        for column in 0..inner {
+            gram.products[row * inner + column] += products[row * width + column];
+        }
+        gram.target[row] += products[row * width + inner];
+    }
+    gram.energy += products[width * width - 1];
+    gram.samples += run.keep[range].iter().filter(|keep| **keep).count() as f64;
 }

@@ -9,8 +9,6 @@ use super::session::Session;
 pub struct Fitted {
     /// The model with the candidate.
     pub model: Model,
-    /// Mean square of the fitted samples.
-    pub fit: f64,
     /// Mean square of the selecting samples.
     pub select: f64,
 }
@@ -134,6 +132,22 @@ fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
 /// Fits one more effect in one form, the others held.
 #[must_use]
 pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
+    if form.discrete() {
+        let mut tried: Vec<(f64, Model)> = form
+            .starts(session, residual)
+            .into_iter()
+            .map(|start| {
+                let model = base.with(form, start);
+                let sums = model.sums(session, Scope::Both);
+                let weights = sums.fit.solve(&sums.free);
+                (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights), model)
+            })
+            .collect();
+        tried.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let mut model = tried.into_iter().next()?.1;
+        let (_, select) = model.fit(session, Scope::Both);
+        return Some(Fitted { model, select });
+    }
     let mut tried: Vec<(f64, Model)> = form
         .starts(session, residual)
         .into_iter()
@@ -146,27 +160,104 @@ pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residu
     let (_, mut model) = tried.into_iter().next()?;
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
     let indices = indices_of(&model, slot);
-    simplex(&mut model, session, &indices, 0.15, 14 * indices.len());
-    let (mut fit, mut select) = model.fit(session, Scope::Both);
+    simplex(&mut model, session, &indices, form.step(), 14 * indices.len());
+    let (_, mut select) = model.fit(session, Scope::Both);
     if model.slots[slot].form.needs_sum() && !indices.is_empty() {
-        simplex(&mut model, session, &indices, 0.1, 10 * indices.len());
-        (fit, select) = model.fit(session, Scope::Both);
+        simplex(&mut model, session, &indices, 0.7 * form.step(), 10 * indices.len());
+        (_, select) = model.fit(session, Scope::Both);
     }
-    Some(Fitted { model, fit, select })
+    Some(Fitted { model, select })
 }
 
 /// Improves all parameters of all effects together.
 #[must_use]
 pub fn polish(model: &Model, session: &Session, effort: usize) -> Fitted {
     let mut model = model.clone();
-    let count: usize = model.slots.iter().map(|slot| slot.parameters.len()).sum();
-    let indices: Vec<usize> = (0..count).collect();
+    let indices: Vec<usize> =
+        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(&model, slot)).collect();
+    let count = indices.len();
+    let size = model.slots.iter().map(|slot| slot.form.step()).fold(0.15, f64::min);
     model.fit(session, Scope::Fit);
-    simplex(&mut model, session, &indices, 0.06, effort * count);
-    let (mut fit, mut select) = model.fit(session, Scope::Both);
+    simplex(&mut model, session, &indices, 0.4 * size, effort * count);
+    let (_, mut select) = model.fit(session, Scope::Both);
     if model.needs_sum() && count > 0 {
-        simplex(&mut model, session, &indices, 0.03, effort * count / 2);
-        (fit, select) = model.fit(session, Scope::Both);
+        simplex(&mut model, session, &indices, 0.2 * size, effort * count / 2);
+        (_, select) = model.fit(session, Scope::Both);
     }
-    Fitted { model, fit, select }
+    Fitted { model, select }
+}
+
+/// Standard deviation of every non-linear parameter on their line, from the curvature of the sum of squares, wider by what correlated
+/// residuals take away (`correlation` of neighbouring samples). Discrete parameters have none.
+#[must_use]
+pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) -> Vec<f64> {
+    const STEP: f64 = 0.02;
+    let specification = specification(model);
+    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
+    let searched: Vec<usize> =
+        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot)).collect();
+    let mut result = vec![0.0; line.len()];
+    let n = searched.len();
+    if n == 0 {
+        return result;
+    }
+    let mut trial = model.clone();
+    let centre = inward(&specification, &line);
+    let mut value = |moves: &[(usize, f64)]| {
+        let mut point = centre.clone();
+        for &(axis, step) in moves {
+            point[searched[axis]] += step;
+        }
+        place(&mut trial, &outward(&specification, &point));
+        objective(&trial, session)
+    };
+    let here = value(&[]);
+    let mut curvature = vec![0.0; n * n];
+    for row in 0..n {
+        curvature[row * n + row] = ((value(&[(row, STEP)]) + value(&[(row, -STEP)]) - 2.0 * here) / (STEP * STEP)).max(1e-12 * here);
+        for column in 0..row {
+            let mixed = value(&[(row, STEP), (column, STEP)]) + value(&[(row, -STEP), (column, -STEP)])
+                - value(&[(row, STEP), (column, -STEP)])
+                - value(&[(row, -STEP), (column, STEP)]);
+            curvature[row * n + column] = mixed / (4.0 * STEP * STEP);
+            curvature[column * n + row] = curvature[row * n + column];
+        }
+    }
+    let samples = (session.count(super::session::Role::Fit) + session.count(super::session::Role::Select)) as f64;
+    let inflation = (1.0 + correlation) / (1.0 - correlation);
+    for (axis, &index) in searched.iter().enumerate() {
+        // One column of the inverse by Gauss and Jordan; a curvature that is not definite falls back on the diagonal.
+        let variance = inverse_diagonal(&curvature, n, axis).filter(|value| *value > 0.0).unwrap_or(1.0 / curvature[axis * n + axis]);
+        let deviation = (2.0 * here / samples * inflation * variance).sqrt();
+        let parameter = &specification[index];
+        result[index] = if parameter.logarithmic { line[index] * deviation } else { deviation / 4.0 * (parameter.high - parameter.low) };
+    }
+    result
+}
+
+/// Element of the diagonal of the inverse of a symmetric matrix.
+fn inverse_diagonal(matrix: &[f64], n: usize, axis: usize) -> Option<f64> {
+    let mut left = matrix.to_vec();
+    let mut right = vec![0.0; n];
+    right[axis] = 1.0;
+    for pivot in 0..n {
+        let best = (pivot..n).max_by(|&x, &y| left[x * n + pivot].abs().total_cmp(&left[y * n + pivot].abs()))?;
+        if left[best * n + pivot].abs() < 1e-300 {
+            return None;
+        }
+        for column in 0..n {
+            left.swap(pivot * n + column, best * n + column);
+        }
+        right.swap(pivot, best);
+        for row in 0..n {
+            if row != pivot {
+                let factor = left[row * n + pivot] / left[pivot * n + pivot];
+                for column in pivot..n {
+                    left[row * n + column] -= factor * left[pivot * n + column];
+                }
+                right[row] -= factor * right[pivot];
+            }
+        }
+    }
+    Some(right[axis] / left[axis * n + axis])
 }

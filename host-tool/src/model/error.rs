@@ -21,6 +21,9 @@ pub enum ModelError {
     /// The physics file is refused.
     #[error(transparent)]
     Physics(#[from] crate::identify::ModelError),
+    /// The discovered model is refused.
+    #[error(transparent)]
+    Discovered(#[from] crate::discover::file::FileError),
     /// The trained model is refused.
     #[error(transparent)]
     Network(#[from] ModelFileError),

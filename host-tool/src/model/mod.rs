@@ -8,6 +8,7 @@
 //! [`load`] reads physics (`.toml`), trained networks (`.safetensors`) and blobs (`.blob`); a blob runs the microcontroller's code.
 
 mod blob;
+mod discovered;
 mod error;
 mod physics;
 mod resample;
@@ -18,6 +19,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 pub use blob::BlobModel;
+pub use discovered::DiscoveredPredictor;
 pub use error::ModelError;
 pub use physics::PhysicsPredictor;
 pub use trained::NetworkModel;
@@ -112,8 +114,19 @@ pub fn load(path: &Path) -> Result<Box<dyn Predictor>, ModelError> {
     Ok(match ending.as_str() {
         "safetensors" => Box::new(NetworkModel::load(path)?),
         "blob" => Box::new(BlobModel::load(path)?),
+        _ if is_discovered(path) => Box::new(DiscoveredPredictor::load(path)?),
         _ => Box::new(PhysicsPredictor::load(path)?),
     })
+}
+
+/// Whether a TOML file says that `catheter discover` wrote it; what cannot be read is left to the physics model's messages.
+fn is_discovered(path: &Path) -> bool {
+    #[derive(serde::Deserialize)]
+    struct Head {
+        kind: String,
+    }
+    let head = std::fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Head>(&text).ok());
+    head.is_some_and(|head| head.kind == crate::discover::file::KIND)
 }
 
 /// Checks that a model was made for the quantities, units and sample period of a recording; with `resample` the period may differ.

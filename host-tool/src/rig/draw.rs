@@ -217,8 +217,8 @@ fn add(
             }
         }
         "rate-dependent-hysteresis" => {
-            chain.muscle.habit.quadratic = generator.random_bool(0.5);
-            chain.muscle.habit.overstress_bar = log_uniform(generator, 0.03, 0.15);
+            chain.muscle.habit.creep_bar_per_s = log_uniform(generator, 0.1, 2.0);
+            chain.muscle.habit.overstress_bar = log_uniform(generator, 0.02, 0.08);
             values.push(("overstress_bar", chain.muscle.habit.overstress_bar));
         }
         "creep" => {

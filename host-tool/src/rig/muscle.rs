@@ -2,7 +2,7 @@
 //!
 //! Each slider has a dead travel: it moves only while the pressure pushes against one of its stops. That is where the hysteresis comes
 //! from. The stops may lie wider at high pressure (friction grows with the normal force), the two branches may bend apart, and a slider
-//! may lag behind its stop by an overstress (Norton's law) that makes the loops grow with speed.
+//! may lag behind its stop by an overstress (Eyring's law) that makes the loops grow with speed.
 
 use super::stages::STEP_S;
 
@@ -13,10 +13,10 @@ pub struct Habit {
     pub friction_per_bar: f64,
     /// Bend of the loading branch against the unloading branch, 1/bar.
     pub branch_bend_per_bar: f64,
-    /// Overstress at 1 bar/s, bar; zero for none.
+    /// Overstress that makes a slider `sinh(1)` times as fast as `creep_bar_per_s`, bar; zero for none.
     pub overstress_bar: f64,
-    /// Whether the overstress grows with the square root of the speed (otherwise in proportion).
-    pub quadratic: bool,
+    /// Speed scale of Eyring's law, bar/s.
+    pub creep_bar_per_s: f64,
 }
 
 /// All sliders.
@@ -62,8 +62,7 @@ impl Muscle {
                 0.0
             };
             if habit.overstress_bar > 0.0 {
-                let stress = push.abs() / habit.overstress_bar;
-                let speed = if habit.quadratic { stress * stress } else { stress };
+                let speed = if push == 0.0 { 0.0 } else { habit.creep_bar_per_s * (push.abs() / habit.overstress_bar).min(20.0).sinh() };
                 // A stiff law near the stop: never farther than the stop itself.
                 *position += push.signum() * (speed * STEP_S).min(push.abs());
             } else {

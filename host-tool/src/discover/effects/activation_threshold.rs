@@ -27,6 +27,9 @@ impl Form for Corner {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
     }
+    fn is_static(&self) -> bool {
+        true
+    }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         let rest = 0.5 * (-parameters[0] + parameters[0].hypot(parameters[1]));
         for value in path {

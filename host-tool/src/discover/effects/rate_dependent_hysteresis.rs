@@ -6,11 +6,12 @@ use crate::discover::session::Session;
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &Viscous];
+pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &Viscous, &Stiffening];
 
 struct Additive;
 struct Proportional;
 struct Viscous;
+struct Stiffening;
 
 const POWER: Parameter = Parameter { name: "rate_power", quantity: Quantity::Ratio, low: 0.2, high: 1.5, logarithmic: true };
 
@@ -76,5 +77,30 @@ impl Form for Viscous {
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.viscous_s = parameters[0];
+    }
+}
+
+impl Form for Stiffening {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "operators follow their bounds late, far ones faster than in proportion"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 5e-3, high: 10.0, logarithmic: true },
+            Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.05, 0.2, 0.8].into_iter().flat_map(|time| [vec![time, 0.01], vec![time, 0.03], vec![time, 0.1]]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.viscous_s = parameters[0];
+        habit.stiffening = parameters[1];
     }
 }

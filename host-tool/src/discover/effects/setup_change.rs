@@ -26,8 +26,10 @@ impl Form for Step {
     fn weights(&self) -> usize {
         2
     }
+    fn discrete(&self) -> bool {
+        true
+    }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // Between recordings only; the parameter stays where the search finds nothing to change by moving it.
         (1..session.runs.len()).map(|run| vec![run as f64 - 0.5]).collect()
     }
     fn needs_sum(&self) -> bool {

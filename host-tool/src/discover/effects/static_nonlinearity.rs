@@ -30,6 +30,9 @@ impl Form for Pressure {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect()
     }
+    fn is_static(&self) -> bool {
+        true
+    }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
             // Outside the span the curve goes on straight.

@@ -5,12 +5,82 @@ use std::collections::BTreeMap;
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::ladder;
+use super::{fit_of_steps, ladder};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&StickBand];
+pub const FORMS: &[&dyn Form] = &[&StickBand, &Breakaway];
 
 struct StickBand;
+struct Breakaway;
+
+/// Sends every column through the tip. Where the tip sits is where the pull last made it go, so the columns stay linear in the weights;
+/// a last column holds how far it lags behind the pull. Above `slide_per_s` the tip slides on instead of sticking again.
+fn stick(sum: &[f64], band: f64, remaining: f64, slide_per_s: f64, period_s: f64, columns: &mut Columns) {
+    let (from, behind) = tip(sum, band, remaining, slide_per_s, period_s);
+    let mut scratch = vec![0.0; columns.samples];
+    columns.filter(|column| {
+        for (value, &index) in scratch.iter_mut().zip(&from) {
+            *value = column[index];
+        }
+        column.copy_from_slice(&scratch);
+    });
+    columns.push(false, |sample| behind[sample]);
+}
+
+/// For every sample the one at which the tip last moved, and how far it has lagged behind the pull since.
+fn tip(sum: &[f64], band: f64, remaining: f64, slide_per_s: f64, period_s: f64) -> (Vec<usize>, Vec<f64>) {
+    let mut place = sum[0];
+    let mut moved = 0;
+    let mut lean = 0.0;
+    let mut sliding = false;
+    let mut from = Vec::with_capacity(sum.len());
+    let mut behind = Vec::with_capacity(sum.len());
+    let mut last = sum[0];
+    for (sample, &pull) in sum.iter().enumerate() {
+        let step = pull - last;
+        last = pull;
+        // It slides on while the pull goes on the same way fast enough.
+        sliding = sliding && step * lean < 0.0 && step.abs() > slide_per_s * period_s;
+        let stretch = pull - place;
+        if stretch.abs() > band || sliding {
+            if !sliding {
+                lean = -stretch.signum();
+            }
+            sliding = true;
+            place = pull + lean * remaining;
+            moved = sample;
+        }
+        from.push(moved);
+        behind.push(lean * remaining);
+    }
+    (from, behind)
+}
+
+/// Starts whose jumps look most like those of the residual.
+fn likely(session: &Session, residual: &[Vec<f64>], speeds: &[f64], with_speed: bool) -> Vec<Vec<f64>> {
+    let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
+    for band in ladder(0.006, 0.2, 60) {
+        for share in [0.1, 0.25, 0.4, 0.6, 0.8] {
+            for &speed in speeds {
+                let score = fit_of_steps(session, residual, |run| {
+                    let sum: Vec<f64> = run.output.iter().zip(&residual[run.index]).map(|(output, residual)| output - residual).collect();
+                    let (from, behind) = tip(&sum, band, band * share, speed, run.period_s);
+                    (0..sum.len()).map(|sample| sum[from[sample]] + behind[sample] - sum[sample]).collect()
+                });
+                let mut parameters = vec![band, share];
+                if with_speed {
+                    parameters.push(speed);
+                }
+                all.push((score, parameters));
+            }
+        }
+    }
+    all.sort_by(|x, y| y.0.total_cmp(&x.0));
+    all.into_iter().take(8).map(|entry| entry.1).collect()
+}
+
+const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Output, low: 1e-3, high: 0.3, logarithmic: true };
+const REMAINING: Parameter = Parameter { name: "remaining_share", quantity: Quantity::Ratio, low: 0.01, high: 0.98, logarithmic: false };
 
 impl Form for StickBand {
     fn name(&self) -> &'static str {
@@ -23,47 +93,59 @@ impl Form for StickBand {
         Place::Tip
     }
     fn parameters(&self) -> &'static [Parameter] {
+        &[BAND, REMAINING]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        likely(session, residual, &[f64::MAX], false)
+    }
+    fn step(&self) -> f64 {
+        0.05
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        stick(sum, parameters[0], parameters[0] * parameters[1], f64::MAX, run.period_s, columns);
+    }
+    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("remaining_weight".to_owned(), weights[0])])
+    }
+}
+
+impl Form for Breakaway {
+    fn name(&self) -> &'static str {
+        "stick-slip"
+    }
+    fn form(&self) -> &'static str {
+        "breaks away and slides on while fast"
+    }
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "band", quantity: Quantity::Output, low: 1e-3, high: 0.3, logarithmic: true },
-            Parameter { name: "remaining_share", quantity: Quantity::Ratio, low: 0.01, high: 0.98, logarithmic: false },
+            BAND,
+            REMAINING,
+            Parameter { name: "sticking_speed", quantity: Quantity::OutputRate, low: 1e-3, high: 10.0, logarithmic: true },
         ]
     }
     fn weights(&self) -> usize {
         1
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.008, 0.12, 9).into_iter().flat_map(|band| [vec![band, 0.15], vec![band, 0.45]]).collect()
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        likely(session, residual, &[0.01, 0.05, 0.3], true)
+    }
+    fn step(&self) -> f64 {
+        0.05
     }
     fn needs_sum(&self) -> bool {
         true
     }
-    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
-        let (band, remaining) = (parameters[0], parameters[0] * parameters[1]);
-        // Where the tip sits is where the pull last made it go: the columns stay linear in the weights.
-        let mut place = sum[0];
-        let mut moved = 0;
-        let mut lean = 0.0;
-        let mut from = Vec::with_capacity(sum.len());
-        let mut lag = Vec::with_capacity(sum.len());
-        for (sample, &pull) in sum.iter().enumerate() {
-            let stretch = pull - place;
-            if stretch.abs() > band {
-                lean = -stretch.signum();
-                place = pull + lean * remaining;
-                moved = sample;
-            }
-            from.push(moved);
-            lag.push(lean * remaining);
-        }
-        let samples = columns.samples;
-        let mut scratch = vec![0.0; samples];
-        columns.filter(|column| {
-            for (value, &index) in scratch.iter_mut().zip(&from) {
-                *value = column[index];
-            }
-            column.copy_from_slice(&scratch);
-        });
-        columns.push(false, |sample| lag[sample]);
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        stick(sum, parameters[0], parameters[0] * parameters[1], parameters[2], run.period_s, columns);
     }
     fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("remaining_weight".to_owned(), weights[0])])

@@ -27,6 +27,9 @@ impl Form for Corner {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96].into_iter().flat_map(|limit| [vec![limit, 0.005], vec![limit, 0.04]]).collect()
     }
+    fn is_static(&self) -> bool {
+        true
+    }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
             let past = *value - parameters[0];

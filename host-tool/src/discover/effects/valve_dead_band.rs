@@ -3,7 +3,7 @@
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::ladder;
+use super::{fit_of_steps, ladder};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Follow];
@@ -30,14 +30,25 @@ impl Form for Follow {
             Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 2e-3, high: 0.3, logarithmic: true },
         ]
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let mut all = Vec::new();
-        for band in ladder(0.008, 0.2, 22) {
-            for closing in [0.04, 0.2] {
-                all.push(vec![band, closing, 0.02]);
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // When the valve jumps hangs on the band and on where it closed last time: a fine grid on the steps alone, which cost little.
+        let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
+        for band in ladder(0.008, 0.3, 230) {
+            for closing in [0.02, 0.06, 0.12, 0.2, 0.3, 0.45] {
+                let parameters = vec![band, closing, 0.02];
+                let score = fit_of_steps(session, residual, |run| {
+                    let mut path = run.input.clone();
+                    self.input(&parameters, run, &mut path);
+                    path.iter().zip(&run.input).map(|(after, before)| after - before).collect()
+                });
+                all.push((score, parameters));
             }
         }
-        all
+        all.sort_by(|x, y| y.0.total_cmp(&x.0));
+        all.into_iter().take(10).map(|entry| entry.1).collect()
+    }
+    fn step(&self) -> f64 {
+        0.02
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let (band, closing) = (parameters[0], parameters[0] * parameters[1]);
