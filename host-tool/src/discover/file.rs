@@ -1,0 +1,220 @@
+//! A discovered model as TOML: the operators, the effects with their parameters in the lab's units, and where it all came from.
+//!
+//! The file holds normalised values, which the model runs on, and beside them the same parameters in units, for people. Effects that
+//! follow the session's time (drift, change of set-up, rhythm) stand where the session ended: that is the rig as it is now.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::catalogue;
+use super::model::{Model, Slot};
+use super::session::{Role, Run, Session};
+use crate::recording::Signal;
+
+/// What the file calls its kind.
+pub const KIND: &str = "discovered";
+/// Version of the file.
+pub const VERSION: u32 = 1;
+
+/// One effect in the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectEntry {
+    /// Name from the vocabulary.
+    pub name: String,
+    /// Form of the effect.
+    pub form: String,
+    /// Non-linear parameters, normalised, in the order of the form.
+    pub normalised: Vec<f64>,
+    /// Weights of its columns, normalised.
+    pub weights: Vec<f64>,
+    /// The same in units, for people.
+    pub parameters: BTreeMap<String, f64>,
+    /// Limits between which each parameter lies with 95 % confidence.
+    #[serde(default)]
+    pub intervals: BTreeMap<String, [f64; 2]>,
+}
+
+/// Where the model came from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Program and version.
+    pub program: String,
+    /// Recordings that were fitted or that selected, with the hash of their files.
+    pub recordings: Vec<String>,
+    /// RMSE on the samples that were kept out, output units.
+    pub rmse: f64,
+    /// RMSE there without the effects.
+    pub rmse_before: f64,
+}
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DiscoveredModel {
+    /// `discovered`.
+    pub kind: String,
+    /// Version of the file.
+    pub version: u32,
+    /// What goes in.
+    pub input: Signal,
+    /// What comes out.
+    pub output: Signal,
+    /// Time between samples, s.
+    pub sample_period_s: f64,
+    /// Input that is zero in normalised units.
+    pub input_offset: f64,
+    /// Input span that is one.
+    pub input_scale: f64,
+    /// Output span that is one.
+    pub output_scale: f64,
+    /// Length of the session that it was found in, s: session time goes on from there.
+    pub session_s: f64,
+    /// Number of recordings of that session.
+    pub session_recordings: usize,
+    /// Thresholds of the operators, normalised.
+    pub thresholds: Vec<f64>,
+    /// Weights of the operators, normalised.
+    pub weights: Vec<f64>,
+    /// Constant, normalised.
+    pub constant: f64,
+    /// Where it came from.
+    pub origin: Origin,
+    /// Effects, in the order of the signal.
+    #[serde(default)]
+    pub effects: Vec<EffectEntry>,
+}
+
+/// What can be wrong with the file.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// It cannot be read.
+    #[error("{}: cannot be read ({problem}); check the path", path.display())]
+    Open {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        problem: String,
+    },
+    /// It makes no sense.
+    #[error("{}: is no usable discovered model: {problem}; make it again with `catheter discover`", path.display())]
+    Invalid {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        problem: String,
+    },
+}
+
+impl DiscoveredModel {
+    /// Puts a fitted model into a file's terms.
+    #[must_use]
+    pub fn new(model: &Model, session: &Session, signals: (Signal, Signal), origin: Origin, effects: Vec<EffectEntry>) -> Self {
+        Self {
+            kind: KIND.to_owned(),
+            version: VERSION,
+            input: signals.0,
+            output: signals.1,
+            sample_period_s: session.runs[0].period_s,
+            input_offset: session.input_offset,
+            input_scale: session.input_scale,
+            output_scale: session.output_scale,
+            session_s: session.length_s,
+            session_recordings: session.runs.len(),
+            thresholds: model.thresholds.clone(),
+            weights: model.base[1..].to_vec(),
+            constant: model.base[0],
+            origin,
+            effects,
+        }
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// When it cannot be read or makes no sense.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let text = std::fs::read_to_string(path).map_err(|error| FileError::Open { path: path.into(), problem: error.to_string() })?;
+        let invalid = |problem: String| FileError::Invalid { path: path.into(), problem };
+        let model: Self = toml::from_str(&text).map_err(|error| invalid(error.to_string()))?;
+        if model.kind != KIND || model.version != VERSION {
+            return Err(invalid(format!("its kind is {:?}, version {}, expected {KIND:?}, version {VERSION}", model.kind, model.version)));
+        }
+        if model.thresholds.len() != model.weights.len() || model.thresholds.is_empty() {
+            return Err(invalid(format!("{} thresholds but {} weights", model.thresholds.len(), model.weights.len())));
+        }
+        let numbers = [model.sample_period_s, model.input_scale, model.output_scale];
+        if !numbers.iter().all(|value| value.is_finite() && *value > 0.0) {
+            return Err(invalid("a scale or the sample period is not a positive number".to_owned()));
+        }
+        model.build().map_err(invalid)?;
+        Ok(model)
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// When a value cannot be written as TOML.
+    pub fn encode(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string_pretty(self)
+    }
+
+    /// The model, ready to run.
+    fn build(&self) -> Result<Model, String> {
+        let forms = catalogue::forms();
+        let mut slots = Vec::new();
+        for entry in &self.effects {
+            let form = forms
+                .iter()
+                .find(|form| form.name() == entry.name && form.form() == entry.form)
+                .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?;
+            if form.parameters().len() != entry.normalised.len() || form.weights() != entry.weights.len() {
+                return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
+            }
+            for (parameter, &value) in form.parameters().iter().zip(&entry.normalised) {
+                if !(parameter.low..=parameter.high).contains(&value) {
+                    return Err(format!("{} of {:?} is {value}, outside {} to {}", parameter.name, entry.name, parameter.low, parameter.high));
+                }
+            }
+            slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
+        }
+        let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
+        Ok(Model { thresholds: self.thresholds.clone(), carry: false, slots, base })
+    }
+
+    /// Output for every input sample, from rest, in the units of the file.
+    ///
+    /// # Errors
+    /// When an effect of the file is not known.
+    pub fn simulate(&self, input: &[f64]) -> Result<Vec<f64>, String> {
+        if input.is_empty() {
+            return Ok(Vec::new());
+        }
+        let model = self.build()?;
+        let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * self.sample_period_s).collect();
+        let run = Run {
+            name: String::new(),
+            index: self.session_recordings,
+            period_s: self.sample_period_s,
+            input: input.iter().map(|value| (value - self.input_offset) / self.input_scale).collect(),
+            output: vec![0.0; input.len()],
+            session_s: time_s.iter().map(|time| time + self.session_s).collect(),
+            time_s,
+            role: vec![Role::Kept; input.len()],
+            keep: vec![true; input.len()],
+            rest: Vec::new(),
+            history: Vec::new(),
+        };
+        Ok(model.predict(&run).into_iter().map(|value| value * self.output_scale).collect())
+    }
+
+    /// Numbers that were fitted.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        let effects: usize = self.effects.iter().map(|effect| effect.normalised.len() + effect.weights.len()).sum();
+        self.weights.len() + 1 + effects
+    }
+}

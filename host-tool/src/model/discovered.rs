@@ -1,0 +1,52 @@
+//! A model that discovery wrote: play operators and named effects, in `f64`.
+
+use std::path::Path;
+
+use super::{Arithmetic, Description, ModelError, Predictor};
+use crate::discover::file::DiscoveredModel;
+
+/// A discovered model, checked.
+pub struct DiscoveredPredictor {
+    model: DiscoveredModel,
+    description: Description,
+}
+
+impl DiscoveredPredictor {
+    /// Reads and checks a discovered model.
+    ///
+    /// # Errors
+    /// When it cannot be read or makes no sense.
+    pub fn load(path: &Path) -> Result<Self, ModelError> {
+        let model = DiscoveredModel::read(path)?;
+        let effects: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
+        let kind = format!("Prandtl-Ishlinskii, {} operators{}", model.thresholds.len(), effects.iter().map(|name| format!(" + {name}")).collect::<String>());
+        let description = Description {
+            path: path.into(),
+            kind,
+            arithmetic: Arithmetic::Physics,
+            input: model.input.clone(),
+            output: model.output.clone(),
+            input_range: None,
+            sample_period_s: (!model.effects.is_empty()).then_some(model.sample_period_s),
+            parameters: model.parameters(),
+            macs_per_step: model.parameters(),
+        };
+        Ok(Self { model, description })
+    }
+}
+
+impl Predictor for DiscoveredPredictor {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(input.len())).collect();
+        let mut output = Vec::with_capacity(input.len());
+        for bound in bounds.windows(2) {
+            let part = self.model.simulate(&input[bound[0]..bound[1]]);
+            output.extend(part.map_err(|problem| ModelError::Invalid { path: self.description.path.clone(), problem })?);
+        }
+        Ok(output)
+    }
+}
