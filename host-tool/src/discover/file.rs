@@ -176,7 +176,10 @@ impl DiscoveredModel {
             }
             for (parameter, &value) in form.parameters().iter().zip(&entry.normalised) {
                 if !(parameter.low..=parameter.high).contains(&value) {
-                    return Err(format!("{} of {:?} is {value}, outside {} to {}", parameter.name, entry.name, parameter.low, parameter.high));
+                    return Err(format!(
+                        "{} of {:?} is {value}, outside {} to {}",
+                        parameter.name, entry.name, parameter.low, parameter.high
+                    ));
                 }
             }
             slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });

@@ -327,7 +327,10 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
             runner_up = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name()).map(|second| {
                 let apart = self::deviations(&bench.selecting_blocks(&second.fitted.model), &bench.selecting_blocks(&chosen.fitted.model));
                 twins = second.fitted.model.cost() <= chosen.fitted.model.cost() && second.fitted.select < 1.005 * chosen.fitted.select;
-                RunnerUp { name: second.form.name().to_owned(), separable: apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select }
+                RunnerUp {
+                    name: second.form.name().to_owned(),
+                    separable: apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select,
+                }
             });
         }
         model = chosen.fitted.model.clone();

@@ -219,7 +219,8 @@ impl Model {
             if run.keep.iter().any(|keep| !keep) {
                 columns.filter(|column| column.iter_mut().zip(&run.keep).filter(|(_, keep)| !**keep).for_each(|(value, _)| *value = 0.0));
             }
-            let sums = sums.get_or_insert_with(|| Sums { fit: Gram::new(width), select: Gram::new(width), free: columns.free[..width].to_vec() });
+            let sums =
+                sums.get_or_insert_with(|| Sums { fit: Gram::new(width), select: Gram::new(width), free: columns.free[..width].to_vec() });
             let mut start = 0;
             while start < run.input.len() {
                 let role = run.role[start];

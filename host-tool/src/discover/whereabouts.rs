@@ -47,7 +47,9 @@ pub fn disagreements(session: &Session, residual: &[Vec<f64>], seed: u64) -> Vec
         .runs
         .iter()
         .zip(residual)
-        .flat_map(|(run, residual)| residual.iter().zip(&run.keep).map(|(value, &keep)| if keep { value * value - floor_square } else { 0.0 }))
+        .flat_map(|(run, residual)| {
+            residual.iter().zip(&run.keep).map(|(value, &keep)| if keep { value * value - floor_square } else { 0.0 })
+        })
         .collect();
     let total: f64 = energy.iter().sum::<f64>().max(1e-30);
     let blocks = energy.len().div_ceil(block);
@@ -68,7 +70,8 @@ pub fn disagreements(session: &Session, residual: &[Vec<f64>], seed: u64) -> Vec
             };
             let here = held(0);
             let above = shifts.iter().filter(|&&shift| held(shift) >= here).count();
-            let share: f64 = energy.iter().zip(&cut.of_sample).filter(|&(_, &of)| of == region).map(|(value, _)| value).sum::<f64>() / total;
+            let share: f64 =
+                energy.iter().zip(&cut.of_sample).filter(|&(_, &of)| of == region).map(|(value, _)| value).sum::<f64>() / total;
             all.push(Disagreement {
                 axis: cut.axis.to_owned(),
                 region: words.clone(),

@@ -19,7 +19,11 @@ impl DiscoveredPredictor {
     pub fn load(path: &Path) -> Result<Self, ModelError> {
         let model = DiscoveredModel::read(path)?;
         let effects: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
-        let kind = format!("Prandtl-Ishlinskii, {} operators{}", model.thresholds.len(), effects.iter().map(|name| format!(" + {name}")).collect::<String>());
+        let kind = format!(
+            "Prandtl-Ishlinskii, {} operators{}",
+            model.thresholds.len(),
+            effects.iter().map(|name| format!(" + {name}")).collect::<String>()
+        );
         let description = Description {
             path: path.into(),
             kind,

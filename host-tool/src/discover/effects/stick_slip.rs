@@ -126,11 +126,7 @@ impl Form for Breakaway {
         Place::Tip
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[
-            BAND,
-            REMAINING,
-            Parameter { name: "sticking_speed", quantity: Quantity::OutputRate, low: 1e-3, high: 10.0, logarithmic: true },
-        ]
+        &[BAND, REMAINING, Parameter { name: "sticking_speed", quantity: Quantity::OutputRate, low: 1e-3, high: 10.0, logarithmic: true }]
     }
     fn weights(&self) -> usize {
         1
