@@ -140,10 +140,10 @@ pub fn rich_training(config: &SetConfig) -> Vec<Named> {
     let mut set: Vec<Named> = Vec::new();
     // Ten of each eight kinds in turn; noise goes by the round, so every kind comes with and without.
     for round in 0..10 {
-        for kind in 0..8 {
+        for kind in RICH_KINDS {
             let noise_bar = if round % 3 == 2 { 0.0 } else { config.noise_bar };
             let segments = rich_segments(kind, round, top, &mut random);
-            let name = format!("r{:03}_{}", set.len() + 1, RICH_KINDS[kind]);
+            let name = format!("r{:03}_{}", set.len() + 1, kind);
             set.push(config.row(name, seed(), noise_bar, segments));
         }
     }
@@ -168,7 +168,7 @@ fn wander(top: f64, hold_share: f64, longest_hold_s: f64, start_bar: Option<f64>
 }
 
 /// The segments of one recording of the rich set.
-fn rich_segments(kind: usize, round: usize, top: f64, random: &mut ChaCha8Rng) -> Vec<Segment> {
+fn rich_segments(kind: &str, round: usize, top: f64, random: &mut ChaCha8Rng) -> Vec<Segment> {
     let mut uniform = |low: f64, high: f64| rounded(low + (high - low) * random.random::<f64>());
     let amplitude_bar = rounded(0.5 * top * if round.is_multiple_of(2) { 1.0 } else { uniform(0.25, 0.95) });
     let frequency_hz = uniform(0.15, 0.9);
@@ -179,7 +179,7 @@ fn rich_segments(kind: usize, round: usize, top: f64, random: &mut ChaCha8Rng) -
         0 => vec![segment(PAPER_DURATION_S, signal)],
         _ => vec![segment(8.0, wander(top, 0.2, 1.0, None, Some(0.0))), segment(PAPER_DURATION_S - 4.0, signal)],
     };
-    match RICH_KINDS[kind] {
+    match kind {
         "points" => {
             let start_bar = round.is_multiple_of(2).then_some(0.0);
             vec![segment(PAPER_DURATION_S, wander(top, 0.25, 3.0, start_bar, None))]

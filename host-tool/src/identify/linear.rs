@@ -10,6 +10,9 @@ const BLOCK_ROWS: usize = 64;
 /// A column whose part outside the span of the others is below this share of its length adds nothing but rounding.
 const DEPENDENT: f64 = 1e-11;
 
+/// Sums of squares below this are the remains of rounding; their reciprocals would overflow.
+const NOTHING: f64 = 1e-280;
+
 /// The triangle `R` of `[A | y] = Q R`: all that least squares needs to know of the rows of `A x = y`.
 #[derive(Clone, Debug)]
 pub struct Compressed {
@@ -60,7 +63,8 @@ impl Compressed {
         let rows = self.pending.len() / width;
         for column in 0..width {
             let below: f64 = (0..rows).map(|row| self.pending[row * width + column].powi(2)).sum();
-            if below == 0.0 {
+            // What is left of a column that repeats others shrinks with every block until its square underflows: that is nothing.
+            if below < NOTHING {
                 continue;
             }
             let top = self.triangle[column * width + column];
@@ -305,6 +309,19 @@ mod tests {
         let solution = compressed.solve(&[false; 6]);
         assert!(solution.squared_residual < 1e-24, "{solution:?}");
         assert!(solution.coefficients.iter().all(|&value| value >= 0.0) && solution.coefficients[3] == 0.0);
+    }
+
+    #[test]
+    fn a_repeated_column_stays_harmless_over_any_number_of_rows() {
+        let mut compressed = Compressed::new(4);
+        for k in 0..20_000 {
+            let (x, y) = ((f64::from(k) * 0.013).sin(), (f64::from(k) * 0.0071).cos());
+            compressed.push(&[x, x, y, x], 2.0 * x + 0.5 * y + 1e-3 * (f64::from(k) * 1.7).sin());
+        }
+        let solution = compressed.solve(&[false; 4]);
+        let (sum, other) = (solution.coefficients[0] + solution.coefficients[1] + solution.coefficients[3], solution.coefficients[2]);
+        assert!((sum - 2.0).abs() < 1e-4 && (other - 0.5).abs() < 1e-4, "{solution:?}");
+        assert!((solution.squared_residual / 20_000.0 - 0.5e-6).abs() < 1e-8, "{solution:?}");
     }
 
     #[test]

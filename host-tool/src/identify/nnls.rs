@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_repeated_column_and_an_empty_one_do_no_harm() {
-        let rows: Vec<Vec<f64>> = (0..20).map(|i| f64::from(i)).map(|t| vec![t, t, 0.0, 1.0]).collect();
+        let rows: Vec<Vec<f64>> = (0..20).map(f64::from).map(|t| vec![t, t, 0.0, 1.0]).collect();
         let targets: Vec<f64> = (0..20).map(|i| 2.0 * f64::from(i) + 3.0).collect();
         let x = solve(&normal(&rows, &targets).gram, &normal(&rows, &targets).right, &[true, true, true, false]);
         assert!((x[0] + x[1] - 2.0).abs() < 1e-9 && x[2] == 0.0 && (x[3] - 3.0).abs() < 1e-9, "{x:?}");

@@ -141,7 +141,7 @@ fn bad_column_maps_say_what_is_wrong() {
 fn folders_and_missing_paths_are_told_apart() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().to_path_buf();
-    assert!(matches!(load(&[path.clone()], None), Err(RecordingError::NoFiles { .. })));
+    assert!(matches!(load(std::slice::from_ref(&path), None), Err(RecordingError::NoFiles { .. })));
     assert!(matches!(read(&path, &ColumnMap::own()), Err(RecordingError::IsFolder { .. })));
     assert!(matches!(load(&[path.join("absent.csv")], None), Err(RecordingError::Open { .. })));
     assert!(matches!(load(&Vec::<PathBuf>::new(), None), Err(RecordingError::NoPaths)));
