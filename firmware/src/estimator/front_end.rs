@@ -128,7 +128,8 @@ impl FrontEnd {
     /// Runs in the control tick: about 15 instructions a play operator and 10 a feature.
     pub fn step(&self, state: &mut FrontEndState, raw: f32, features: &mut [f32]) -> FrontEndOutput {
         let measured = (raw - self.input_offset) / self.input_scale;
-        let held = !(measured.abs() <= MAX_NORMALISED);
+        // Also true for what is not a number.
+        let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
         if held {
             state.held_samples = state.held_samples.saturating_add(1);
         }

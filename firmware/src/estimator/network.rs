@@ -430,10 +430,10 @@ mod tests {
                 let input: [i16; 64] = input.try_into().unwrap();
                 Portable.step(0, &layer, &input, &mut state);
                 let mut next = Vec::new();
-                for unit in 0..units {
+                for (unit, memory) in c.iter_mut().enumerate() {
                     let z = [0, 1, 2, 3].map(|gate| specification::pre_activation(&wire, gate * units + unit, &input[..inputs], &h));
-                    let (cell, hidden) = specification::unit(activation, &wire, z, c[unit]);
-                    c[unit] = cell;
+                    let (cell, hidden) = specification::unit(activation, &wire, z, *memory);
+                    *memory = cell;
                     next.push(i16::try_from(hidden).unwrap());
                 }
                 h = next;
