@@ -17,6 +17,7 @@ pub mod modified;
 pub mod play;
 pub mod prandtl_ishlinskii;
 pub mod rate_dependent;
+pub mod stick_band;
 pub mod stop;
 
 pub use bouc_wen::{BoucWen, BoucWenConfig, BoucWenState};
@@ -32,4 +33,5 @@ pub use play::Play;
 pub use prandtl_ishlinskii::{PrandtlIshlinskii, PrandtlIshlinskiiState};
 pub use rate_dependent::{InverseRateDependent, RateDependent, RateDependentConfig, RateDependentState};
 pub use real::Real;
+pub use stick_band::StickBand;
 pub use stop::Stop;

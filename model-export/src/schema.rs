@@ -14,8 +14,10 @@
 //! s   = sum_i play_weights_i * H_i                                  Prandtl-Ishlinskii sum, paper eq. (3)
 //! C_j : C_j += creep_coefficient_j * (s - C_j)                      creep filters of the sum
 //! L   = bias + input_weight * v + s + sum_j creep_weights_j * C_j   linear readout
-//! y   = output.offset + output.scale * (L + N(features))            N: the network's output, 0 without a network
+//! y   = output.offset + output.scale * S(L + N(features))           N: the network's output, 0 without a network
 //! ```
+//!
+//! `S` is the stick band: its output stays until its input is more than `stick_band` away, then jumps to it.
 //!
 //! Every state starts at the first sample's equilibrium: `v = u(0)`, plays by the second line of eq. (2), `C_j = s(0)`.
 //!
@@ -115,6 +117,8 @@ pub struct FrontEnd {
     pub input_weight: f32,
     /// Constant of the readout.
     pub bias: f32,
+    /// Half-width of the stick band on the estimate, in normalised output; 0 is none.
+    pub stick_band: f32,
     /// What the network sees, in order.
     pub features: Vec<Feature, MAX_FEATURES>,
 }

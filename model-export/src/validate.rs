@@ -76,6 +76,7 @@ impl FrontEnd {
         let dead_time = self.dead_time_samples;
         require((0.0..=longest).contains(&dead_time), "front_end.dead_time_samples", 0, "between 0 and 32")?;
         require(coefficient(self.lag_coefficient), "front_end.lag_coefficient", 0, "above 0 and at most 1")?;
+        require((0.0..=MAX_PARAMETER).contains(&self.stick_band), "front_end.stick_band", 0, "0 or above and at most a million")?;
         bounded(&self.play_thresholds, "front_end.play_thresholds")?;
         bounded(&self.play_weights, "front_end.play_weights")?;
         bounded(&self.creep_weights, "front_end.creep_weights")?;

@@ -7,6 +7,7 @@ mod arithmetic;
 mod front_end;
 mod network;
 
+use hysteresis::stick_band;
 use model_export::blob::crc32;
 use model_export::schema::{self, MAX_FEATURES, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
 use model_export::validate::Invalid;
@@ -32,6 +33,8 @@ pub struct EstimatorState {
     front_end: FrontEndState,
     network: NetworkState,
     window: Window,
+    /// Where the stick band rests, in normalised output; nothing before the first sample.
+    stuck: Option<f32>,
 }
 
 /// The last feature vectors, oldest overwritten first.
@@ -45,7 +48,7 @@ struct Window {
 impl Default for EstimatorState {
     fn default() -> Self {
         let window = Window { values: [0; MAX_WINDOW_VALUES], oldest: 0, filled: false };
-        Self { front_end: FrontEndState::default(), network: NetworkState::default(), window }
+        Self { front_end: FrontEndState::default(), network: NetworkState::default(), window, stuck: None }
     }
 }
 
@@ -151,7 +154,11 @@ impl<'a, K: Kernel> Estimator<'a, K> {
                 Mode::Window { length } => self.run_window(network, state, usize::from(length), &input),
             }
         });
-        let value = self.output_offset + self.output_scale * (physics.linear + correction);
+        let normalised = physics.linear + correction;
+        let band = self.front_end.config().stick_band;
+        let stuck = state.stuck.map_or(normalised, |last| stick_band::step(band, normalised, last));
+        state.stuck = Some(stuck);
+        let value = self.output_offset + self.output_scale * stuck;
         Estimate { value, correction, held: physics.held }
     }
 

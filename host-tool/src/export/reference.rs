@@ -32,6 +32,8 @@ pub struct Reference<'a> {
     model: &'a TrainedModel,
     inputs: Vec<f64>,
     last_path: f64,
+    /// Where the stick band rests, in normalised output.
+    stuck: Option<f64>,
     plays: Vec<f64>,
     creeps: Vec<f64>,
     window: Vec<Vec<f64>>,
@@ -58,6 +60,7 @@ impl<'a> Reference<'a> {
             creeps: vec![0.0; model.front_end.creep_coefficients.len()],
             window: Vec::new(),
             layers: Vec::new(),
+            stuck: None,
         }
     }
 
@@ -80,7 +83,14 @@ impl<'a> Reference<'a> {
         let normalised = (raw - f64::from(input.offset)) / f64::from(input.scale);
         let (linear, features) = self.front_end(normalised);
         let correction = self.correction(features, on_network_step);
-        f64::from(output.offset) + f64::from(output.scale) * (linear + correction)
+        let free = linear + correction;
+        let band = f64::from(self.model.front_end.stick_band);
+        let stuck = match self.stuck {
+            Some(stuck) if (free - stuck).abs() <= band => stuck,
+            _ => free,
+        };
+        self.stuck = Some(stuck);
+        f64::from(output.offset) + f64::from(output.scale) * stuck
     }
 
     fn front_end(&mut self, u: f64) -> (f64, Vec<f64>) {

@@ -25,6 +25,8 @@ pub struct Runner<'a> {
     features: Vec<f32>,
     /// Features of the last samples, in window mode.
     window: VecDeque<Vec<f32>>,
+    /// Where the stick band rests, in normalised output.
+    stuck: Option<f32>,
 }
 
 impl TrainedModel {
@@ -41,6 +43,7 @@ impl TrainedModel {
             front_end_state: FrontEndState::default(),
             network_state: self.network.as_ref().map(NetworkState::new),
             window: VecDeque::new(),
+            stuck: None,
         })
     }
 
@@ -69,6 +72,7 @@ impl Runner<'_> {
     pub fn reset(&mut self) {
         self.front_end_state.reset();
         self.window.clear();
+        self.stuck = None;
         if let Some(state) = &mut self.network_state {
             state.reset();
         }
@@ -100,6 +104,9 @@ impl Runner<'_> {
                 }
             };
         }
-        f64::from(self.model.output.offset) + f64::from(self.model.output.scale) * f64::from(normalised)
+        let band = self.model.front_end.stick_band;
+        let stuck = self.stuck.map_or(normalised, |last| hysteresis::stick_band::step(band, normalised, last));
+        self.stuck = Some(stuck);
+        f64::from(self.model.output.offset) + f64::from(self.model.output.scale) * f64::from(stuck)
     }
 }

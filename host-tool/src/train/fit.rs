@@ -14,7 +14,7 @@ use super::front_end;
 use super::quantised;
 use super::split::split;
 use super::team::Team;
-use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks, window_features};
+use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks, window_features};
 use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
 use crate::recording::Recording;
 
@@ -301,6 +301,7 @@ impl Validation {
                 for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
                     let output = sequence.outputs()[(sample - start) * VALIDATION_LANES + lane];
                     let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
+                    let error = beyond(error, f64::from(track.slack[sample]));
                     sum += error * error;
                     count += 1;
                 }
@@ -356,6 +357,7 @@ impl Validation {
                 let track = &tracks[index];
                 let output = outputs[(length - 1) * VALIDATION_LANES + lane];
                 let error = f64::from(track.output[end] - track.linear[end] - target_scale * output);
+                let error = beyond(error, f64::from(track.slack[end]));
                 sum += error * error;
             }
         }
@@ -506,7 +508,8 @@ fn residual_scale(tracks: &[Track]) -> f32 {
     let (mut sum, mut count) = (0.0, 0u64);
     for track in tracks {
         for sample in (0..track.len()).filter(|&sample| track.training[sample]) {
-            sum += f64::from(track.output[sample] - track.linear[sample]).powi(2);
+            let left = f64::from(track.output[sample] - track.linear[sample]);
+            sum += beyond(left, f64::from(track.slack[sample])).powi(2);
             count += 1;
         }
     }

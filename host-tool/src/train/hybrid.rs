@@ -66,6 +66,8 @@ struct Data<'a> {
     parts: &'a [Vec<bool>],
     input: &'a Channel,
     output: &'a Channel,
+    /// Half-width of the stick band in normalised output; 0 is none.
+    stick_band: f32,
     /// Every how many samples the normal equations take one.
     stride: usize,
 }
@@ -82,7 +84,8 @@ pub fn front_end(
     sample_period_s: f64,
 ) -> Result<schema::FrontEnd, TrainError> {
     let samples = parts.iter().flatten().filter(|part| **part).count();
-    let search = Data { recordings, parts, input, output, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
+    let stick_band = narrow(stick_band(recordings, parts) / f64::from(output.scale));
+    let search = Data { recordings, parts, input, output, stick_band, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
     let all = Data { stride: 1, ..search };
 
     let (low, high) = normalised_range(input);
@@ -114,7 +117,43 @@ pub fn front_end(
     search.refine_path(&mut best, 0.5)?;
 
     let fit = all.fit(&best.0)?;
-    Ok(assemble(&best.0, &fit))
+    Ok(schema::FrontEnd { stick_band, ..assemble(&best.0, &fit) })
+}
+
+/// Half-width of the stick band in output units, 0 when nothing sticks.
+///
+/// A tip that sticks gives itself away: for a good part of the time the output does not move at all, and when it moves it moves by
+/// more than the band, so that small motions are missing. A coarse analogue-to-digital converter does much the same, but its motions
+/// are whole steps, most of them the smallest.
+fn stick_band(recordings: &[Recording], parts: &[Vec<bool>]) -> f64 {
+    let mut motions = Vec::new();
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (recording, part) in recordings.iter().zip(parts) {
+        for segment in recording.segments() {
+            for index in segment.skip(1).filter(|index| part[*index]) {
+                // Only while the input moves: a rest of the rig is no sticking.
+                if recording.input[index] != recording.input[index - 1] {
+                    motions.push((recording.output[index] - recording.output[index - 1]).abs());
+                }
+                low = low.min(recording.output[index]);
+                high = high.max(recording.output[index]);
+            }
+        }
+    }
+    motions.sort_by(f64::total_cmp);
+    let count = motions.len();
+    let tolerance = 1e-6 * (high - low);
+    let resting = motions.partition_point(|motion| *motion <= tolerance);
+    let slips = &motions[resting..];
+    if count < 200 || resting < count / 10 || slips.len() < 50 {
+        return 0.0;
+    }
+    // A few small motions may come from noise or from edges of the recordings.
+    let band = slips[slips.len() / 100];
+    let smaller = slips.partition_point(|motion| *motion < 0.8 * band);
+    let steps = slips.partition_point(|motion| *motion < 1.01 * band);
+    let sticks = band > 0.002 * (high - low) && smaller * 100 < count && steps * 5 < slips.len();
+    if sticks { band } else { 0.0 }
 }
 
 fn normalised_range(channel: &Channel) -> (f64, f64) {
@@ -174,12 +213,19 @@ impl Data<'_> {
         let columns = n + 1 + creeps + 1;
         let mut folds = vec![Normal::new(columns); FOLDS];
         let mut row = vec![1.0; columns];
-        let prepared: Vec<Track> = tracks(self.recordings, self.parts, &candidate.probe(), self.input, self.output)?;
+        let prepared: Vec<Track> = tracks(
+            self.recordings,
+            self.parts,
+            &schema::FrontEnd { stick_band: self.stick_band, ..candidate.probe() },
+            self.input,
+            self.output,
+        )?;
         let alone = prepared.len() < FOLDS;
         for (number, track) in prepared.iter().enumerate() {
             let width = track.features.len() / track.len().max(1);
             for sample in (0..track.len()).step_by(self.stride) {
-                if !track.training[sample] {
+                // Where the tip sticks, the output says nothing exact.
+                if !track.training[sample] || track.slack[sample] > 0.0 {
                     continue;
                 }
                 let features = &track.features[sample * width..(sample + 1) * width];

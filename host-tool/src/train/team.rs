@@ -12,6 +12,7 @@ use firmware::estimator::NetworkState;
 use super::barrier::Barrier;
 use super::optimizer::{OptimizerConfig, Shard};
 use super::quantised;
+use super::tracks::beyond;
 use crate::network::{Architecture, Layout, Sequence};
 
 /// One chunk for all lanes: what goes in, what should come out, and how much each sample counts.
@@ -27,6 +28,8 @@ pub struct Batch {
     pub features: Vec<f32>,
     /// `[lane][step]`, what the network should give.
     pub targets: Vec<f32>,
+    /// `[lane][step]`, how far off an output may be at no cost.
+    pub slack: Vec<f32>,
     /// `[lane][step]`, weight of the squared error; 0 leaves the sample out.
     pub weights: Vec<f32>,
     /// Lanes that start from zero state.
@@ -43,6 +46,7 @@ impl Batch {
             width,
             features: vec![0.0; lanes * steps * width],
             targets: vec![0.0; lanes * steps],
+            slack: vec![0.0; lanes * steps],
             weights: vec![0.0; lanes * steps],
             reset: vec![true; lanes],
         }
@@ -344,8 +348,9 @@ impl Shared {
         for (column, lane) in worker.lanes.clone().enumerate() {
             for step in 0..batch.steps {
                 let row = step * lanes + column;
-                let error = f64::from(outputs[row] - batch.targets[lane * batch.steps + step]);
-                let share = f64::from(batch.weights[lane * batch.steps + step]) / total_weight.max(f64::MIN_POSITIVE);
+                let place = lane * batch.steps + step;
+                let error = beyond(f64::from(outputs[row] - batch.targets[place]), f64::from(batch.slack[place]));
+                let share = f64::from(batch.weights[place]) / total_weight.max(f64::MIN_POSITIVE);
                 loss += share * error * error;
                 #[expect(clippy::cast_possible_truncation, reason = "the passes work in f32")]
                 let slope = (2.0 * share * error) as f32;

@@ -25,6 +25,8 @@ pub struct Track {
     pub linear: Vec<f32>,
     /// Measured output, normalised.
     pub output: Vec<f32>,
+    /// How far off in normalised output a sample says nothing, because the stick band held the output; 0 elsewhere.
+    pub slack: Vec<f32>,
     /// Which samples training may learn from; the others are for validation.
     pub training: Vec<bool>,
 }
@@ -60,7 +62,7 @@ pub fn tracks(
     for (recording, part) in recordings.iter().zip(parts) {
         for segment in recording.segments() {
             let mut state = FrontEndState::default();
-            let mut track = Track { features: Vec::new(), linear: Vec::new(), output: Vec::new(), training: Vec::new() };
+            let mut track = Track { features: Vec::new(), linear: Vec::new(), output: Vec::new(), training: Vec::new(), slack: Vec::new() };
             let mut features = vec![0.0; width];
             track.training.extend_from_slice(&part[segment.clone()]);
             for index in segment {
@@ -68,13 +70,26 @@ pub fn tracks(
                 let (raw, measured) = (recording.input[index] as f32, recording.output[index] as f32);
                 let step = built.step(&mut state, raw, &mut features);
                 track.features.extend(features.iter().map(|&value| limit_feature(value)));
+                let normalised = (measured - output.offset) / output.scale;
+                let band = front_end.stick_band;
+                let rests = track.output.last().is_some_and(|last| (normalised - last).abs() < STICK_TOLERANCE * band);
+                track.slack.push(if rests { band } else { 0.0 });
                 track.linear.push(step.linear);
-                track.output.push((measured - output.offset) / output.scale);
+                track.output.push(normalised);
             }
             tracks.push(track);
         }
     }
     Ok(tracks)
+}
+
+/// An output that moves by less than this share of the stick band in a sample rests.
+pub const STICK_TOLERANCE: f32 = 0.05;
+
+/// What is left of an error where the output may be off by `slack`.
+#[must_use]
+pub fn beyond(error: f64, slack: f64) -> f64 {
+    error - error.clamp(-slack, slack)
 }
 
 /// Seeds of separate purposes: equal numbers in different purposes do not give equal choices.
@@ -169,6 +184,7 @@ impl Walk {
                 let row = lane * steps + step;
                 let sample = cursor.position + step;
                 let known = step < count;
+                batch.slack[row] = if known { track.slack[sample] / target_scale } else { 0.0 };
                 batch.targets[row] = if known { (track.output[sample] - track.linear[sample]) / target_scale } else { 0.0 };
                 batch.weights[row] = if known && sample >= cursor.counts_from && track.training[sample] { 1.0 } else { 0.0 };
             }
@@ -284,6 +300,7 @@ impl Windows {
             }
             let row = lane * steps + steps - 1;
             batch.targets[row] = (track.output[end] - track.linear[end]) / target_scale;
+            batch.slack[row] = track.slack[end] / target_scale;
             batch.weights[row] = 1.0;
         }
     }
