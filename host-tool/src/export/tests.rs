@@ -207,7 +207,7 @@ fn a_snapshot_restores_and_a_reset_forgets() {
     let estimator = Estimator::new(&blob.model).unwrap();
     let input = recording(&mut random, 100).input;
     let mut state = EstimatorState::default();
-    let mut play = |state: &mut EstimatorState| -> Vec<f32> { input.iter().map(|x| estimator.step(state, *x as f32).value).collect() };
+    let play = |state: &mut EstimatorState| -> Vec<f32> { input.iter().map(|x| estimator.step(state, *x as f32).value).collect() };
     let first = play(&mut state);
     let mut snapshot = state.clone();
     let second = play(&mut state);
