@@ -9,10 +9,7 @@ use crate::setup::TARGET;
 pub fn desktop() -> Result<()> {
     run("format", cargo().args(["fmt", "--all", "--check"]))?;
     run("lints", cargo().args(["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
-    run(
-        "documentation",
-        cargo().env("RUSTDOCFLAGS", "--deny warnings").args(["doc", "--workspace", "--no-deps", "--document-private-items"]),
-    )?;
+    run("documentation", cargo().env("RUSTDOCFLAGS", "--deny warnings").args(["doc", "--workspace", "--no-deps"]))?;
     run("tests", cargo().args(["test", "--workspace"]))
 }
 
