@@ -4,6 +4,9 @@
 //! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`model`] is what all models have in common,
 //! [`evaluate`] judges them, [`export`] takes them to the microcontroller and [`report`] shows them.
 
+// Standard output goes through `say!`, which does not panic when its reader has left.
+#![warn(clippy::print_stdout)]
+
 pub mod cli;
 pub mod discover;
 pub mod evaluate;

@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     };
     let results = corpus::run(&config, |case| {
         if discover.verbose {
-            println!(
+            crate::say!(
                 "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.4} {:.4} floor {:.4} {:.2} s  [{}] 2nd {}",
                 if corpus::right(case) { "" } else { "***" },
                 case.hidden.join("+"),
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             );
         }
     })?;
-    print!("{}", corpus::summary(&results));
+    crate::output::print_bytes(corpus::summary(&results).as_bytes());
     if let Some(path) = &discover.common.json {
         crate::output::write_json(path, &results)?;
     }

@@ -17,7 +17,7 @@ use crate::{output, recording, say};
 /// Weights become 8-bit integers with a scale per row, chosen from how the model runs on the calibration recordings; the blob is then
 /// run as the firmware runs it and compared with the f32 model. No sum in it can overflow: the headroom printed is the proof.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Examples:
   catheter export model.safetensors --calibration data/rich/train --out model.blob
   catheter export model.safetensors --calibration run.csv --columns time=t_s,input=voltage_V,output=displacement_um --out model.blob
@@ -35,7 +35,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MAP")]
     columns: Option<String>,
     /// The blob to write.
-    #[arg(long, value_name = "FILE.blob")]
+    #[arg(long, value_name = "FILE.blob", value_parser = output::file_argument("blob"))]
     out: PathBuf,
 }
 

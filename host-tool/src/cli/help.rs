@@ -26,15 +26,6 @@ Leaves DIR/recordings and DIR/holdout, and the truth in DIR/truth.sealed.json: l
 Example:
   catheter hide --effect creep --seed 7 --out case";
 
-/// Below the help of `identify`.
-pub const IDENTIFY: &str = "\
-Leaves a physics model as TOML, made to be read: thresholds and weights with units, confidence intervals and where they came from.
-
-Examples:
-  catheter identify --data data/train --out physics.toml
-  catheter identify --data run1.csv run2.csv --out physics.toml --json fit.json
-  catheter identify --data piezo.csv --columns time=t_s,input=voltage_V,output=displacement_um --out piezo.toml";
-
 /// Below the help of `train`.
 pub const TRAIN: &str = "\
 Leaves the trained model as safetensors. The same seed and the same number of threads give the same bits.
@@ -52,23 +43,9 @@ a blob is run by the very code of the microcontroller. With --suite a failed lim
 Examples:
   catheter evaluate --model model.blob --data data/test --suite
   catheter evaluate --model physics.toml --data run.csv --json errors.json
-  catheter evaluate --model piezo.toml --data piezo_test.csv --columns time=t_s,input=voltage_V,output=displacement_um";
-
-/// Below the help of `export`.
-pub const EXPORT: &str = "\
-The calibration recordings set the ranges of activations and state: take the training data, or more of the same kind, never the test data.
-
-Examples:
-  catheter export model.safetensors --calibration data/train --out model.blob
-  catheter export model.safetensors --calibration data/train --out model.blob --json export.json";
-
-/// Below the help of `inspect`.
-pub const INSPECT: &str = "\
-A blob with a flipped bit, a missing tail or another schema is refused with exit code 2 and the reason.
-
-Examples:
-  catheter inspect model.blob
-  catheter inspect model.blob --json model.json";
+  catheter evaluate --model model.blob --data data/test --suite --reference model.safetensors
+  catheter evaluate --model model.safetensors --data data/test --ladder --ladder-train data/train --compare physics.toml
+  catheter evaluate --model piezo.toml --data piezo_test.csv --tare --columns time=t_s,input=voltage_V,output=displacement_um";
 
 /// Below the help of `demo`.
 pub const DEMO: &str = "\

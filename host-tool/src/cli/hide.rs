@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     };
     let case = rig::hide(&config)?;
     rig::write(&arguments.out, &case)?;
-    println!(
+    crate::say!(
         "{} recordings in {}, {} kept-out recordings in {}, the truth in {}",
         case.recordings.len(),
         arguments.out.join("recordings").display(),

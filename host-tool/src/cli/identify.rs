@@ -15,7 +15,7 @@ use crate::{output, say};
 /// Finds a Prandtl-Ishlinskii model (a weighted sum of play operators) by non-negative least squares; thresholds are free unless given.
 /// The error reported is that of the model running freely on the recorded input. Every parameter comes with a 95 % confidence interval.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Examples:
   catheter identify --data data/paper/train --out pi.toml --json pi.json
   catheter identify --data data/paper/train --out pi.toml --operators 12

@@ -19,7 +19,7 @@ use crate::{output, say};
 /// Every checksum is verified, the golden vectors are replayed by the firmware's own code, and the cost on the microcontroller is
 /// worked out. Exit code 1 when the golden vectors are not met.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Examples:
   catheter inspect model.blob
   catheter inspect model.blob --json model.json")]

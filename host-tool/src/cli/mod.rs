@@ -40,15 +40,12 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Arguments),
-    #[command(after_long_help = help::IDENTIFY)]
     Identify(identify::Arguments),
     #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
     #[command(after_long_help = help::EVALUATE)]
     Evaluate(evaluate::Arguments),
-    #[command(after_long_help = help::EXPORT)]
     Export(export::Arguments),
-    #[command(after_long_help = help::INSPECT)]
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
