@@ -22,7 +22,7 @@ pub struct Arguments {
     #[arg(long, num_args = 1.., value_name = "PATH")]
     holdout: Vec<PathBuf>,
     /// Folder for the model and the result.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
     out: PathBuf,
     #[command(flatten)]
     common: Common,

@@ -62,6 +62,11 @@ struct Summary<'a> {
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let model = load(&arguments.model)?;
     let recordings = recording::load(&arguments.calibration, arguments.columns.as_deref())?;
+    let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    inputs.push(arguments.model.clone());
+    let mut outputs = vec![arguments.out.as_path()];
+    outputs.extend(arguments.common.json.as_deref());
+    output::refuse_overwriting(&inputs, &outputs)?;
     let export = export::export(&model, &recordings).with_context(|| format!("cannot export {}", arguments.model.display()))?;
     output::write_atomic(&arguments.out, &export.bytes)?;
     print(&arguments.out, &model, &export, recordings.len());

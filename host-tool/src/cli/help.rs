@@ -19,6 +19,14 @@ Exit codes:
   1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector)
   2  usage or input: the message says which file, which line and what to do; nothing was half-written";
 
+/// Below the help of `discover`.
+pub const DISCOVER: &str = "\
+Leaves DIR/model.toml, the model with the effect, and DIR/discovery.json.
+
+Examples:
+  catheter discover --data session --holdout other --out result
+  catheter evaluate --model result/model.toml --data other";
+
 /// Below the help of `hide`.
 pub const HIDE: &str = "\
 Leaves DIR/recordings and DIR/holdout, and the truth in DIR/truth.sealed.json: look at that last.

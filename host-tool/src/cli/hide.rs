@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "paper")]
     excitation: Excitation,
     /// Folder to write to.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = crate::output::folder_argument())]
     out: PathBuf,
     #[command(flatten)]
     common: Common,

@@ -49,8 +49,9 @@ enum Command {
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
-    #[command(after_long_help = help::HIDE)]
+    #[command(after_long_help = help::DISCOVER)]
     Discover(discover::Arguments),
+    #[command(after_long_help = help::HIDE)]
     Hide(hide::Arguments),
     #[command(hide = true)]
     Bench(bench::Arguments),

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 
 use super::{Common, Data, Outcome};
 use crate::train::{CheckpointPlan, Ended, PRESETS, Progress, TrainConfig, TrainReport, train};
@@ -22,16 +22,16 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", value_parser = output::file_argument("safetensors"))]
     out: PathBuf,
     /// CPU time to plan for in s; becomes a fixed number of optimiser steps at a nominal throughput, so that results repeat.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = positive::<f64>)]
     budget_cpu_s: Option<f64>,
     /// Passes over the training recordings, instead of a CPU budget.
-    #[arg(long, value_name = "N", conflicts_with = "budget_cpu_s")]
+    #[arg(long, value_name = "N", conflicts_with = "budget_cpu_s", value_parser = positive::<f64>)]
     epochs: Option<f64>,
     /// Sequences trained side by side.
     #[arg(long, value_name = "N")]
     batch: Option<usize>,
     /// Peak learning rate.
-    #[arg(long, value_name = "RATE")]
+    #[arg(long, value_name = "RATE", value_parser = positive::<f32>)]
     learning_rate: Option<f32>,
     /// TOML file whose fields replace those of the preset.
     #[arg(long, value_name = "FILE")]
@@ -82,7 +82,16 @@ fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
     config.epochs = arguments.epochs.or(config.epochs);
     config.lanes = arguments.batch.unwrap_or(config.lanes);
     config.learning_rate = arguments.learning_rate.unwrap_or(config.learning_rate);
+    config.validate().map_err(|problem| match &arguments.config {
+        None => anyhow!("the settings make no sense: {problem}"),
+        Some(path) => anyhow!("{}: the settings make no sense: {problem}", path.display()),
+    })?;
     Ok(config)
+}
+
+fn positive<T: std::str::FromStr + Into<f64> + Copy>(text: &str) -> Result<T, String> {
+    let value = text.parse().ok().filter(|value: &T| (*value).into().is_finite() && (*value).into() > 0.0);
+    value.ok_or_else(|| "a positive number is wanted".to_owned())
 }
 
 /// Runs the command.
@@ -91,10 +100,12 @@ fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let config = configuration(arguments)?;
+    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    inputs.extend(arguments.config.clone());
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());
-    output::refuse_overwriting(&arguments.data.data, &outputs)?;
-    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let plan = CheckpointPlan {
         path: Some(arguments.out.with_extension("checkpoint")),

@@ -190,7 +190,7 @@ fn export_describes_the_blob_it_wrote() {
 fn inspect_prints_memory_and_cost_and_writes_them_as_json() {
     let bench = Bench::with_models();
     let text = bench.works("inspect model.blob --json inspect.json").stdout;
-    for word in ["flash", "RAM", "golden", "sha256"] {
+    for word in ["flash", "RAM", "instructions", "golden", "content hash", "headroom"] {
         assert!(text.to_lowercase().contains(&word.to_lowercase()), "inspect does not print `{word}`:\n{text}");
     }
     assert!(bench.json("inspect.json").is_object());

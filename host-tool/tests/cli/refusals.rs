@@ -274,7 +274,11 @@ fn a_command_does_not_overwrite_what_it_reads() {
     let bench = Bench::with_models();
     bench.refuses("evaluate --model physics.toml --data data --json data/a1.csv", &["a1.csv"]);
     bench.refuses("evaluate --model physics.toml --data data --json physics.toml", &["physics.toml"]);
-    bench.refuses("identify --data data/a1.csv --out new.toml --json data/a1.csv", &["a1.csv"]);
+    for json in ["data/a1.csv", "model.safetensors"] {
+        bench.refuses(&format!("export model.safetensors --calibration data --out new.blob --json {json}"), &[json]);
+    }
+    bench.refuses("identify --data data --out new.toml --json data/a1.csv", &["a1.csv"]);
+    bench.refuses("train --data data --out new.safetensors --json data/a1.csv", &["a1.csv"]);
 }
 
 #[test]
