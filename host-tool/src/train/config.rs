@@ -62,6 +62,11 @@ pub struct TrainConfig {
     pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,
+    /// Synthetic training recordings, made where an identified physics model explains the validation recordings: see
+    /// [`super::augment`].
+    pub synthetic: usize,
+    /// How well it must explain them: root mean square error as a share of the output's range.
+    pub synthetic_limit: f64,
     /// Share of the recordings kept for validation (the paper: 0.3).
     pub validation_fraction: f64,
     /// Validations spread evenly over the run.
@@ -86,7 +91,9 @@ impl TrainConfig {
             mode: Mode::Streaming,
             front_end: FrontEndKind::InputAndDifference,
             units: vec![32],
-            activation: Activation::Relu,
+            // Two-sided and linear to its clip: a cell that adds up differences is what a play operator asks for. Measured on rich data,
+            // 60 CPU-s, 1x32: 0.0032 to 0.0044 on the four families, against 0.0035 to 0.0041 for tanh and more for the one-sided relu.
+            activation: Activation::Hard,
             state_limit: 1.0,
             lanes: 16,
             chunk: 50,
@@ -101,20 +108,23 @@ impl TrainConfig {
             middle_starts: 0.0,
             sufficient: 1e-5,
             longest_visit: 2000,
+            synthetic: 0,
+            synthetic_limit: 0.003,
             validation_fraction: 0.15,
             validations: 25,
             patience: 0,
-            budget_cpu_s: 240.0,
+            budget_cpu_s: 270.0,
             epochs: None,
         };
         match name {
-            "hybrid" => Some(Self { front_end: FrontEndKind::Hybrid, budget_cpu_s: 60.0, ..base }),
-            "stream-1x32" => Some(base),
-            "stream-2x64" => Some(Self { units: vec![64, 64], learning_rate: 2e-3, ..base }),
+            "hybrid" => Some(Self { front_end: FrontEndKind::Hybrid, ..base }),
+            "stream-1x32" => Some(Self { synthetic: 150, ..base }),
+            "stream-2x64" => Some(Self { units: vec![64, 64], learning_rate: 3e-3, synthetic: 150, ..base }),
             // Table I to the letter: 2x64, relu, Adam, L2 loss, batch 16, window 50, 70/30; input pressure alone. The table gives
             // neither learning rate nor epochs: Adam's usual 1e-3 at a constant rate.
             "paper-window" => Some(Self {
                 mode: Mode::Window { length: 50 },
+                activation: Activation::Relu,
                 front_end: FrontEndKind::Input,
                 units: vec![64, 64],
                 lanes: 16,
@@ -152,6 +162,8 @@ impl TrainConfig {
         check(fraction(self.middle_starts), "middle_starts: 0 to 1")?;
         check(self.sufficient.is_finite() && self.sufficient >= 0.0, "sufficient: 0 or above")?;
         check(self.longest_visit >= self.chunk, "longest_visit: at least one chunk")?;
+        check(self.synthetic <= 10_000, "synthetic: at most 10000")?;
+        check(self.synthetic_limit.is_finite() && self.synthetic_limit > 0.0, "synthetic_limit: above 0")?;
         check(self.validation_fraction > 0.0 && self.validation_fraction < 1.0, "validation_fraction: between 0 and 1")?;
         check(self.validations > 0, "validations: at least 1")?;
         check(self.budget_cpu_s.is_finite() && self.budget_cpu_s > 0.0, "budget_cpu_s: above 0")?;

@@ -8,13 +8,18 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::augment;
 use super::checkpoint::{Checkpoint, CheckpointPlan};
 use super::config::{FrontEndKind, TrainConfig};
 use super::front_end;
 use super::quantised;
 use super::split::split;
 use super::team::Team;
+<<<<<<< HEAD
 use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks, window_features};
+=======
+use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks as prepare, window_features};
+>>>>>>> 84d3612 (train: synthetic recordings where identified physics explains the recorded ones)
 use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
 use crate::recording::Recording;
 
@@ -75,6 +80,8 @@ pub struct TrainReport {
     pub ended: Ended,
     /// Training recordings, and recordings in all.
     pub training_recordings: usize,
+    /// Synthetic recordings among what was trained on.
+    pub synthetic_recordings: usize,
     /// Errors along the way.
     pub history: Vec<Milestone>,
     /// Error on each recording with a validation part.
@@ -391,7 +398,10 @@ pub fn train(
         FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s)?,
     };
     front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
-    let tracks = tracks(recordings, &parts, &front_end, &input, &output)?;
+    let synthetic = augment::synthetic(recordings, &parts, config.synthetic, config.synthetic_limit, seed);
+    let synthetic_parts: Vec<Vec<bool>> = synthetic.iter().map(|recording| vec![true; recording.len()]).collect();
+    let mut tracks = prepare(recordings, &parts, &front_end, &input, &output)?;
+    tracks.extend(prepare(&synthetic, &synthetic_parts, &front_end, &input, &output)?);
 
     let samples = tracks.iter().flat_map(|track| &track.training).filter(|&&training| training).count();
     let residual = residual_scale(&tracks);
@@ -466,6 +476,7 @@ pub fn train(
         planned_steps: finished.planned_steps,
         ended: finished.ended,
         training_recordings: model.provenance.training_recordings,
+        synthetic_recordings: synthetic.len(),
         history: finished.history,
         validation,
     };

@@ -2,6 +2,7 @@
 //!
 //! [`train`] does all of it; [`config::TrainConfig`] has every setting.
 
+pub mod augment;
 mod barrier;
 pub mod checkpoint;
 pub mod config;

@@ -103,6 +103,8 @@ pub enum Purpose {
     Order = 3,
     /// Where a visit starts.
     Visit = 4,
+    /// Synthetic recordings.
+    Synthetic = 5,
 }
 
 /// A random stream of its own for one purpose and number.
