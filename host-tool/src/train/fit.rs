@@ -15,11 +15,7 @@ use super::front_end;
 use super::quantised;
 use super::split::split;
 use super::team::Team;
-<<<<<<< HEAD
-use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks, window_features};
-=======
-use super::tracks::{Purpose, Track, Walk, Windows, stream, tracks as prepare, window_features};
->>>>>>> 84d3612 (train: synthetic recordings where identified physics explains the recorded ones)
+use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks as prepare, window_features};
 use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
 use crate::recording::Recording;
 
