@@ -337,7 +337,13 @@ impl<S: Flash, M: Flash> Link<S, M> {
             }
         };
         match outcome {
-            Outcome::Reply(reply) => self.reply(token, reply),
+            Outcome::Reply(reply) => {
+                if reply == Reply::Refused(Refusal::Storage) {
+                    // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
+                    let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });
+                }
+                self.reply(token, reply);
+            }
             Outcome::Send(action) => {
                 if commands.send(Command { token: Some(token), action }) {
                     self.awaited = self.awaited.saturating_add(1);
@@ -436,7 +442,8 @@ fn encoded(wire: Result<Vec<u8, MAX_WIRE>, MessageError>) -> Option<Vec<u8, MAX_
 
 fn refusal(error: StorageError) -> Refusal {
     match error {
-        StorageError::Flash | StorageError::LogFull => Refusal::Storage,
+        StorageError::Flash => Refusal::Storage,
+        StorageError::LogFull => Refusal::LogFull,
         StorageError::TooLong(capacity) => Refusal::TooLong(capacity),
         StorageError::Offset(offset) => Refusal::UploadOffset(offset),
         StorageError::PieceLength => Refusal::PieceLength,

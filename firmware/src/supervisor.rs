@@ -335,6 +335,8 @@ impl Supervisor {
                 self.request(state, observation, event).err()
             };
             decision.started = before != Running && state.state == Running;
+            // Acknowledging empties the record, and the copy beyond the reset must follow.
+            decision.record_changed |= before == Faulted && state.state != Faulted;
         }
         decision.state = state.state;
         decision.energised = state.state.is_energised();

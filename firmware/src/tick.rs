@@ -113,7 +113,7 @@ pub enum Action {
     SetPoint(SetPoint),
     /// Forget the playback buffer.
     PlaybackClear,
-    /// Put new settings into force; refused while energised.
+    /// Put new settings into force; refused while energised. Empties the playback buffer, and the sensors must prove themselves again.
     Configure(Tick),
     /// What the self-test found, and the period of the model that may run from now on.
     SelfTestReport {
@@ -152,7 +152,7 @@ pub struct TickInputs {
     pub lost_ticks: u16,
     /// Counter that the background advances.
     pub background_beat: u32,
-    /// Vent, whatever else is asked for.
+    /// Vent, whatever else is asked for. The board clears its flag when it copies it here.
     pub vent: bool,
     /// At most one command.
     pub command: Option<Command>,
@@ -711,6 +711,7 @@ impl Rig {
         blockers.insert_if(emergency_stop, Blocker::EmergencyStopPressed);
         blockers.insert_if(self.tick.laser_required && laser.value().is_none(), Blocker::LaserNotPlausible);
         blockers.insert_if(pressure.value().is_none(), Blocker::PressureNotPlausible);
+        blockers.insert_if(self.tick.controller.needs_model() && !self.state.has_model, Blocker::ModelMissing);
         blockers.insert_if(self.state.late_in_a_row > 0, Blocker::LoopLate);
         blockers.insert_if(self.state.background_age_ticks >= BACKGROUND_TICKS_ENERGISED, Blocker::BackgroundSilent);
         blockers

@@ -163,6 +163,7 @@ fn a_fault_leaves_only_by_acknowledgement_with_its_cause_gone_and_the_vent_verif
     assert_eq!(bench.request(Event::Start), blocked(&[Blocker::WrongState, Blocker::FaultLatched]));
     assert_eq!(bench.request(Event::Acknowledge), Reply::Done);
     assert_eq!((bench.state(), bench.first_fault()), (State::SelfTest, 0));
+    assert!(bench.outputs.record_changed, "the copy that survives a reset must be emptied too");
     assert!(bench.outputs.self_test_wanted, "the way back leads through the self-test");
     bench.run(10_001);
     assert_eq!((bench.state(), bench.first_fault()), (State::Fault, Fault::SelfTestTimeout.number()));

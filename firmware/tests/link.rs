@@ -22,11 +22,11 @@ use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 const QUEUE: usize = 4;
 
 #[derive(Clone, Debug)]
-struct Ram([Vec<u8>; 2]);
+struct Ram([Vec<u8>; 2], bool);
 
 impl Ram {
     fn new() -> Self {
-        Self([vec![0xff; 8192], vec![0xff; 8192]])
+        Self([vec![0xff; 8192], vec![0xff; 8192]], false)
     }
 }
 
@@ -36,6 +36,9 @@ impl Flash for Ram {
         &self.0[usize::from(slot == Slot::B)]
     }
     fn erase(&mut self, slot: Slot) -> Result<(), ()> {
+        if self.1 {
+            return Err(());
+        }
         self.0[usize::from(slot == Slot::B)].fill(0xff);
         Ok(())
     }
@@ -146,7 +149,9 @@ impl Session {
         }
         // The bench puts its own token on every command; the queue remembers the host's.
         for reply in self.bench.replies.drain(answered..) {
-            self.link.answer(Answer { token: token.unwrap(), reply });
+            if let Some(token) = token {
+                self.link.answer(Answer { token, reply });
+            }
         }
         while self.host_reads
             && let Some(wire) = self.link.transmit()
@@ -496,6 +501,18 @@ fn damaged_settings_in_flash_start_with_safe_defaults_and_a_fault() {
     assert!(session.link.boot_faults().contains(Fault::SettingsInvalid));
     // A new chip has no settings, which is no fault.
     assert!(Session::with_flash(Ram::new(), Ram::new()).link.boot_faults().is_empty());
+}
+
+#[test]
+fn worn_out_flash_is_a_refusal_and_a_fault() {
+    let mut worn_out = Ram::new();
+    worn_out.1 = true;
+    let mut session = Session::with_flash(worn_out, Ram::new());
+    session.bench = session.bench.into_idle();
+    session.step();
+    assert_eq!(session.ask(Request::SettingsSave), Reply::Refused(Refusal::Storage));
+    session.step();
+    assert_eq!((session.bench.state(), session.bench.first_fault()), (State::Fault, Fault::StorageFailed.number()));
 }
 
 #[test]

@@ -62,6 +62,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused NoOtherModel", "091107011046d802c800"),
     ("reply Refused Storage", "0911070111d0e805bf00"),
     ("reply Refused NoRecord", "09110701126ab90c2600"),
+    ("reply Refused LogFull", "0911070113fc890b5100"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -135,6 +136,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::NoOtherModel,
         Refusal::Storage,
         Refusal::NoRecord,
+        Refusal::LogFull,
     ];
     let status = Status {
         state: State::Armed,

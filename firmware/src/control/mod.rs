@@ -89,6 +89,11 @@ pub trait ControlLaw {
     /// The refusal to send to the host; the law goes on as before.
     fn accept(&self, state: &mut Self::State, set_point: &SetPoint) -> Result<Accepted, Refusal>;
 
+    /// Whether the law cannot do without a model; arming is refused without one then.
+    fn needs_model(&self) -> bool {
+        false
+    }
+
     /// Whether there is something to start with.
     fn is_ready(&self, state: &Self::State) -> bool;
 
@@ -131,6 +136,13 @@ impl ControlLaw for Controller {
         match self {
             Self::Playback(law) => law.accept(&mut state.playback, set_point),
             Self::PressureSetPoint(law) => law.accept(&mut state.set_point, set_point),
+        }
+    }
+
+    fn needs_model(&self) -> bool {
+        match self {
+            Self::Playback(law) => law.needs_model(),
+            Self::PressureSetPoint(law) => law.needs_model(),
         }
     }
 

@@ -180,6 +180,8 @@ pub enum Refusal {
     Storage,
     /// There is no such record.
     NoRecord,
+    /// The slot has been activated too often to be activated again: upload the model again.
+    LogFull,
 }
 
 /// Entry of a settings page.
