@@ -1,0 +1,13 @@
+//! Whatever comes over the line, the parser answers with a message or an error.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use model_export::link::{frame, parse_anything};
+
+fuzz_target!(|bytes: &[u8]| {
+    parse_anything(bytes);
+    // Random bytes seldom carry a right checksum: the same ones again behind it.
+    if let Ok(wire) = frame::encode(bytes) {
+        parse_anything(&wire);
+    }
+});
