@@ -497,3 +497,6 @@ fn judge(
         kept_out,
     }
 }
+
+#[cfg(test)]
+mod tests;

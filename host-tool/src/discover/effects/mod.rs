@@ -80,3 +80,33 @@ fn fit_of_steps(session: &Session, residual: &[Vec<f64>], signal: impl Fn(&Run) 
 fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{lag, shift};
+
+    #[test]
+    fn the_lag_is_exact_on_a_ramp() {
+        // Answer of T v' = u - v to u = a t from rest: v = a (t - T + T exp(-t/T)).
+        let (period_s, time_s, slope) = (0.02, 0.13, 1.7);
+        let mut signal: Vec<f64> = (0..200).map(|sample| slope * f64::from(sample) * period_s).collect();
+        lag(&mut signal, time_s, period_s);
+        for (sample, value) in (0..200).zip(&signal) {
+            let t = f64::from(sample) * period_s;
+            let exact = slope * (t - time_s + time_s * (-t / time_s).exp());
+            assert!((value - exact).abs() < 1e-12, "at {t} s: {value} instead of {exact}");
+        }
+    }
+
+    #[test]
+    fn the_shift_is_exact_on_a_parabola_and_holds_the_first_value() {
+        let before: Vec<f64> = (0..100).map(|sample| (f64::from(sample) / 10.0).powi(2)).collect();
+        let mut after = before.clone();
+        shift(&mut after, &before, |_| 7.3);
+        for sample in 10..99_u32 {
+            let exact = ((f64::from(sample) - 7.3) / 10.0).powi(2);
+            assert!((after[sample as usize] - exact).abs() < 1e-10, "sample {sample}");
+        }
+        assert_eq!(after[0], before[0]);
+    }
+}

@@ -1,4 +1,5 @@
-//! `stick-slip`: the tip holds until the pull exceeds a band, then jumps by a share of it.
+//! `stick-slip`: the tip holds until the pull exceeds a band, then jumps and stops short of the pull by a share of the band, or beyond it
+//! (a negative share: a light tip on a spring overshoots when its friction falls from static to sliding).
 
 use std::collections::BTreeMap;
 
@@ -60,7 +61,7 @@ fn tip(sum: &[f64], band: f64, remaining: f64, slide_per_s: f64, period_s: f64) 
 fn likely(session: &Session, residual: &[Vec<f64>], speeds: &[f64], with_speed: bool) -> Vec<Vec<f64>> {
     let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
     for band in ladder(0.006, 0.2, 60) {
-        for share in [0.1, 0.25, 0.4, 0.6, 0.8] {
+        for share in [-0.7, -0.45, -0.2, 0.0, 0.2, 0.45, 0.7] {
             for &speed in speeds {
                 let score = fit_of_steps(session, residual, |run| {
                     let sum: Vec<f64> = run.output.iter().zip(&residual[run.index]).map(|(output, residual)| output - residual).collect();
@@ -80,7 +81,7 @@ fn likely(session: &Session, residual: &[Vec<f64>], speeds: &[f64], with_speed: 
 }
 
 const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Output, low: 1e-3, high: 0.3, logarithmic: true };
-const REMAINING: Parameter = Parameter { name: "remaining_share", quantity: Quantity::Ratio, low: 0.01, high: 0.98, logarithmic: false };
+const REMAINING: Parameter = Parameter { name: "remaining_share", quantity: Quantity::Ratio, low: -0.95, high: 0.98, logarithmic: false };
 
 impl Form for StickBand {
     fn name(&self) -> &'static str {

@@ -11,7 +11,7 @@ pub const FORMS: &[&dyn Form] = &[&Follow];
 struct Follow;
 
 /// Moments inside a sample at which the valve looks.
-const LOOKS: usize = 5;
+const LOOKS: usize = 4;
 
 impl Form for Follow {
     fn name(&self) -> &'static str {
@@ -51,25 +51,40 @@ impl Form for Follow {
         0.02
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let (band, closing) = (parameters[0], parameters[0] * parameters[1]);
-        let keep = (-run.period_s / LOOKS as f64 / parameters[2]).exp();
+        let (band, closing, flow_s) = (parameters[0], parameters[0] * parameters[1], parameters[2]);
+        let step_s = run.period_s / LOOKS as f64;
+        let keep = (-step_s / flow_s).exp();
         let mut state = path[0];
         let mut last = path[0];
         let mut open = false;
         for value in path {
+            let begin = last;
             for look in 1..=LOOKS {
-                let wanted = last + (*value - last) * look as f64 / LOOKS as f64;
-                let error = wanted - state;
-                if error.abs() > band {
+                let wanted = begin + (*value - begin) * look as f64 / LOOKS as f64;
+                let rate = (wanted - last) / step_s;
+                let mut error = last - state;
+                let (mut left_s, mut decay) = (step_s, keep);
+                if !open && (wanted - state).abs() > band {
+                    // The moment of opening, on the straight line between looks.
+                    let share = ((band - error.abs()) / ((wanted - state).abs() - error.abs()).max(1e-12)).clamp(0.0, 1.0);
+                    error += (wanted - state - error) * share;
+                    left_s = step_s * (1.0 - share);
+                    decay = (-left_s / flow_s).exp();
                     open = true;
-                } else if error.abs() < closing {
-                    open = false;
                 }
                 if open {
-                    state = wanted - keep * error;
+                    // Exact for a command on a straight line.
+                    let after = rate * flow_s + (error - rate * flow_s) * decay;
+                    if after.abs() < closing {
+                        let share = if error.abs() <= closing { 1.0 } else { (error.abs() - closing) / (error.abs() - after.abs()) };
+                        state = wanted - rate * left_s * (1.0 - share) - error.signum() * closing.min(error.abs());
+                        open = false;
+                    } else {
+                        state = wanted - after;
+                    }
                 }
+                last = wanted;
             }
-            last = *value;
             *value = state;
         }
     }
