@@ -54,8 +54,8 @@ impl Parameter {
             Quantity::Frequency => (format!("{}_hz", self.name), value),
             Quantity::Input => (format!("{}_{input}", self.name), value * session.input_scale + session.input_offset),
             Quantity::InputRate => (format!("{}_{input}_per_s", self.name), value * session.input_scale),
-            Quantity::Output => (format!("{}_{output}", self.name), value * session.output_scale),
-            Quantity::OutputRate => (format!("{}_{output}_per_s", self.name), value * session.output_scale),
+            Quantity::Output => (format!("{}_{output}", self.name), value * session.output_scale.abs()),
+            Quantity::OutputRate => (format!("{}_{output}_per_s", self.name), value * session.output_scale.abs()),
             Quantity::Ratio => (self.name.to_owned(), value),
             Quantity::PerInput => (format!("{}_per_{input}", self.name), value / session.input_scale),
         }

@@ -75,6 +75,9 @@ pub struct DiscoveredModel {
     pub session_s: f64,
     /// Number of recordings of that session.
     pub session_recordings: usize,
+    /// Whether the operators are stops instead of plays.
+    #[serde(default)]
+    pub stops: bool,
     /// Thresholds of the operators, normalised.
     pub thresholds: Vec<f64>,
     /// Weights of the operators, normalised.
@@ -124,6 +127,7 @@ impl DiscoveredModel {
             output_scale: session.output_scale,
             session_s: session.length_s,
             session_recordings: session.runs.len(),
+            stops: model.stops,
             thresholds: model.thresholds.clone(),
             weights: model.base[1..].to_vec(),
             constant: model.base[0],
@@ -146,7 +150,7 @@ impl DiscoveredModel {
         if model.thresholds.len() != model.weights.len() || model.thresholds.is_empty() {
             return Err(invalid(format!("{} thresholds but {} weights", model.thresholds.len(), model.weights.len())));
         }
-        let numbers = [model.sample_period_s, model.input_scale, model.output_scale];
+        let numbers = [model.sample_period_s, model.input_scale, model.output_scale.abs()];
         if !numbers.iter().all(|value| value.is_finite() && *value > 0.0) {
             return Err(invalid("a scale or the sample period is not a positive number".to_owned()));
         }
@@ -185,7 +189,7 @@ impl DiscoveredModel {
             slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
-        Ok(Model { thresholds: self.thresholds.clone(), carry: false, slots, base })
+        Ok(Model { thresholds: self.thresholds.clone(), carry: false, stops: self.stops, slots, base })
     }
 
     /// Output for every input sample, from rest, in the units of the file.

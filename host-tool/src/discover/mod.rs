@@ -258,7 +258,16 @@ impl Bench<'_> {
             }
         }
         let mut polished = in_parallel(&best, self.threads, |one| {
-            let fitted = search::polish(&one.fitted.model, self.session, effort);
+            let mut fitted = search::polish(&one.fitted.model, self.session, effort);
+            // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
+            let mut turned = fitted.model.clone();
+            turned.carry = !turned.carry;
+            if turned.fit(self.session, model::Scope::Both).1 < 0.98 * fitted.select {
+                let turned = search::polish(&turned, self.session, effort);
+                if turned.select < fitted.select {
+                    fitted = turned;
+                }
+            }
             let fitted = if fitted.select < one.fitted.select * 1.001 { fitted } else { one.fitted.clone() };
             Tried { fitted, form: one.form, deviations: one.deviations }
         });
@@ -368,9 +377,14 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
 
 /// The baseline that fits better: operators that begin fresh in every recording, or ones that remember.
 fn baseline(session: &Session) -> Model {
-    let mut fresh = Model::baseline(false);
-    let mut carried = Model::baseline(true);
+    let mut fresh = Model::baseline(false, false);
+    let mut stops = Model::baseline(false, true);
     let (fresh_square, _) = fresh.fit(session, model::Scope::Fit);
+    let (stops_square, _) = stops.fit(session, model::Scope::Fit);
+    if stops_square < 0.5 * fresh_square {
+        return stops;
+    }
+    let mut carried = Model::baseline(true, false);
     let (carried_square, _) = carried.fit(session, model::Scope::Fit);
     if carried_square < 0.98 * fresh_square { carried } else { fresh }
 }
@@ -418,7 +432,7 @@ fn judge(
 ) -> Discovery {
     let (residual_before, residual_after) = (before.residuals(session), after.residuals(session));
     let floor = noise::floor(session, &residual_after);
-    let scale = session.output_scale;
+    let scale = session.output_scale.abs();
     let with_outliers = excluded * 2000 > session.runs.iter().map(|run| run.input.len()).sum::<usize>();
     let rmse_before = rmse(session, &residual_before, with_outliers);
     let rmse_after = rmse(session, &residual_after, false);

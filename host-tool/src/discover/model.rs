@@ -25,6 +25,8 @@ pub struct Model {
     pub thresholds: Vec<f64>,
     /// Whether operators remember earlier recordings.
     pub carry: bool,
+    /// Whether the operators are stops (what a play lacks to its input: forces of friction) instead of plays (displacements).
+    pub stops: bool,
     /// Effects in the order of the signal.
     pub slots: Vec<Slot>,
     /// Constant and weights of the operators as of the last fit.
@@ -54,9 +56,9 @@ pub enum Scope {
 impl Model {
     /// The Prandtl-Ishlinskii model alone, thresholds denser near zero.
     #[must_use]
-    pub fn baseline(carry: bool) -> Self {
+    pub fn baseline(carry: bool, stops: bool) -> Self {
         let thresholds: Vec<f64> = (0..OPERATORS).map(|index| 0.62 * (index as f64 / (OPERATORS - 1) as f64).powf(1.6)).collect();
-        Self { thresholds, carry, slots: Vec::new(), base: vec![0.0; OPERATORS + 1] }
+        Self { thresholds, carry, stops, slots: Vec::new(), base: vec![0.0; OPERATORS + 1] }
     }
 
     /// This model with one more effect, in its place in the chain.
@@ -106,6 +108,14 @@ impl Model {
         }
         columns.push(true, |_| 1.0);
         self.operators(run, &history, &path, &habit, columns);
+        if self.stops {
+            // The first operator has no threshold: its play is the path itself, the spring beside the sliders.
+            for column in columns.values[2 * samples..].chunks_exact_mut(samples) {
+                for (value, input) in column.iter_mut().zip(&path) {
+                    *value = input - *value;
+                }
+            }
+        }
         let mut weights = self.base.clone();
         let mut sum = Vec::new();
         for slot in &self.slots {

@@ -52,7 +52,7 @@ pub struct Session {
     pub input_offset: f64,
     /// Input span.
     pub input_scale: f64,
-    /// Output span.
+    /// Output span; negative when the output falls with the input.
     pub output_scale: f64,
     /// Quantity and unit of the input.
     pub input_unit: String,
@@ -140,6 +140,8 @@ impl Session {
         // Zero stays zero unless the input never comes near it.
         let input_offset = if lowest > 0.1 * highest { lowest } else { 0.0 };
         let input_scale = (highest - input_offset).abs().max((lowest - input_offset).abs());
+        // A falling characteristic is turned round, so that weights are positive on any rig.
+        let output_scale = if correlation(recordings) < 0.0 { -output_scale } else { output_scale };
         let session_column = |recording: &Recording| {
             recording.extra.iter().find(|column| column.name == "session_time_s").map(|column| column.values.clone())
         };
@@ -154,26 +156,35 @@ impl Session {
                 _ => time_s.iter().map(|time| time + clock_s).collect(),
             };
             clock_s += time_s[time_s.len() - 1] + recording.sample_period_s;
-            let input: Vec<f64> = recording.input.iter().map(|value| (value - input_offset) / input_scale).collect();
-            let output: Vec<f64> = recording.output.iter().map(|value| value / output_scale).collect();
-            let rest = rest_of(&input, recording.sample_period_s);
             let role = if position < recordings.len() { Role::Fit } else { Role::Kept };
-            runs.push(Run {
-                name: recording
-                    .path
-                    .file_name()
-                    .map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned()),
-                index: 0,
-                period_s: recording.sample_period_s,
-                keep: vec![true; input.len()],
-                role: vec![role; input.len()],
-                input,
-                output,
-                session_s,
-                time_s,
-                rest,
-                history: Vec::new(),
-            });
+            let name =
+                recording.path.file_name().map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned());
+            let segments = recording.segments();
+            for segment in &segments {
+                // Nobody knows what the input did in a gap: what follows is a run of its own.
+                if segment.len() < 50 {
+                    continue;
+                }
+                let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| (value - input_offset) / input_scale).collect();
+                let output: Vec<f64> = recording.output[segment.clone()].iter().map(|value| value / output_scale).collect();
+                let rest = rest_of(&input, recording.sample_period_s);
+                runs.push(Run {
+                    name: if segments.len() > 1 { format!("{name} from sample {}", segment.start) } else { name.clone() },
+                    index: 0,
+                    period_s: recording.sample_period_s,
+                    keep: vec![true; input.len()],
+                    role: vec![role; input.len()],
+                    input,
+                    output,
+                    session_s: session_s[segment.clone()].to_vec(),
+                    time_s: time_s[segment.clone()].iter().map(|time| time - time_s[segment.start]).collect(),
+                    rest,
+                    history: Vec::new(),
+                });
+            }
+        }
+        if !runs.iter().any(|run| run.role[0] == Role::Fit) {
+            return Err(SessionError::TooShort { samples: 0 });
         }
         runs.sort_by(|x, y| x.session_s[0].total_cmp(&y.session_s[0]));
         let origin = runs[0].session_s[0];
@@ -245,6 +256,14 @@ impl Session {
     pub fn count(&self, role: Role) -> usize {
         self.runs.iter().map(|run| run.role.iter().zip(&run.keep).filter(|&(&of, &keep)| keep && of == role).count()).sum()
     }
+}
+
+/// Correlation of input and output over all recordings.
+fn correlation(recordings: &[Recording]) -> f64 {
+    let pairs = || recordings.iter().flat_map(|recording| recording.input.iter().zip(&recording.output));
+    let count = pairs().count() as f64;
+    let (x, y) = pairs().fold((0.0, 0.0), |(x, y), (input, output)| (x + input / count, y + output / count));
+    pairs().map(|(input, output)| (input - x) * (output - y)).sum()
 }
 
 /// Stretches in which the input does not move, without their first 0.1 s.

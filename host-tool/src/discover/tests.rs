@@ -13,7 +13,9 @@ fn case(effects: &[&str], seed: u64, noise: f64) -> Case {
 
 fn found(case: &Case) -> Discovery {
     // One effect is hidden; a second round is what the verdict must survive.
-    discover(&case.recordings, &case.kept_out, &DiscoverConfig { most_effects: 2, ..DiscoverConfig::default() }).expect("a finding").discovery
+    discover(&case.recordings, &case.kept_out, &DiscoverConfig { most_effects: 2, ..DiscoverConfig::default() })
+        .expect("a finding")
+        .discovery
 }
 
 #[test]
@@ -118,7 +120,8 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
     std::fs::write(&path, written.encode().expect("TOML")).expect("a file");
     let read = crate::model::load(&path).expect("a model");
     let recording = &case.recordings[3];
-    let run = finding.session.runs.iter().find(|run| run.input.len() == recording.input.len() && run.name.contains("_03")).expect("the run");
+    let run =
+        finding.session.runs.iter().find(|run| run.input.len() == recording.input.len() && run.name.contains("_03")).expect("the run");
     let fitted = finding.after.predict(run);
     if !finding.after.carry {
         for (from_file, normalised) in read.predict(&recording.input, &[]).expect("a prediction").iter().zip(fitted) {
@@ -134,7 +137,9 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
 #[test]
 fn the_rig_and_the_catalogue_share_no_code() {
     // The rig must not look at the candidates, nor the candidates at the rig; only the corpus runner knows both.
-    for text in [include_str!("../rig/mod.rs"), include_str!("../rig/stages.rs"), include_str!("../rig/muscle.rs"), include_str!("../rig/draw.rs")] {
+    for text in
+        [include_str!("../rig/mod.rs"), include_str!("../rig/stages.rs"), include_str!("../rig/muscle.rs"), include_str!("../rig/draw.rs")]
+    {
         assert!(!text.contains("use crate::discover") && !text.contains("hysteresis::"));
     }
     for text in [include_str!("model.rs"), include_str!("search.rs"), include_str!("effects/mod.rs"), include_str!("mod.rs")] {

@@ -106,7 +106,7 @@ impl Form for Beat {
             .map(|harmonic| {
                 let name =
                     if harmonic == 0 { format!("amplitude_{unit}") } else { format!("amplitude_of_harmonic_{}_{unit}", harmonic + 1) };
-                (name, weights[2 * harmonic].hypot(weights[2 * harmonic + 1]) * session.output_scale)
+                (name, weights[2 * harmonic].hypot(weights[2 * harmonic + 1]) * session.output_scale.abs())
             })
             .collect()
     }
