@@ -75,6 +75,12 @@ pub fn measure(arguments: &Arguments) -> Result<Value> {
         arguments.seeds, arguments.budget_cpu_s
     );
     println!("{}", markdown(&["data", "model", "a", "b", "c", "d"], &rows));
+    println!("Other figures: the acceptance suite's criteria, processor time, fixed point against f32\n");
+    let others = results.iter().flat_map(|((set, model), figures)| {
+        let others = figures.iter().filter(|(name, _)| !FAMILIES.contains(&name.as_str()));
+        others.map(move |(name, spread)| vec![SETS[*set].name.to_owned(), model.clone(), name.clone(), spread.cell()])
+    });
+    println!("{}", markdown(&["data", "model", "figure", "value"], &others.collect::<Vec<_>>()));
     Ok(Value::Array(values))
 }
 
@@ -93,17 +99,18 @@ fn one_job(job: &Job, budget_cpu_s: u64) -> Result<Vec<(String, String, f64)>> {
     let mut figures = Vec::new();
     catheter_json(&folder, "simulate", &format!("{} --out data --seed {seed}", job.set.simulate))?;
     catheter_json(&folder, "physics", "identify --data data/train --out physics.toml")?;
-    judge(&folder, "identified physics", "physics.toml", &mut figures)?;
+    judge(&folder, "identified physics", "physics.toml", "", &mut figures)?;
     for preset in job.set.presets {
-        let trained = catheter_json(
+        let training = catheter_json(
             &folder,
             preset,
             &format!(
                 "train --preset {preset} --data data/train --out {preset}.safetensors --budget-cpu-s {budget_cpu_s} --seed {seed} --threads 1"
             ),
         )?;
-        figures.push(((*preset).to_owned(), "cpu_seconds".to_owned(), number(&trained, "cpu_seconds")?));
-        judge(&folder, preset, &format!("{preset}.safetensors"), &mut figures)?;
+        figures.push(((*preset).to_owned(), "cpu_seconds".to_owned(), number(&training, "cpu_seconds")?));
+        let trained = format!("{preset}.safetensors");
+        judge(&folder, preset, &trained, "", &mut figures)?;
         let blob = format!("{preset}.blob");
         let exported = catheter_json(
             &folder,
@@ -112,13 +119,15 @@ fn one_job(job: &Job, budget_cpu_s: u64) -> Result<Vec<(String, String, f64)>> {
         )?;
         let fixed = format!("{preset}, fixed point");
         figures.push((fixed.clone(), "rmse_f32_vs_fixed".to_owned(), number(&exported, "rmse_f32_vs_fixed")?));
-        judge(&folder, &fixed, &blob, &mut figures)?;
+        judge(&folder, &fixed, &blob, &format!("--reference {trained}"), &mut figures)?;
     }
     Ok(figures)
 }
 
-fn judge(folder: &std::path::Path, model: &str, file: &str, figures: &mut Vec<(String, String, f64)>) -> Result<()> {
-    let result = catheter_json(folder, &format!("{file}-evaluation"), &format!("evaluate --model {file} --data data/test --suite"))?;
+/// Errors per family, and every criterion of the acceptance suite by its name.
+fn judge(folder: &std::path::Path, model: &str, file: &str, options: &str, figures: &mut Vec<(String, String, f64)>) -> Result<()> {
+    let line = format!("evaluate --model {file} --data data/test --suite {options}");
+    let result = catheter_json(folder, &format!("{file}-evaluation"), &line)?;
     let files = result["files"].as_array().context("evaluate names no files")?;
     for family in FAMILIES {
         let errors: Vec<f64> =
@@ -127,6 +136,11 @@ fn judge(folder: &std::path::Path, model: &str, file: &str, figures: &mut Vec<(S
             anyhow::bail!("the test set in {} has no family {family}", folder.display());
         }
         figures.push((model.to_owned(), family.to_owned(), errors.iter().sum::<f64>() / errors.len() as f64));
+    }
+    for criterion in result["suite"]["criteria"].as_array().context("evaluate tells no criteria of the suite")? {
+        let name = criterion["name"].as_str().context("a criterion has no name")?;
+        // A criterion that is no number fails by definition; it must not vanish from the mean.
+        figures.push((model.to_owned(), name.to_owned(), criterion["value"].as_f64().unwrap_or(f64::INFINITY)));
     }
     Ok(())
 }
