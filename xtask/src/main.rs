@@ -2,6 +2,7 @@
 
 mod bench;
 mod checks;
+mod demo;
 mod emulator;
 mod process;
 mod setup;
@@ -20,7 +21,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Chore {
-    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target.
+    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the demo.
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
@@ -49,5 +50,6 @@ fn test() -> anyhow::Result<()> {
     setup::everything()?;
     checks::desktop()?;
     checks::target_builds()?;
-    emulator::boots()
+    emulator::boots()?;
+    demo::runs()
 }

@@ -1,0 +1,31 @@
+//! The README's first command, run as a newcomer would.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use crate::process::{cargo, run, target_folder};
+
+/// The longest the demo may take once built; it promises 90 s on two idle cores, and test machines are not idle.
+const LIMIT: Duration = Duration::from_secs(300);
+
+/// The demo ends well and leaves a report and a blob that `inspect` accepts.
+pub fn runs() -> Result<()> {
+    run("build", cargo().args(["build", "--release", "--bin", "catheter"]))?;
+    let folder = target_folder().join("demo");
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
+    }
+    let start = Instant::now();
+    run("demo", cargo().args(["run", "--release", "--bin", "catheter", "--", "demo", "--out"]).arg(&folder))?;
+    if start.elapsed() > LIMIT {
+        bail!("the demo took {:.0} s, at most {} s are allowed", start.elapsed().as_secs_f64(), LIMIT.as_secs());
+    }
+    for ending in ["html", "blob"] {
+        let files = std::fs::read_dir(&folder).with_context(|| format!("the demo left no {}", folder.display()))?;
+        if !files.flatten().any(|file| file.path().extension().is_some_and(|found| found == ending)) {
+            bail!("the demo left no .{ending} in {}", folder.display());
+        }
+    }
+    Ok(())
+}
