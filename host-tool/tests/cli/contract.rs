@@ -96,7 +96,7 @@ fn simulate_gives_the_same_files_for_the_same_seed_and_others_for_another() {
 #[test]
 fn identify_finds_the_rig_behind_noise_free_data() {
     let bench = Bench::with_models();
-    bench.works("identify --data data --out found.toml --json new/folder/fit.json");
+    bench.works("identify --data exact --out found.toml --json new/folder/fit.json");
     let fit = bench.json("new/folder/fit.json");
     has_keys(&fit, &["thresholds", "weights", "rmse", "nrmse"]);
     let (thresholds, weights) = (numbers(&fit["thresholds"]), numbers(&fit["weights"]));
@@ -199,11 +199,11 @@ fn inspect_prints_memory_and_cost_and_writes_them_as_json() {
 #[test]
 fn the_suite_decides_the_exit_code() {
     let bench = Bench::with_models();
-    let good = bench.run("evaluate --model physics.toml --data data --suite --json suite.json");
+    let good = bench.run("evaluate --model physics.toml --data exact --suite --json suite.json");
     assert_eq!(good.code, 0, "the exact model fails the suite: {}{}", good.stdout, good.stderr);
     has_keys(&bench.json("suite.json"), &["model", "files", "mean_rmse"]);
     // A model of another rig: the same file with its output doubled cannot hold any limit.
-    let text = String::from_utf8(bench.read("data/a1.csv")).expect("a CSV is text");
+    let text = String::from_utf8(bench.read("exact/a1.csv")).expect("a CSV is text");
     let doubled: String = text
         .lines()
         .enumerate()
