@@ -1,1 +1,125 @@
-//! Plots and self-contained HTML reports.
+//! Reports: what was computed, drawn and explained, as one self-contained HTML document.
+//!
+//! The page is made from the same values that go into the JSON result and from nothing else. [`evaluation_page`] is for
+//! `catheter evaluate --html`, [`demo::page`] for `catheter demo`; both are made of the sections here.
+
+mod axis;
+pub mod chart;
+mod decimate;
+pub mod demo;
+mod page;
+mod primer;
+mod sections;
+mod svg;
+pub mod text;
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+pub use page::Page;
+pub use svg::Svg;
+
+use crate::evaluate::ladder::Ladder;
+use crate::evaluate::suite::SuiteReport;
+use crate::evaluate::{Errors, FamilyErrors, Judged, by_family};
+use crate::model::Description;
+use crate::recording::{Recording, Signal};
+
+/// Most examples of one report.
+const MOST_EXAMPLES: usize = 8;
+
+/// A recording with what a model made of it, as plots need it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Example {
+    /// The recording.
+    pub path: PathBuf,
+    /// Its family of excitation.
+    pub family: String,
+    /// What was played.
+    pub input_signal: Signal,
+    /// What was measured.
+    pub output_signal: Signal,
+    /// Times in s, from the recording's first sample.
+    pub time_s: Vec<f64>,
+    /// Input.
+    pub input: Vec<f64>,
+    /// Measured output.
+    pub measured: Vec<f64>,
+    /// Prediction, free running.
+    pub predicted: Vec<f64>,
+    /// First sample that counts.
+    pub first: usize,
+    /// Errors of this recording.
+    pub errors: Errors,
+}
+
+/// Of every family the recording with the largest error, in order of the families, at most eight.
+#[must_use]
+pub fn examples(recordings: &[Recording], judged: &[Judged]) -> Vec<Example> {
+    let mut chosen: Vec<usize> = Vec::new();
+    for family in by_family(judged.iter().map(|judged| &judged.errors)) {
+        let members = (0..judged.len()).filter(|&index| judged[index].errors.family == family.family);
+        chosen.extend(members.max_by(|&one, &other| judged[one].errors.errors.rmse.total_cmp(&judged[other].errors.errors.rmse)));
+    }
+    if chosen.len() > MOST_EXAMPLES {
+        chosen.sort_by(|&one, &other| judged[other].errors.errors.rmse.total_cmp(&judged[one].errors.errors.rmse));
+        chosen.truncate(MOST_EXAMPLES);
+        chosen.sort_unstable();
+    }
+    chosen.into_iter().map(|index| example(&recordings[index], &judged[index])).collect()
+}
+
+fn example(recording: &Recording, judged: &Judged) -> Example {
+    Example {
+        path: recording.path.clone(),
+        family: recording.family.clone(),
+        input_signal: recording.input_signal.clone(),
+        output_signal: recording.output_signal.clone(),
+        time_s: recording.time_s.iter().map(|time_s| time_s - recording.time_s[0]).collect(),
+        input: recording.input.clone(),
+        measured: recording.output.clone(),
+        predicted: judged.predicted.clone(),
+        first: judged.first,
+        errors: judged.errors.errors,
+    }
+}
+
+/// The report of one evaluation.
+#[must_use]
+pub fn evaluation_page(
+    model: &Description,
+    examples: &[Example],
+    families: &[FamilyErrors],
+    ladder: Option<&Ladder>,
+    suite: Option<&SuiteReport>,
+) -> String {
+    let mean = families.iter().map(|family| family.rmse * family.files as f64).sum::<f64>();
+    let files: usize = families.iter().map(|family| family.files).sum();
+    let unit = &model.output.unit;
+    let lead = format!(
+        "{}: {}. Mean RMSE {} {unit} on {files} recording(s), free running: the model saw the input and never the measured output.",
+        model.path.display(),
+        model.kind,
+        text::number(mean / files.max(1) as f64, 3)
+    );
+    let mut page = Page::new("How good the model is", &lead);
+    page.section("On the recordings");
+    sections::families(&mut page, families, unit);
+    sections::examples(&mut page, examples);
+    if let Some(ladder) = ladder {
+        page.section("The ladder: how simple a model suffices?");
+        sections::ladder_help(&mut page, ladder);
+        sections::ladder(&mut page, ladder, unit, "on the recordings");
+    }
+    if let Some(suite) = suite {
+        page.section("The acceptance suite");
+        sections::suite(&mut page, suite);
+        sections::holds(&mut page, &[("this model", suite)], &model.input.unit, unit);
+    }
+    primer::add(&mut page);
+    page.finish(&format!("Made by catheter {}. All figures are in the JSON result (--json).", env!("CARGO_PKG_VERSION")))
+}
+
+#[cfg(test)]
+mod tests;

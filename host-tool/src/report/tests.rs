@@ -1,0 +1,197 @@
+use std::path::PathBuf;
+
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, colour, dots, heat, loops, panels};
+use super::page::{Cell, Width};
+use super::*;
+use crate::evaluate::Errors;
+use crate::evaluate::ladder;
+
+const CAPTION: Caption<'_> = Caption { title: "a < b & \"c\"", description: "d" };
+
+/// Checks that every element is closed in order and every attribute is quoted, and returns the text of all attributes.
+fn well_formed(markup: &str) -> Vec<String> {
+    let mut open: Vec<String> = Vec::new();
+    let mut attributes = Vec::new();
+    let mut rest = markup;
+    while let Some(start) = rest.find('<') {
+        let text = &rest[..start];
+        assert!(!text.contains('>'), "a bare > in {text}");
+        let end = start + rest[start..].find('>').expect("a tag ends");
+        let tag = &rest[start + 1..end];
+        rest = &rest[end + 1..];
+        if tag.starts_with('!') {
+            continue;
+        }
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop().as_deref(), Some(name), "closed out of order");
+            continue;
+        }
+        let name = tag.split([' ', '/']).next().unwrap_or_default().to_owned();
+        let quotes = tag.matches('"').count();
+        assert!(quotes.is_multiple_of(2), "an open quote in {tag}");
+        attributes.extend(tag.split('"').skip(1).step_by(2).map(str::to_owned));
+        // These HTML elements have no end.
+        if !tag.ends_with('/') && !["meta", "br"].contains(&name.as_str()) {
+            open.push(name);
+        }
+    }
+    assert!(open.is_empty(), "left open: {open:?}");
+    attributes
+}
+
+fn well_formed_and_finite(svg: Svg) -> String {
+    let markup = svg.finish("x");
+    for attribute in well_formed(&markup) {
+        assert!(!attribute.contains("NaN") && !attribute.contains("inf"), "{attribute}");
+    }
+    markup
+}
+
+/// Series that plots must survive: none, empty, one point, constant, holes, huge, tiny.
+fn hostile() -> Vec<Vec<(f64, f64)>> {
+    let line = |y: fn(f64) -> f64| (0..50).map(|index| (f64::from(index), y(f64::from(index)))).collect::<Vec<_>>();
+    vec![
+        vec![],
+        vec![(0.0, 0.0)],
+        vec![(f64::NAN, f64::INFINITY); 5],
+        line(|_| 3.0),
+        line(|x| if x == 20.0 { f64::NAN } else { x }),
+        line(|x| 1e300 * (x - 25.0)),
+        line(|x| 1e-300 * x),
+        line(|x| 1e9 + 1e-9 * x),
+    ]
+}
+
+#[test]
+fn every_plot_is_well_formed_and_finite_for_any_series() {
+    for points in hostile() {
+        let series = vec![Series { name: "<one>".into(), class: "model", points: points.clone() }];
+        let panel = |zero| Panel { label: "y < z".into(), series: series.clone(), height: 80.0, zero };
+        well_formed_and_finite(panels(CAPTION, "x & y", 500.0, &[panel(false), panel(true)]));
+        well_formed_and_finite(loops(CAPTION, "x", "y", (300.0, 300.0), &series));
+        let values: Vec<f64> = points.iter().map(|point| point.1).collect();
+        let rows: Vec<(String, f64)> = values.iter().map(|&value| ("<name>".to_owned(), value)).collect();
+        well_formed_and_finite(bars(CAPTION, "x", 500.0, &rows));
+        let dot_rows: Vec<DotRow> = values
+            .iter()
+            .map(|&value| DotRow { name: "n".into(), note: "&".into(), value, dots: vec![("a".into(), value)], marked: true })
+            .collect();
+        well_formed_and_finite(dots(CAPTION, "x", 500.0, 1e-6, &dot_rows));
+        let map = HeatMap { heading: "h".into(), columns: vec!["0".into()], rows: vec![("r".into(), values)] };
+        well_formed_and_finite(heat(CAPTION, ("x", "y", "mm"), 500.0, (1e-4, 0.1), &[map.clone(), map]));
+    }
+    well_formed_and_finite(panels(CAPTION, "x", 500.0, &[]));
+    well_formed_and_finite(heat(CAPTION, ("x", "y", "mm"), 500.0, (1e-4, 0.1), &[]));
+}
+
+#[test]
+fn a_line_is_interrupted_where_a_value_is_missing() {
+    let points = [(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 0.0)];
+    let mut svg = Svg::new(10.0, 10.0, "t", "d");
+    svg.polyline("model", &points);
+    assert!(svg.finish("x").contains("d=\"M0 0L1 1M3 1L4 0\""));
+}
+
+#[test]
+fn an_error_plot_shows_zero_and_the_same_time_axis_as_the_plot_above() {
+    let above = Panel { label: "y".into(), series: vec![Series::new("", "model", &[0.0, 10.0], &[0.0, 1.0])], height: 100.0, zero: false };
+    let below = Panel { label: "e".into(), series: vec![Series::new("", "error", &[0.0, 5.0], &[0.5, 0.7])], height: 100.0, zero: true };
+    let markup = well_formed_and_finite(panels(CAPTION, "t", 580.0, &[above, below]));
+    assert!(markup.contains("class=\"zero\""));
+    // 500 pixels from 66: ten seconds above end at 566, five below at half of it.
+    assert!(markup.contains("L566 ") && markup.contains("L316 "), "{markup}");
+}
+
+#[test]
+fn colours_run_from_dark_to_bright_and_nonsense_is_dark() {
+    assert_eq!(colour(0.0), "#440154");
+    assert_eq!(colour(1.0), "#fde725");
+    assert_eq!(colour(f64::NAN), "#440154");
+    assert_eq!(colour(0.125), "#472c7a");
+}
+
+#[test]
+fn a_page_is_one_document_without_any_outside_resource_or_script() {
+    let mut page = Page::new("<script>alert(1)</script>", "a & b");
+    page.section("one");
+    page.paragraph("**bold** <i> and **unclosed");
+    page.tiles(&[("1".into(), "two **three**".into(), Some(false))]);
+    page.table(
+        "c",
+        &["x", "y"],
+        &[vec![Cell::Text("<td>".into()), Cell::Figure("1".into())], vec![Cell::Text("b".into()), Cell::Verdict(true)]],
+        Some(1),
+    );
+    page.figure(Svg::new(1.0, 1.0, "t", "d"), Width::Full, "caption");
+    page.figure(Svg::new(1.0, 1.0, "t", "d"), Width::Half, "");
+    page.section("two");
+    page.code("a < b");
+    let html = page.finish("the end");
+    // The style sheet is no markup.
+    let (before, after) = html.split_once("<style>").unwrap();
+    let (style, after) = after.split_once("</style>").unwrap();
+    let attributes = well_formed(&format!("{before}{after}"));
+    assert!(!html.contains("<script") && !html.contains("<i>") && !html.contains("<link"));
+    assert!(!style.contains("url(") && !style.contains("@import"));
+    // Namespaces are names, not addresses to fetch from.
+    assert!(attributes.iter().all(|value| !value.contains("://") || value == "http://www.w3.org/2000/svg"), "{attributes:?}");
+    let mut identifiers: Vec<&String> = attributes.iter().filter(|value| value.starts_with('f') && value.ends_with("-t")).collect();
+    identifiers.dedup();
+    assert_eq!(identifiers.len(), 2, "each figure has its own name");
+    assert_eq!(html.matches("role=\"img\"").count(), 2);
+    assert!(html.contains("<li><a href=\"#s2\">two</a></li>"));
+}
+
+fn description() -> crate::model::Description {
+    crate::model::Description {
+        path: PathBuf::from("<model>.blob"),
+        kind: "a & b".into(),
+        arithmetic: crate::model::Arithmetic::FixedPoint,
+        input: Signal::pressure_bar(),
+        output: Signal::displacement_mm(),
+        input_range: None,
+        sample_period_s: Some(0.02),
+        parameters: 1,
+        macs_per_step: 1,
+    }
+}
+
+fn judged(name: &str, output: Vec<f64>, predicted: Vec<f64>) -> (Recording, Judged) {
+    let time_s = (0..output.len()).map(|index| index as f64).collect();
+    let input = output.clone();
+    let recording =
+        Recording::new(std::path::Path::new(name), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output.clone())
+            .unwrap();
+    let errors =
+        crate::evaluate::FileErrors { path: name.into(), family: recording.family.clone(), errors: Errors::between(&predicted, &output) };
+    (recording, Judged { errors, first: 0, predicted })
+}
+
+#[test]
+fn the_recording_with_the_largest_error_stands_for_its_family() {
+    let (recordings, judgements): (Vec<_>, Vec<_>) = [
+        judged("a_1.csv", vec![0.0, 1.0], vec![0.0, 1.1]),
+        judged("b_1.csv", vec![0.0, 1.0], vec![0.0, 1.0]),
+        judged("a_2.csv", vec![0.0, 1.0], vec![0.0, 1.5]),
+    ]
+    .into_iter()
+    .unzip();
+    let chosen: Vec<PathBuf> = examples(&recordings, &judgements).into_iter().map(|example| example.path).collect();
+    assert_eq!(chosen, [PathBuf::from("a_2.csv"), PathBuf::from("b_1.csv")]);
+}
+
+#[test]
+fn an_evaluation_report_is_a_whole_document_even_for_hostile_names_and_outputs() {
+    let (recording, judgement) = judged("<img src=x>.csv", vec![1.0; 5], vec![1.0; 5]);
+    let (other, of_other) = judged("a_1.csv", vec![0.0, 1e12, -1e12], vec![0.0; 3]);
+    let judgements = [judgement, of_other];
+    let families = by_family(judgements.iter().map(|judged| &judged.errors));
+    let chosen = examples(&[recording, other], &judgements);
+    let ladder = ladder::ladder(Vec::new(), 0.0);
+    let html = evaluation_page(&description(), &chosen, &families, Some(&ladder), None);
+    let (before, after) = html.split_once("<style>").unwrap();
+    let attributes = well_formed(&format!("{before}{}", after.split_once("</style>").unwrap().1));
+    assert!(attributes.iter().all(|value| !value.contains("NaN")));
+    assert!(!html.contains("<img"));
+    assert!(html.contains("&lt;img src=x&gt;"));
+}
