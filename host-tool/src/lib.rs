@@ -8,6 +8,7 @@
 #![warn(clippy::print_stdout)]
 
 pub mod cli;
+pub mod demo;
 pub mod discover;
 pub mod evaluate;
 pub mod excitation;

@@ -1,12 +1,22 @@
 //! `catheter demo`.
 
-use anyhow::{Result, bail};
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow};
 
 use super::{Common, Outcome};
+use crate::demo::{self, DemoConfig};
+use crate::output;
 
 /// From nothing to a verified blob and a report.
 #[derive(clap::Args)]
 pub struct Arguments {
+    /// Folder of everything it leaves: recordings, models, blobs, demo.json and report.html.
+    #[arg(long, default_value = "out/demo", value_name = "DIR")]
+    out: PathBuf,
+    /// A fraction of the data and of the training, in seconds: shows that everything works, not how well.
+    #[arg(long)]
+    quick: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -16,6 +26,17 @@ pub struct Arguments {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let _ = &arguments.common;
-    bail!("not there yet")
+    output::check_folder(&arguments.out).map_err(|problem| anyhow!("{}: {problem}", arguments.out.display()))?;
+    let config = DemoConfig {
+        folder: arguments.out.clone(),
+        seed: arguments.common.seed,
+        threads: arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        quick: arguments.quick,
+    };
+    let demo = demo::run(&config)?;
+    demo::print_summary(&demo, &arguments.out);
+    if let Some(path) = &arguments.common.json {
+        output::write_json(path, &demo)?;
+    }
+    Ok(if demo.passed { Outcome::Success } else { Outcome::CheckFailed })
 }

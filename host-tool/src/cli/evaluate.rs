@@ -11,7 +11,7 @@ use crate::evaluate::suite::{self, SuiteReport};
 use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, judge, mean_nrmse, mean_rmse};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
-use crate::{output, say};
+use crate::{output, report, say};
 
 /// Judge a model on recordings, free running.
 #[derive(clap::Args)]
@@ -52,6 +52,9 @@ pub struct Arguments {
     /// Further models for the ladder.
     #[arg(long, num_args = 1.., value_name = "FILE", requires = "ladder")]
     compare: Vec<PathBuf>,
+    /// Write a self-contained report with plots.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".html"))]
+    html: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -87,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs = arguments.data.data.clone();
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.reference.iter().chain(&arguments.ladder_train).chain(&arguments.compare).cloned());
-    let outputs: Vec<&Path> = arguments.common.json.as_deref().into_iter().collect();
+    let outputs: Vec<&Path> = arguments.common.json.as_deref().into_iter().chain(arguments.html.as_deref()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let model = model::load(&arguments.model)?;
     let reference = arguments.reference.as_deref().map(model::load).transpose()?;
@@ -149,6 +152,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             suite: suite.as_ref(),
         };
         output::write_json(path, &written)?;
+    }
+    if let Some(path) = &arguments.html {
+        let examples = report::examples(&recordings, &judged);
+        let page = report::evaluation_page(model.description(), &examples, &families, ladder.as_ref(), suite.as_ref());
+        output::write_atomic(path, page.as_bytes())?;
+        say!("report: {}", path.display());
     }
     let passed = suite.is_none_or(|suite| suite.passed);
     Ok(if passed { Outcome::Success } else { Outcome::CheckFailed })

@@ -17,7 +17,7 @@ pub mod tracks;
 
 pub use checkpoint::CheckpointPlan;
 pub use config::{PRESETS, TrainConfig};
-pub use fit::{Ended, Progress, TrainError, TrainReport, train};
+pub use fit::{Ended, Milestone, Progress, TrainError, TrainReport, train};
 
 #[cfg(test)]
 use fit::starting_network;
