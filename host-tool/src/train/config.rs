@@ -62,7 +62,7 @@ pub struct TrainConfig {
     pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,
-    /// Synthetic training recordings, made where an identified physics model explains the validation recordings: see
+    /// Recordings to fill a small set up to with synthetic ones, made where an identified physics model explains the validation recordings: see
     /// [`super::augment`].
     pub synthetic: usize,
     /// How well it must explain them: root mean square error as a share of the output's range.

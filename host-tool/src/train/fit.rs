@@ -394,7 +394,7 @@ pub fn train(
         FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s)?,
     };
     front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
-    let synthetic = augment::synthetic(recordings, &parts, config.synthetic, config.synthetic_limit, seed);
+    let synthetic = augment::synthetic(recordings, &parts, config.synthetic.saturating_sub(recordings.len()), config.synthetic_limit, seed);
     let synthetic_parts: Vec<Vec<bool>> = synthetic.iter().map(|recording| vec![true; recording.len()]).collect();
     let mut tracks = prepare(recordings, &parts, &front_end, &input, &output)?;
     tracks.extend(prepare(&synthetic, &synthetic_parts, &front_end, &input, &output)?);

@@ -23,9 +23,15 @@ const SEARCH_SAMPLES: usize = 30_000;
 const WORTH: f64 = 0.98;
 /// Mean square error, of a normalised output, below which the operators nearly explain the data.
 const NEARLY_EXACT: f64 = 1e-4;
+/// Free thresholds of stop operators at most.
+const FREE_STOPS: usize = 4;
+/// Share of all weights that a stop operator must have to stay.
+const CARRIES: f64 = 0.01;
+/// Share of the operators' slope below which a force does not depend on where in the range it acts.
+const NO_SPRING: f64 = 0.02;
 /// Free thresholds at most.
 const FREE_OPERATORS: usize = 12;
-/// Time constants offered for creep, in s; those shorter than ten samples are left out.
+/// Time constants offered for creep, in s; those too short or too long for the recordings are left out.
 const CREEP_S: [f64; 3] = [0.8, 4.0, 20.0];
 
 /// What the bank is made of.
@@ -116,6 +122,9 @@ pub fn front_end(
     search.creep(&mut best, sample_period_s)?;
     search.refine_path(&mut best, 0.5)?;
 
+    if best.0.kind == Kind::Stop {
+        best.0.keep_carrying(&best.1);
+    }
     let fit = all.fit(&best.0)?;
     Ok(schema::FrontEnd { stick_band, ..assemble(&best.0, &fit) })
 }
@@ -172,6 +181,14 @@ fn coefficient(time_constant_samples: f64) -> f64 {
 }
 
 impl Candidate {
+    /// Drops the stop operators that carry next to nothing. A force of friction has few; what a network does with the others on motions
+    /// smaller than those it was trained on is guesswork.
+    fn keep_carrying(&mut self, fit: &Fit) {
+        let total: f64 = fit.weights.iter().sum();
+        let mut carries = fit.weights.iter().map(|weight| *weight > CARRIES * total);
+        self.thresholds.retain(|_| carries.next().unwrap_or(true));
+    }
+
     /// The front end whose features are what the fit needs: path, plays, creeps.
     fn probe(&self) -> schema::FrontEnd {
         let mut front_end = self.bare();
@@ -325,13 +342,12 @@ impl Data<'_> {
 
     /// Lets the thresholds go where they fit best, where that pays; elsewhere a grid serves the network as well.
     fn free_thresholds(&self, best: &mut (Candidate, Fit)) -> Result<(), TrainError> {
-        if best.1.in_sample > NEARLY_EXACT {
-            return Ok(());
-        }
         let candidate = &best.0;
-        let family = match candidate.kind {
-            Kind::Play => Family::Play,
-            Kind::Stop => Family::Stop,
+        let (family, count) = match candidate.kind {
+            Kind::Play if best.1.in_sample > NEARLY_EXACT => return Ok(()),
+            Kind::Play => (Family::Play, FREE_OPERATORS),
+            // Few operators in their right places carry over to motions that were not recorded.
+            Kind::Stop => (Family::Stop, FREE_STOPS),
         };
         let mut runs = Vec::new();
         let mut samples = 0;
@@ -354,14 +370,15 @@ impl Data<'_> {
             return Ok(());
         }
         let (low, high) = normalised_range(self.input);
-        let mut thresholds = free_thresholds(&runs, family, FREE_OPERATORS, 0.5 * (high - low));
+        let mut thresholds = free_thresholds(&runs, family, count, 0.5 * (high - low));
         // The operator of threshold zero is the path itself, which has its own weight.
         thresholds.retain(|threshold| *threshold > 0.0);
         if thresholds.is_empty() {
             return Ok(());
         }
         let candidate = Candidate { thresholds, creep: Vec::new(), creep_sum: Vec::new(), ..candidate.clone() };
-        self.improve(best, candidate, 1.0)?;
+        let worth = if candidate.kind == Kind::Stop { 1.0 / WORTH } else { 1.0 };
+        self.improve(best, candidate, worth)?;
         Ok(())
     }
 
@@ -370,9 +387,11 @@ impl Data<'_> {
         if best.0.kind == Kind::Stop {
             return Ok(());
         }
+        let longest = self.recordings.iter().map(Recording::len).max().unwrap_or(0);
         for time_constant_s in CREEP_S {
             let samples = time_constant_s / sample_period_s;
-            if samples < 10.0 {
+            // Too fast to tell from the operators, or too slow to have been seen to settle.
+            if samples < 10.0 || 4.0 * samples > longest as f64 {
                 continue;
             }
             let mut candidate = best.0.clone();
@@ -408,9 +427,18 @@ fn assemble(candidate: &Candidate, fit: &Fit) -> schema::FrontEnd {
     front_end.creep_weights = fit.creep_weights.iter().map(|value| narrow(*value)).collect();
     front_end.bias = narrow(fit.bias);
 
-    let mut sources = vec![FeatureSource::Input, FeatureSource::InputDifference];
+    // A friction force without a spring beside it is the same anywhere in the range: then the network must not see where it is.
+    let slope: f64 = fit.weights.iter().zip(&candidate.thresholds).map(|(weight, threshold)| weight / threshold).sum();
+    let anywhere = candidate.kind == Kind::Stop && fit.input_weight.abs() < NO_SPRING * slope;
+    let mut sources = vec![FeatureSource::InputDifference];
+    if !anywhere {
+        sources.push(FeatureSource::Input);
+    }
     if candidate.dead_time_samples > 0.0 || candidate.lag_samples > 0.0 {
-        sources.extend([FeatureSource::Path, FeatureSource::PathDifference]);
+        sources.push(FeatureSource::PathDifference);
+        if !anywhere {
+            sources.push(FeatureSource::Path);
+        }
     }
     sources.extend((0..candidate.thresholds.len()).map(|index| FeatureSource::Stop(index_u8(index))));
     sources.push(FeatureSource::Readout);
