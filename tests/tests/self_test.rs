@@ -1,0 +1,219 @@
+//! The self-test and the tick with a real exported model: a hybrid of play operators and a small quantised LSTM.
+
+use std::path::Path;
+
+use firmware::calibration::ConverterConfig;
+use firmware::control::SetPoint;
+use firmware::estimator::{Estimator, EstimatorState, Portable};
+use firmware::model::{RunningModel, examine};
+use firmware::seam::RawSample;
+use firmware::self_test::{ClockCheck, SelfTest};
+use firmware::supervisor::Event;
+use firmware::tick::{Action, BootReport, Command, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
+use host_tool::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
+use host_tool::recording::{Recording, Signal};
+use model_export::blob::{self, crc32};
+use model_export::link::fault::Fault;
+use model_export::link::message::Quantity;
+use model_export::link::settings::Settings;
+use model_export::link::state::State;
+use model_export::schema::{self, Feature, FeatureSource, Model};
+
+/// A hybrid over 0 to 3 bar with weights from a small generator.
+fn trained() -> TrainedModel {
+    let channel = |quantity: &str, unit: &str, scale: f32| Channel {
+        quantity: quantity.into(),
+        unit: unit.into(),
+        offset: 0.0,
+        scale,
+        minimum: 0.0,
+        maximum: scale,
+    };
+    let feature = |source| Feature { source, offset: 0.0, gain: 1.0 };
+    let features = [feature(FeatureSource::Input), feature(FeatureSource::Stop(0)), feature(FeatureSource::Play(1))];
+    let mut network = Network::zeros(3, &[16], Activation::Tanh, 4.0);
+    let mut noise = 7u32;
+    let mut weight = || {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (f64::from(noise) / f64::from(u32::MAX) - 0.5) as f32
+    };
+    for layer in &mut network.layers {
+        layer.input_weights.iter_mut().chain(&mut layer.recurrent_weights).chain(&mut layer.bias).for_each(|entry| *entry = weight());
+    }
+    network.dense_weights.iter_mut().for_each(|entry| *entry = 0.1 * weight());
+    TrainedModel {
+        input: channel("pressure", "bar", 3.0),
+        output: channel("displacement", "mm", 15.0),
+        sample_period_s: 0.02,
+        mode: Mode::Streaming,
+        front_end: schema::FrontEnd {
+            lag_coefficient: 0.8,
+            play_thresholds: heapless::Vec::from_slice(&[0.05, 0.1]).unwrap(),
+            play_weights: heapless::Vec::from_slice(&[0.4, 0.5]).unwrap(),
+            features: heapless::Vec::from_slice(&features).unwrap(),
+            ..schema::FrontEnd::default()
+        },
+        network: Some(network),
+        provenance: Provenance { preset: "test".into(), ..Provenance::default() },
+    }
+}
+
+fn exported() -> Vec<u8> {
+    let input: Vec<f64> = (0..500).map(|index| 1.4 - 1.4 * (f64::from(index) * 0.1).cos()).collect();
+    let time_s = (0..500).map(|index| f64::from(index) * 0.02).collect();
+    let output = vec![0.0; 500];
+    let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).unwrap();
+    host_tool::export::export(&trained(), &[recording]).unwrap().bytes
+}
+
+/// The blob again with something changed: frame, checksum and hash are right, the contents are not.
+fn forged(bytes: &[u8], change: impl FnOnce(&mut Model<'_>)) -> Vec<u8> {
+    let mut model = blob::decode(bytes).unwrap().model;
+    change(&mut model);
+    blob::encode(&model).unwrap()
+}
+
+#[test]
+fn a_sound_model_passes_and_tells_its_period_and_identity() {
+    let bytes = exported();
+    let facts = examine(&bytes, &Portable).unwrap();
+    assert_eq!(facts.period.get(), 20);
+    assert_eq!(facts.id, blob::decode(&bytes).unwrap().content_hash[..8]);
+}
+
+#[test]
+fn any_flipped_bit_is_a_corrupt_model_or_an_unsupported_one() {
+    let bytes = exported();
+    for bit in (0..bytes.len() * 8).step_by(101) {
+        let mut damaged = bytes.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(examine(&damaged, &Portable), Err(Fault::ModelCorrupt), "bit {bit}");
+    }
+    for length in [0, 7, 51, bytes.len() - 1] {
+        assert_eq!(examine(&bytes[..length], &Portable), Err(Fault::ModelCorrupt), "{length} bytes");
+    }
+}
+
+#[test]
+fn golden_vectors_catch_a_changed_parameter_and_a_changed_output() {
+    let bytes = exported();
+    let other_weight = forged(&bytes, |model| model.front_end.play_weights[0] += 0.01);
+    assert_eq!(examine(&other_weight, &Portable), Err(Fault::GoldenMismatch));
+    // One unit in the last place of one weight: within the tolerance, but other bits than the exporter saw.
+    let last_place = forged(&bytes, |model| model.front_end.play_weights[0] = model.front_end.play_weights[0].next_up());
+    assert_eq!(examine(&last_place, &Portable), Err(Fault::GoldenMismatch));
+    let golden = blob::decode(&bytes).unwrap().model.golden.output.to_vec();
+    let mut wrong = golden;
+    let at = wrong.len() / 2 / 4 * 4;
+    wrong[at..at + 4].copy_from_slice(&99.0f32.to_le_bytes());
+    let mut model = blob::decode(&bytes).unwrap().model;
+    model.golden.output = &wrong;
+    assert_eq!(examine(&blob::encode(&model).unwrap(), &Portable), Err(Fault::GoldenMismatch));
+}
+
+#[test]
+fn a_check_that_cannot_fail_is_a_fault() {
+    // No vectors: everything would pass.
+    let blind = forged(&exported(), |model| {
+        model.golden.input = &[];
+        model.golden.output = &[];
+        model.golden.digest = 0;
+    });
+    assert_eq!(examine(&blind, &Portable), Err(Fault::SelfTestBlind));
+}
+
+#[test]
+fn a_model_in_other_units_or_between_ticks_is_unsupported() {
+    for change in [
+        (|model: &mut Model<'_>| model.input.unit = "V") as fn(&mut Model<'_>),
+        |model| model.output.unit = "um",
+        |model| model.sample_period_s = 0.0205,
+        |model| model.sample_period_s = 100.0,
+    ] {
+        assert_eq!(examine(&forged(&exported(), change), &Portable), Err(Fault::ModelUnsupported));
+    }
+}
+
+#[test]
+fn the_self_test_reports_everything_it_finds() {
+    let bytes = exported();
+    let program = [1, 2, 3, 4];
+    let clock = ClockCheck { counted: 16_100_000, expected: 16_000_000, tolerance_per_mille: 10 };
+    let good = SelfTest { program: &program, program_crc32: crc32(0, &program), clock: Some(clock), model: Some(&bytes) };
+    let report = good.run(&Portable);
+    assert!(report.faults.is_empty() && report.model.is_some());
+    let without = SelfTest { model: None, clock: None, ..good }.run(&Portable);
+    assert!(without.faults.is_empty() && without.model.is_none());
+
+    let slow = ClockCheck { counted: 15_800_000, ..clock };
+    let bad = SelfTest { program_crc32: 0, clock: Some(slow), model: Some(&bytes[1..]), ..good }.run(&Portable);
+    assert_eq!(bad.faults.iter().collect::<Vec<_>>(), [Fault::FlashCorrupt, Fault::ClockInaccurate, Fault::ModelCorrupt]);
+    assert_eq!(bad.model, None);
+}
+
+/// A rig whose sensors follow the output at once, with a code of noise.
+struct Bench<'a> {
+    rig: Rig,
+    model: RunningModel<'a, Portable>,
+    tick: u32,
+    outputs: Option<TickOutputs>,
+}
+
+impl Bench<'_> {
+    fn step(&mut self, action: Option<Action>) -> TickOutputs {
+        self.tick += 1;
+        let output_bar = self.outputs.as_ref().map_or(0.0, |outputs| outputs.output.bar());
+        let noise = u16::from(self.tick.is_multiple_of(2));
+        let pressure_code = self.rig.built().pressure().calibration().code(output_bar) + noise;
+        let laser_code = self.rig.built().laser().calibration().code(2.0 + 5.0 * output_bar) + noise;
+        let inputs = TickInputs {
+            sample: RawSample { laser_code, pressure_code },
+            background_beat: self.tick,
+            command: action.map(|action| Command { token: None, action }),
+            ..TickInputs::default()
+        };
+        let outputs = self.rig.tick(&mut self.model, inputs);
+        self.outputs = Some(outputs.clone());
+        outputs
+    }
+}
+
+#[test]
+fn the_estimate_in_the_telemetry_is_the_estimators_to_the_bit() {
+    let bytes = exported();
+    // The forged output scale of this untrained model is no displacement, so the comparison with the laser is off.
+    let settings = Settings { control_law: 1, mismatch_displacement_mm: 0.0, ..Settings::default() };
+    let facts = RigFacts { converter: ConverterConfig { full_scale_code: 8190, full_scale_v: 3.3 } };
+    let tick = TickConfig { settings: &settings, facts }.build().unwrap();
+    let model = RunningModel::load(&bytes, Portable).unwrap();
+    let mut bench = Bench { rig: Rig::new(tick, BootReport::default()), model, tick: 0, outputs: None };
+    while bench.step(None).state != State::SelfTest {}
+    let report = SelfTest { program: &[], program_crc32: 0, clock: None, model: Some(&bytes) }.run(&Portable);
+
+    let estimator = Estimator::new(&blob::decode(&bytes).unwrap().model).unwrap();
+    let mut state = EstimatorState::default();
+    let mut compared = 0;
+    let (mut lowest, mut highest) = (f32::MAX, f32::MIN);
+    for millisecond in 0..6_000u32 {
+        let phase = millisecond as f32 * 0.005;
+        let action = match millisecond {
+            0 => Some(report.action()),
+            10 => Some(Action::Request(Event::Arm)),
+            20 => Some(Action::Request(Event::Start)),
+            _ if millisecond.is_multiple_of(10) => Some(Action::SetPoint(SetPoint::Value(Quantity::Pressure, 1.2 - 1.2 * phase.cos()))),
+            _ => None,
+        };
+        let outputs = bench.step(action);
+        if let Some(sample) = outputs.telemetry
+            && millisecond > 0
+        {
+            let expected = estimator.step(&mut state, sample.command_bar).value;
+            assert_eq!(sample.estimate_mm.map(f32::to_bits), Some(expected.to_bits()), "{millisecond} ms");
+            (lowest, highest) = (lowest.min(expected), highest.max(expected));
+            compared += 1;
+        }
+    }
+    assert_eq!(bench.outputs.unwrap().state, State::Running);
+    assert_eq!(compared, 300);
+    assert!(highest - lowest > 5.0, "the estimate moved from {lowest} to {highest} mm");
+}
