@@ -168,6 +168,18 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
         None => return Err(unreadable("no format version".to_owned())),
     }
     let metadata: Metadata = serde_json::from_value(value).map_err(|error| unreadable(error.to_string()))?;
+    let positive = |value: f64| value.is_finite() && value > 0.0;
+    let checks = [
+        ("sample_period_s", positive(metadata.sample_period_s)),
+        ("input.scale", positive(f64::from(metadata.input.scale))),
+        ("output.scale", positive(f64::from(metadata.output.scale))),
+        ("state_limit", metadata.network.as_ref().is_none_or(|network| positive(f64::from(network.state_limit)))),
+        ("units", metadata.network.as_ref().is_none_or(|network| !network.units.is_empty() && !network.units.contains(&0))),
+        ("mode.window.length", metadata.mode != Mode::Window { length: 0 }),
+    ];
+    if let Some((name, _)) = checks.iter().find(|(_, good)| !good) {
+        return Err(unreadable(format!("{name} is not positive")));
+    }
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| format(error.to_string()))?;
     let network = metadata.network.map(|architecture| read_network(&tensors, &architecture, path)).transpose()?;
     if let Some(network) = &network

@@ -238,3 +238,109 @@ fn forward_and_gradients_equal_those_of_pytorch() {
         }
     }
 }
+
+fn model() -> TrainedModel {
+    let channel = |quantity: &str, unit: &str| Channel {
+        quantity: quantity.to_owned(),
+        unit: unit.to_owned(),
+        offset: 0.1,
+        scale: 2.0,
+        minimum: -1.9,
+        maximum: 2.1,
+    };
+    let feature = |source| schema::Feature { source, offset: 0.25, gain: 1.0 / 3.0 };
+    let mut front_end = schema::FrontEnd { lag_coefficient: 0.7, bias: 0.1, ..schema::FrontEnd::default() };
+    front_end.play_thresholds.push(0.3).unwrap();
+    front_end.play_weights.push(1.1).unwrap();
+    front_end.features.push(feature(schema::FeatureSource::Input)).unwrap();
+    front_end.features.push(feature(schema::FeatureSource::Play(0))).unwrap();
+    TrainedModel {
+        input: channel("pressure", "bar"),
+        output: channel("displacement", "mm"),
+        sample_period_s: 0.02,
+        mode: Mode::Streaming,
+        front_end,
+        network: Some(random_network(21, 2, &[6, 4], Activation::Hard, 3.0)),
+        provenance: Provenance { preset: "hybrid".to_owned(), seed: 7, validation_rmse: 0.125, ..Provenance::default() },
+    }
+}
+
+#[test]
+fn a_model_survives_the_file_bit_for_bit_with_and_without_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.safetensors");
+    for model in [model(), TrainedModel { network: None, mode: Mode::Window { length: 50 }, ..model() }] {
+        save(&path, &model).unwrap();
+        assert_eq!(load(&path).unwrap(), model);
+    }
+}
+
+#[test]
+fn every_truncation_of_a_model_file_is_refused() {
+    let bytes = to_bytes(&model()).unwrap();
+    for length in 0..bytes.len() {
+        assert!(from_bytes(&bytes[..length], "model.safetensors").is_err(), "{length} of {} bytes", bytes.len());
+    }
+}
+
+/// The file with a piece of its metadata replaced by one of the same length, so that the rest stays in place.
+fn with_metadata(from: &str, to: &str) -> Vec<u8> {
+    assert_eq!(from.len(), to.len());
+    let mut bytes = to_bytes(&model()).unwrap();
+    let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).expect("the metadata hold the text");
+    bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
+    bytes
+}
+
+#[test]
+fn another_version_shape_or_origin_is_refused_by_name() {
+    let refusal = |bytes: &[u8]| from_bytes(bytes, "m.safetensors").unwrap_err().to_string();
+    let version = refusal(&with_metadata("\\\"format_version\\\":1", "\\\"format_version\\\":2"));
+    assert!(version.contains("m.safetensors") && version.contains("version 2") && version.contains("reads version 1"), "{version}");
+    let shape = refusal(&with_metadata("\\\"units\\\":[6,4]", "\\\"units\\\":[6,5]"));
+    assert!(shape.contains("layers.1.input_weights") && shape.contains("[20, 6]"), "{shape}");
+    let features = refusal(&with_metadata("\\\"features\\\":2,", "\\\"features\\\":3,"));
+    assert!(features.contains("layers.0.input_weights"), "{features}");
+    let foreign = refusal(&with_metadata("catheter-model", "somebody-model"));
+    assert!(foreign.contains("`catheter-model` is missing"), "{foreign}");
+    let limit = refusal(&with_metadata("\\\"state_limit\\\":3.0", "\\\"state_limit\\\":-30"));
+    assert!(limit.contains("state_limit"), "{limit}");
+}
+
+#[test]
+fn a_weight_that_is_not_finite_is_refused() {
+    let mut model = model();
+    model.network.as_mut().unwrap().dense_weights[2] = f32::NAN;
+    let error = from_bytes(&to_bytes(&model).unwrap(), "m.safetensors").unwrap_err().to_string();
+    assert!(error.contains("dense.weights") && error.contains("element 2"), "{error}");
+}
+
+#[test]
+fn a_window_model_sees_the_last_samples_only_and_rests_before_the_first() {
+    let model = TrainedModel { mode: Mode::Window { length: 5 }, ..model() };
+    let mut model = model;
+    // Without play operators the front end has no memory of its own.
+    model.front_end.play_weights[0] = 0.0;
+    model.front_end.lag_coefficient = 1.0;
+    model.front_end.features[1].source = schema::FeatureSource::InputDifference;
+    let tail = [0.3, 1.4, 0.9, 0.2, 1.1];
+    let run = |before: &[f64]| {
+        let input: Vec<f64> = before.iter().chain(&tail).copied().collect();
+        *model.predict(&input, &[]).unwrap().last().unwrap()
+    };
+    // Six samples before the window cannot be seen, but for the difference into the first one.
+    assert_eq!(run(&[1.0, 0.0, 2.0, 0.3]), run(&[0.5, 0.3]));
+    assert_ne!(run(&[0.5, 0.3]), run(&[0.5, 0.7]), "the difference into the window's first sample");
+    // At the start the window is filled with the first sample at rest.
+    let rested = model.predict(&[0.6; 9], &[]).unwrap();
+    assert!(rested.iter().all(|&value| value == rested[0]), "{rested:?}");
+}
+
+#[test]
+fn a_gap_starts_the_model_afresh() {
+    let model = model();
+    let input: Vec<f64> = (0..40).map(|sample| (f64::from(sample) * 0.3).sin() + 1.0).collect();
+    let whole = model.predict(&input, &[25]).unwrap();
+    assert_eq!(whole[25..], model.predict(&input[25..], &[]).unwrap());
+    assert_ne!(whole[25..], model.predict(&input, &[]).unwrap()[25..]);
+}
