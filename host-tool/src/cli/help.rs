@@ -59,8 +59,10 @@ Examples:
 pub const DEMO: &str = "\
 Simulates, identifies, trains, quantises, verifies and evaluates with a small budget; about a minute on two cores.
 
-Example:
-  catheter demo --out demo";
+Examples:
+  catheter demo
+  catheter demo --out demo --seed 7
+  catheter demo --quick --out look";
 
 /// Below the help of `completions`.
 pub const COMPLETIONS: &str = "\

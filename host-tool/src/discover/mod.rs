@@ -420,6 +420,7 @@ fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
 }
 
 /// The verdict and the figures.
+#[expect(clippy::too_many_arguments, reason = "called once, with everything the search has found")]
 fn judge(
     session: &Session,
     before: &Model,

@@ -106,8 +106,8 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], size: f6
             } else {
                 let best = points[0].1.clone();
                 for point in &mut points[1..] {
-                    for axis in 0..n {
-                        point.1[axis] = best[axis] + 0.5 * (point.1[axis] - best[axis]);
+                    for (coordinate, best) in point.1.iter_mut().zip(&best) {
+                        *coordinate = best + 0.5 * (*coordinate - best);
                     }
                     point.0 = evaluate(&point.1, &mut spent);
                 }

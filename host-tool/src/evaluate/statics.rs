@@ -38,7 +38,7 @@ impl Polynomial {
             .collect();
         let (low, high) =
             samples.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &(input, _)| (low.min(input), high.max(input)));
-        if !(high > low) {
+        if high <= low {
             bail!("the input never moves; a static curve cannot be fitted");
         }
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));

@@ -71,7 +71,7 @@ fn skipped_seconds_are_seen_by_the_model_and_do_not_count() {
     // Half a second a sample: from 1 s on it is the third sample. The model counts samples, so it must have seen the first two.
     let recording = recording("run.csv", vec![0.0; 4], vec![9.0, 9.0, 2.0, 4.0]);
     let judging = Judging { skip_s: 1.0, ..Judging::default() };
-    let judged = judge(&made(|index, _| index as f64), &[recording.clone()], judging, 1).unwrap();
+    let judged = judge(&made(|index, _| index as f64), std::slice::from_ref(&recording), judging, 1).unwrap();
     assert_eq!((judged[0].first, judged[0].errors.errors.n), (2, 2));
     assert_eq!(judged[0].errors.errors.max_abs, 1.0);
     let message = judge(&made(|_, _| 0.0), &[recording], Judging { skip_s: 60.0, ..judging }, 1).unwrap_err().to_string();

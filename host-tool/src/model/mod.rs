@@ -7,6 +7,8 @@
 //!
 //! [`load`] reads physics (`.toml`), trained networks (`.safetensors`) and blobs (`.blob`); a blob runs the microcontroller's code.
 
+#![allow(clippy::result_large_err, reason = "errors with paths and names end the command; nothing is hot here")]
+
 mod blob;
 mod discovered;
 mod error;
@@ -158,8 +160,9 @@ pub fn check(model: &Description, recording: &Recording, resample: bool) -> Resu
 }
 
 fn differs(model_s: f64, recording_s: f64) -> bool {
-    // The negation refuses a period that is not a number.
-    !((recording_s - model_s).abs() <= PERIOD_TOLERANCE * model_s)
+    // In this order a period that is not a number differs.
+    let same = (recording_s - model_s).abs() <= PERIOD_TOLERANCE * model_s;
+    !same
 }
 
 /// The output of a model for every sample of a recording, free running; see [`Fit`].

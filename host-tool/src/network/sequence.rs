@@ -151,6 +151,7 @@ impl Sequence {
 
     /// Takes what one unit did in one step of a forward pass made elsewhere (by the fixed-point code), so that [`Self::backward`] can
     /// go back through it: gates i, f, g, o, new cell state and new hidden state.
+    #[expect(clippy::too_many_arguments, reason = "three indices and three values that belong together nowhere else")]
     pub fn inject(&mut self, layer: usize, lane: usize, step: usize, unit: usize, gates: [f32; 4], cell: f32, hidden: f32) {
         let limit = self.architecture.state_limit;
         let lanes = self.lanes;

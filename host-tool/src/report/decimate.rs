@@ -1,9 +1,12 @@
 //! Long series on little paper: fewer points, the same picture.
 
+/// x and y.
+type Point = (f64, f64);
+
 /// At most about `most` points that keep the ends and, within equal stretches of the series, the smallest and largest x and y, in
 /// order: no peak and no corner of a loop is lost. A short series comes back as it is.
 #[must_use]
-pub fn decimate(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
+pub fn decimate(points: &[Point], most: usize) -> Vec<Point> {
     let most = most.max(8);
     if points.len() <= most {
         return points.to_vec();
@@ -13,7 +16,7 @@ pub fn decimate(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     let mut kept = Vec::with_capacity(most + 8);
     for (number, part) in points.chunks(stretch).enumerate() {
         let mut indices = vec![];
-        let mut keep = |better: &dyn Fn(&(f64, f64), &(f64, f64)) -> bool| {
+        let mut keep = |better: &dyn Fn(&Point, &Point) -> bool| {
             let mut best = 0;
             for (index, point) in part.iter().enumerate() {
                 if better(point, &part[best]) {

@@ -2,8 +2,8 @@
 //!
 //! A network can have a tiny RMSE and still drift while the pressure rests, depend on where it started, or diverge after ten minutes;
 //! each criterion here has caught a real model doing one of these. Where the *plant* that made the recordings is known (a simulated
-//! rig), it makes new truth for every criterion ([`with_plant`]). Where it is not (a measured rig), the suite asks what can be
-//! asked without truth ([`without_plant`]): an output that rests when the input rests, that repeats when the input repeats, and that
+//! rig), it makes new truth for every criterion (`with_plant`). Where it is not (a measured rig), the suite asks what can be
+//! asked without truth (`without_plant`): an output that rests when the input rests, that repeats when the input repeats, and that
 //! forgets its start when the input has wiped it out.
 //!
 //! Seeds: the suite's excitations come from `--seed` plus [`SEED_OFFSET`], so that a model trained on `simulate --seed N` is not judged
