@@ -31,7 +31,11 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) ->
     let mut masked = 0;
     for (run, residual) in session.runs.iter_mut().zip(residual) {
         let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
-        let threshold = 7.0 * noise;
+        // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
+        // the model misses everywhere.
+        let mut sizes: Vec<f64> = residual.iter().map(|value| value.abs()).collect();
+        let usual = if modelled { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
+        let threshold = (7.0 * noise).max(0.02).max(usual);
         let output = run.output.clone();
         let samples = output.len();
         let mut sample = 1;

@@ -292,7 +292,6 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
     let residual = before.residuals(&session);
     mask::outliers(&mut session, &residual, true);
     let (_, mut select) = before.fit(&session, model::Scope::Both);
-    let excluded: usize = session.runs.iter().map(|run| run.keep.iter().filter(|keep| !**keep).count()).sum();
     let bench = Bench { session: &session, forms: catalogue::forms(), threads: config.threads };
 
     let mut model = before.clone();
@@ -367,6 +366,14 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
     }
     let final_fit = search::polish(&model, &session, 40);
     let mut after = if final_fit.select <= select * 1.001 { final_fit.model } else { model };
+    drop(bench);
+    // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
+    for run in &mut session.runs {
+        run.keep.fill(true);
+    }
+    let residual = after.residuals(&session);
+    mask::outliers(&mut session, &residual, true);
+    let excluded: usize = session.runs.iter().map(|run| run.keep.iter().filter(|keep| !**keep).count()).sum();
     after.fit_all(&session);
     before.fit_all(&session);
     let mut discovery = judge(&session, &before, &after, &order, candidates, runner_up, twins, excluded);

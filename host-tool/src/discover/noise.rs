@@ -1,7 +1,7 @@
 //! How much of the residual is noise: from rest, where nothing else can be, or from the residual's fast part.
 
 use super::mask::fast_noise;
-use super::session::Session;
+use super::session::{Role, Session};
 
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
@@ -44,7 +44,10 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mean_length = lengths / stretches;
     let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
     let white_lost = 2.0 / mean_length;
-    (sum / freedom * (1.0 - white_lost) / (1.0 - lost)).sqrt()
+    let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
+    let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
+    // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
+    (sum / freedom * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
 }
 
 /// Mean squares of blocks of about one second, over the samples for which `wanted` holds.

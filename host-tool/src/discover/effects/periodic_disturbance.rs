@@ -14,12 +14,22 @@ const HARMONICS: usize = 3;
 
 struct Beat;
 
+/// Whether a frequency is a multiple of the input's own in a recording: what goes with the input is no rhythm from outside.
+fn belongs_to_input(run: &Run, frequency_hz: f64) -> bool {
+    let length_s = run.input.len() as f64 * run.period_s;
+    let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
+    let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
+    let own_hz = crossings as f64 / 2.0 / length_s;
+    let multiple = (frequency_hz / own_hz).round();
+    (1.0..=12.0).contains(&multiple) && (frequency_hz - multiple * own_hz).abs() < (0.6 / length_s).max(0.04 * own_hz)
+}
+
 /// Power of the residual at one frequency, recordings added without regard to phase.
 fn power(session: &Session, residual: &[Vec<f64>], frequency_hz: f64, coherent: bool) -> f64 {
     let mut total = 0.0;
     let (mut all_re, mut all_im) = (0.0, 0.0);
     for (run, values) in session.runs.iter().zip(residual) {
-        if values.is_empty() {
+        if values.is_empty() || belongs_to_input(run, frequency_hz) {
             continue;
         }
         let turn = 2.0 * PI * frequency_hz * run.period_s;
@@ -78,7 +88,7 @@ impl Form for Beat {
             .collect();
         peaks.sort_by(|x, y| y.0.total_cmp(&x.0));
         let mut starts = Vec::new();
-        for (_, peak) in peaks.iter().take(3) {
+        for (_, peak) in peaks.iter().take(3).filter(|entry| entry.0 > 1.5) {
             // The phase runs on through the session: a comb of narrow lines under each peak.
             let fine = 0.2 / session.length_s;
             let steps = (1.2 * spacing / fine).ceil() as i64;
