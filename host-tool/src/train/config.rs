@@ -125,6 +125,8 @@ impl TrainConfig {
                 mode: Mode::Window { length: 50 },
                 front_end: FrontEndKind::Input,
                 units: vec![64, 64],
+                // Far above what a normalised output needs: the clip is there against divergence only.
+                state_limit: 8.0,
                 lanes: 16,
                 chunk: 50,
                 learning_rate: 1e-3,
