@@ -208,9 +208,10 @@ fn the_demo_leaves_a_verified_blob_and_a_report_that_needs_nothing_else() {
     for outside in ["src=\"http", "src='http", "<script src", "<link ", "@import", "url(http"] {
         assert!(!report.contains(outside), "the report needs something from outside: {outside}");
     }
-    let mut blobs = std::fs::read_dir(bench.path("demo")).expect("a folder can be listed").flatten().map(|entry| entry.path());
-    let blob = blobs.find(|path| path.extension().is_some_and(|ending| ending == "blob")).expect("the demo leaves a blob");
-    bench.works(&format!("inspect demo/{}", blob.file_name().expect("a file has a name").to_string_lossy()));
+    for rig in ["paper", "effects"] {
+        bench.works(&format!("inspect demo/{rig}/hybrid.blob"));
+        bench.works(&format!("evaluate --model demo/{rig}/hybrid.blob --data demo/{rig}/data/test"));
+    }
 }
 
 #[test]
