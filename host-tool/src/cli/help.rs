@@ -99,10 +99,12 @@ mod tests {
 
     #[test]
     fn every_example_in_the_help_and_the_book_is_understood_by_the_parser() {
-        let mut command = Cli::command();
+        // Not wrapped: an example is one line, however narrow the terminal.
+        let mut command = Cli::command().term_width(0);
+        command.build();
         let mut texts = vec![command.render_long_help().to_string()];
         for subcommand in command.get_subcommands_mut().filter(|subcommand| subcommand.get_name() != "help" && !subcommand.is_hide_set()) {
-            let help = subcommand.render_long_help().to_string();
+            let help = subcommand.clone().term_width(0).render_long_help().to_string();
             assert!(examples(&help).next().is_some(), "no example in the help of {}", subcommand.get_name());
             texts.push(help);
         }

@@ -20,7 +20,7 @@ Examples:
   catheter identify --data data/paper/train --out pi.toml --json pi.json
   catheter identify --data data/paper/train --out pi.toml --operators 12
   catheter identify --data data/all/train --out m.toml --model modified-pi --dead-time-s auto --lag-s auto
-  catheter identify --data model_1hz_sine.csv --columns time=t_s,input=voltage_V,output=displacement_um --skip-s 1 --out piezo.toml")]
+  catheter identify --data p.csv --columns time=t_s,input=u_V,output=x_um --skip-s 1 --out p.toml")]
 pub struct Arguments {
     #[command(flatten)]
     data: Data,
