@@ -22,7 +22,7 @@ use crate::{output, say};
 #[command(after_long_help = "\
 Examples:
   catheter simulate paper --out data/paper            the paper's 24 training recordings and four test families
-  catheter simulate rich --out data/rich --seed 7     80 recordings with holds, reversals and random histories
+  catheter simulate rich --out data/rich --seed 7     192 recordings with holds, reversals and random histories
   catheter simulate rich --out data/all --plant all-effects
   catheter simulate paper --out data/a15 --amplitude-bar 1.5 --noise-bar 0     the paper's experiment
   catheter simulate lab --out data/lab                one of each: staircase, triangle, chirp, multisine, reversals, steps, hold

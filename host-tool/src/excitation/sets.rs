@@ -129,7 +129,7 @@ pub fn families(config: &SetConfig) -> Vec<Named> {
     set
 }
 
-/// A rich training set of about 80 recordings (half an hour): all amplitudes, offsets, rising and falling envelopes, nested reversals,
+/// A rich training set of 192 recordings (a little over an hour): all amplitudes, offsets, rising and falling envelopes, nested reversals,
 /// holds of up to 25 s, rates up to those of the families, random starting histories, the virgin curve; two of three with input noise.
 /// Kinds are interleaved, so that any contiguous part is a fair sample of the whole.
 #[must_use]
