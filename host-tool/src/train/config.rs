@@ -62,6 +62,9 @@ pub struct TrainConfig {
     pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,
+    /// Look for a stick band in the data and put one on the hybrid's output. Off by default: it lowers the error where a tip sticks, but
+    /// f32 and fixed point then jump at different samples, and differ there by the whole band.
+    pub stick_band: bool,
     /// Recordings to fill a small set up to with synthetic ones, made where an identified physics model explains the validation recordings: see
     /// [`super::augment`].
     pub synthetic: usize,
@@ -107,6 +110,7 @@ impl TrainConfig {
             middle_starts: 0.0,
             sufficient: 1e-5,
             longest_visit: 2000,
+            stick_band: false,
             synthetic: 0,
             synthetic_limit: 0.003,
             validation_fraction: 0.15,

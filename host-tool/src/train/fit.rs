@@ -391,7 +391,7 @@ pub fn train(
     let mut front_end = match config.front_end {
         FrontEndKind::Input => front_end::plain(false),
         FrontEndKind::InputAndDifference => front_end::plain(true),
-        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s)?,
+        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s, config.stick_band)?,
     };
     front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
     let synthetic = augment::synthetic(recordings, &parts, config.synthetic.saturating_sub(recordings.len()), config.synthetic_limit, seed);

@@ -88,9 +88,10 @@ pub fn front_end(
     input: &Channel,
     output: &Channel,
     sample_period_s: f64,
+    sticks: bool,
 ) -> Result<schema::FrontEnd, TrainError> {
     let samples = parts.iter().flatten().filter(|part| **part).count();
-    let stick_band = narrow(stick_band(recordings, parts) / f64::from(output.scale));
+    let stick_band = if sticks { narrow(stick_band(recordings, parts) / f64::from(output.scale)) } else { 0.0 };
     let search = Data { recordings, parts, input, output, stick_band, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
     let all = Data { stride: 1, ..search };
 
