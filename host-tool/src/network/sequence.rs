@@ -4,7 +4,9 @@
 //! projections, weight gradients, gradients to the layer below) run over all rows of a chunk at once; only the recurrent product is done
 //! step by step. Gates overwrite their pre-activations and gradients overwrite the gates, so one buffer serves all three.
 
-use pulp::Arch;
+use std::marker::PhantomData;
+
+use pulp::{Arch, Simd, WithSimd};
 
 use super::Activation;
 use super::activation::{CellActivation, Hard, Relu, Tanh, bound, sigmoid};
@@ -224,7 +226,7 @@ impl Sequence {
             let bias = parameters[self.layout.dense_bias];
             let hidden = &last.hidden[self.lanes * last.units..][..rows * last.units];
             let outputs = &mut self.outputs[..rows];
-            self.arch.dispatch(|| dense_forward(hidden, weights, bias, outputs));
+            self.arch.dispatch(DenseForward { hidden, weights, bias, outputs });
         }
         &self.outputs[..rows]
     }
@@ -261,7 +263,7 @@ impl Sequence {
             let weights = &parameters[self.layout.dense_weights.clone()];
             let from_above = &self.output_gradient[..rows];
             let hidden_gradient = &mut last.hidden_gradient[..rows * last.units];
-            self.arch.dispatch(|| dense_backward(hidden, weights, from_above, hidden_gradient, weight_gradient));
+            self.arch.dispatch(DenseBackward { hidden, weights, from_above, hidden_gradient, weight_gradient });
             bias_gradient[0] = from_above.iter().sum();
         }
         for index in (0..self.layers.len()).rev() {
@@ -327,6 +329,74 @@ impl LayerBuffers {
     }
 }
 
+// What runs under vector instructions chosen at run time is a struct with an inlined `with_simd` each: a closure is compiled apart from
+// the dispatching function, for the baseline machine.
+
+/// The element-wise part of one forward step, all lanes.
+struct CellsForward<'a, A> {
+    gates: &'a mut [f32],
+    gate_stride: usize,
+    units: usize,
+    cell_before: &'a [f32],
+    cell: &'a mut [f32],
+    activated: &'a mut [f32],
+    hidden: &'a mut [f32],
+    limit: f32,
+    marker: PhantomData<A>,
+}
+
+impl<A: CellActivation> WithSimd for CellsForward<'_, A> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let units = self.units;
+        for (lane, row) in self.gates.chunks_exact_mut(self.gate_stride).enumerate() {
+            let at = lane * units..(lane + 1) * units;
+            cell_forward::<A>(
+                &mut row[..4 * units],
+                &self.cell_before[at.clone()],
+                &mut self.cell[at.clone()],
+                &mut self.activated[at.clone()],
+                &mut self.hidden[at],
+                self.limit,
+            );
+        }
+    }
+}
+
+/// The element-wise part of one backward step, all lanes.
+struct CellsBackward<'a, A> {
+    gates: &'a mut [f32],
+    gate_stride: usize,
+    units: usize,
+    saved: Saved<'a>,
+    carried_cell: &'a mut [f32],
+    bias_gradient: &'a mut [f32],
+    limit: f32,
+    marker: PhantomData<A>,
+}
+
+impl<A: CellActivation> WithSimd for CellsBackward<'_, A> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let units = self.units;
+        for (lane, row) in self.gates.chunks_exact_mut(self.gate_stride).enumerate() {
+            let at = lane * units..(lane + 1) * units;
+            let saved = Saved {
+                cell_before: &self.saved.cell_before[at.clone()],
+                cell: &self.saved.cell[at.clone()],
+                activated: &self.saved.activated[at.clone()],
+                from_above: &self.saved.from_above[at.clone()],
+                from_later: &self.saved.from_later[at.clone()],
+            };
+            cell_backward::<A>(&mut row[..4 * units], &saved, &mut self.carried_cell[at], self.bias_gradient, self.limit);
+        }
+    }
+}
+
 struct StepForward<'a> {
     layer: &'a mut LayerBuffers,
     place: &'a LayerLayout,
@@ -347,16 +417,18 @@ impl StepForward<'_> {
             let (cell_before, cell) = layer.cell[step * state..][..2 * state].split_at_mut(state);
             let activated = &mut layer.activated[step * state..][..state];
             multiply((lanes, width, layer.units), Matrix::rows(hidden_before, layer.units), weights, gates, layer.gate_stride, true);
-            arch.dispatch(
-                #[inline(always)]
-                || {
-                    let states = cell_before.chunks_exact(layer.units).zip(cell.chunks_exact_mut(layer.units));
-                    let outputs = activated.chunks_exact_mut(layer.units).zip(hidden.chunks_exact_mut(layer.units));
-                    for ((row, (before, cell)), (activated, hidden)) in gates.chunks_exact_mut(layer.gate_stride).zip(states).zip(outputs) {
-                        cell_forward::<A>(&mut row[..width], before, cell, activated, hidden, limit);
-                    }
-                },
-            );
+            let (gate_stride, units) = (layer.gate_stride, layer.units);
+            arch.dispatch(CellsForward::<A> {
+                gates,
+                gate_stride,
+                units,
+                cell_before,
+                cell,
+                activated,
+                hidden,
+                limit,
+                marker: PhantomData,
+            });
         }
     }
 }
@@ -378,31 +450,25 @@ impl StepBackward<'_> {
         layer.carried_cell.fill(0.0);
         for step in (0..steps).rev() {
             let gates = &mut layer.gates[step * lanes * layer.gate_stride..][..lanes * layer.gate_stride];
-            let cell_before = &layer.cell[step * state..][..state];
-            let cell = &layer.cell[(step + 1) * state..][..state];
-            let activated = &layer.activated[step * state..][..state];
-            let from_above = &layer.hidden_gradient[step * state..][..state];
-            let carried_hidden = &mut layer.carried_hidden;
-            let carried_cell = &mut layer.carried_cell;
-            arch.dispatch(
-                #[inline(always)]
-                || {
-                    for (lane, row) in gates.chunks_exact_mut(layer.gate_stride).enumerate() {
-                        let at = lane * units..(lane + 1) * units;
-                        let saved = Saved {
-                            cell_before: &cell_before[at.clone()],
-                            cell: &cell[at.clone()],
-                            activated: &activated[at.clone()],
-                            from_above: &from_above[at.clone()],
-                            from_later: &carried_hidden[at.clone()],
-                        };
-                        cell_backward::<A>(&mut row[..width], &saved, &mut carried_cell[at], bias_gradient, limit);
-                    }
+            arch.dispatch(CellsBackward::<A> {
+                gates,
+                gate_stride: layer.gate_stride,
+                units,
+                saved: Saved {
+                    cell_before: &layer.cell[step * state..][..state],
+                    cell: &layer.cell[(step + 1) * state..][..state],
+                    activated: &layer.activated[step * state..][..state],
+                    from_above: &layer.hidden_gradient[step * state..][..state],
+                    from_later: &layer.carried_hidden,
                 },
-            );
+                carried_cell: &mut layer.carried_cell,
+                bias_gradient,
+                limit,
+                marker: PhantomData,
+            });
             if step > 0 {
                 let weights = Matrix::rows(&layer.recurrent_rows, units);
-                multiply((lanes, units, width), Matrix::rows(gates, layer.gate_stride), weights, carried_hidden, units, false);
+                multiply((lanes, units, width), Matrix::rows(gates, layer.gate_stride), weights, &mut layer.carried_hidden, units, false);
             }
         }
     }
@@ -532,33 +598,60 @@ fn cell_backward<A: CellActivation>(gates: &mut [f32], saved: &Saved<'_>, carrie
     }
 }
 
-#[inline(always)]
-fn dense_forward(hidden: &[f32], weights: &[f32], bias: f32, outputs: &mut [f32]) {
-    for (output, row) in outputs.iter_mut().zip(hidden.chunks_exact(weights.len())) {
-        let mut sums = [0.0f32; BLOCK];
-        for from in (0..weights.len()).step_by(BLOCK) {
-            let (values, factors) = (load(row, from), load(weights, from));
-            for lane in 0..BLOCK {
-                sums[lane] += values[lane] * factors[lane];
+/// `outputs = hidden . weights + bias`, row by row.
+struct DenseForward<'a> {
+    hidden: &'a [f32],
+    weights: &'a [f32],
+    bias: f32,
+    outputs: &'a mut [f32],
+}
+
+impl WithSimd for DenseForward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { hidden, weights, bias, outputs } = self;
+        for (output, row) in outputs.iter_mut().zip(hidden.chunks_exact(weights.len())) {
+            let mut sums = [0.0f32; BLOCK];
+            for from in (0..weights.len()).step_by(BLOCK) {
+                let (values, factors) = (load(row, from), load(weights, from));
+                for lane in 0..BLOCK {
+                    sums[lane] += values[lane] * factors[lane];
+                }
             }
+            *output = bias + sums.iter().sum::<f32>();
         }
-        *output = bias + sums.iter().sum::<f32>();
     }
 }
 
-#[inline(always)]
-fn dense_backward(hidden: &[f32], weights: &[f32], from_above: &[f32], hidden_gradient: &mut [f32], weight_gradient: &mut [f32]) {
-    let units = weights.len();
-    for ((&above, row), target) in from_above.iter().zip(hidden.chunks_exact(units)).zip(hidden_gradient.chunks_exact_mut(units)) {
-        for from in (0..units).step_by(BLOCK) {
-            let (values, mut factors) = (load(row, from), load(weights, from));
-            let mut sums = load(weight_gradient, from);
-            for lane in 0..BLOCK {
-                sums[lane] += above * values[lane];
-                factors[lane] *= above;
+/// Gradients of the dense output with respect to its weights and to the hidden state.
+struct DenseBackward<'a> {
+    hidden: &'a [f32],
+    weights: &'a [f32],
+    from_above: &'a [f32],
+    hidden_gradient: &'a mut [f32],
+    weight_gradient: &'a mut [f32],
+}
+
+impl WithSimd for DenseBackward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { hidden, weights, from_above, hidden_gradient, weight_gradient } = self;
+        let units = weights.len();
+        for ((&above, row), target) in from_above.iter().zip(hidden.chunks_exact(units)).zip(hidden_gradient.chunks_exact_mut(units)) {
+            for from in (0..units).step_by(BLOCK) {
+                let (values, mut factors) = (load(row, from), load(weights, from));
+                let mut sums = load(weight_gradient, from);
+                for lane in 0..BLOCK {
+                    sums[lane] += above * values[lane];
+                    factors[lane] *= above;
+                }
+                store(weight_gradient, from, &sums);
+                store(target, from, &factors);
             }
-            store(weight_gradient, from, &sums);
-            store(target, from, &factors);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Adam and AdamW on a part of the parameters, with a running average of the weights.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// Settings of the optimiser.
@@ -60,20 +60,37 @@ impl Shard {
         let average_decay = config.average_decay.min((1.0 + step as f32) / (10.0 + step as f32));
         let average_decay = if config.average_decay > 0.0 { average_decay } else { 0.0 };
         let decay = 1.0 - learning_rate * config.weight_decay;
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                let states = self.mean.iter_mut().zip(self.square.iter_mut());
-                let values = self.values.iter_mut().zip(self.average.iter_mut());
-                for ((gradient, (mean, square)), (value, average)) in gradient.iter().zip(states).zip(values) {
-                    let gradient = gradient * scale;
-                    *mean = config.beta1 * *mean + (1.0 - config.beta1) * gradient;
-                    *square = config.beta2 * *square + (1.0 - config.beta2) * gradient * gradient;
-                    *value = decay * *value - rate * *mean / ((*square * unbias).sqrt() + config.epsilon);
-                    *average = average_decay * *average + (1.0 - average_decay) * *value;
-                }
-            },
-        );
+        Arch::new().dispatch(Step { shard: self, config, gradient, scale, rate, unbias, average_decay, decay });
+    }
+}
+
+/// One step over all parameters of a shard; a struct, so that it is compiled for the vector instructions it is dispatched to.
+struct Step<'a> {
+    shard: &'a mut Shard,
+    config: &'a OptimizerConfig,
+    gradient: &'a [f32],
+    scale: f32,
+    rate: f32,
+    unbias: f32,
+    average_decay: f32,
+    decay: f32,
+}
+
+impl WithSimd for Step<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { shard, config, gradient, scale, rate, unbias, average_decay, decay } = self;
+        let states = shard.mean.iter_mut().zip(shard.square.iter_mut());
+        let values = shard.values.iter_mut().zip(shard.average.iter_mut());
+        for ((gradient, (mean, square)), (value, average)) in gradient.iter().zip(states).zip(values) {
+            let gradient = gradient * scale;
+            *mean = config.beta1 * *mean + (1.0 - config.beta1) * gradient;
+            *square = config.beta2 * *square + (1.0 - config.beta2) * gradient * gradient;
+            *value = decay * *value - rate * *mean / ((*square * unbias).sqrt() + config.epsilon);
+            *average = average_decay * *average + (1.0 - average_decay) * *value;
+        }
     }
 }
 
