@@ -21,7 +21,7 @@ pub fn runs() -> Result<()> {
     if start.elapsed() > LIMIT {
         bail!("the demo took {:.0} s, at most {} s are allowed", start.elapsed().as_secs_f64(), LIMIT.as_secs());
     }
-    for file in ["report.html", "demo.json", "paper/hybrid.blob", "effects/hybrid.blob"] {
+    for file in ["report.html", "demo.json", "paper-hybrid.blob", "effects-hybrid.blob"] {
         if !folder.join(file).is_file() {
             bail!("the demo left no {file} in {}", folder.display());
         }

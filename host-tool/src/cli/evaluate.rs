@@ -154,7 +154,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_json(path, &written)?;
     }
     if let Some(path) = &arguments.html {
-        let examples = report::examples(&recordings, &judged);
+        let examples = report::examples("model", &recordings, &judged);
         let page = report::evaluation_page(model.description(), &examples, &families, ladder.as_ref(), suite.as_ref());
         output::write_atomic(path, page.as_bytes())?;
         say!("report: {}", path.display());

@@ -74,7 +74,7 @@ const REACHES_MM: f64 = 0.01;
 pub fn run(config: &DemoConfig) -> Result<Demo> {
     let begun = Instant::now();
     let mut clock = stages::Clock::new(6);
-    let place = |plan: &Plan| config.folder.join(plan.name);
+    let place = |plan: &Plan| config.folder.join("data").join(plan.name);
 
     clock.begin("simulate", "two rigs, their training recordings and the paper's four test families");
     let data = PLANS.iter().map(|plan| stages::simulate(plan, config, &place(plan))).collect::<Result<Vec<_>>>()?;
@@ -135,8 +135,9 @@ fn evaluate(
     let judged = judge(&blob, &test, judging, config.threads)?;
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
-    let examples: Vec<Example> = report::examples(&test, &judged);
-    let loops_of_lstm = judge(&lstm, &test, judging, config.threads)?;
+    let by_lstm = judge(&lstm, &test, judging, config.threads)?;
+    let mut examples: Vec<Example> = report::examples("hybrid, fixed point", &test, &judged);
+    report::add_prediction(&mut examples, "LSTM", &by_lstm);
 
     let known = KnownPlant { name: plan.plant.to_owned(), plant };
     let examine = |model: &dyn Predictor, reference: Option<&dyn Predictor>, files: &[FileErrors]| -> Result<SuiteReport> {
@@ -152,7 +153,7 @@ fn evaluate(
             threads: config.threads,
         })
     };
-    let lstm_files: Vec<FileErrors> = loops_of_lstm.into_iter().map(|judged| judged.errors).collect();
+    let lstm_files: Vec<FileErrors> = by_lstm.into_iter().map(|judged| judged.errors).collect();
     let physics = simple.iter().find(|entry| entry.name == "PI").context("the ladder has no PI")?;
     let physics_files: Vec<FileErrors> =
         judge(&*physics.model, &test, judging, config.threads)?.into_iter().map(|judged| judged.errors).collect();

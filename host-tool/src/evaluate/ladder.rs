@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::metrics::{FamilyErrors, mean};
 use super::statics::Polynomial;
 use super::{Judged, Judging, by_family, judge, mean_nrmse, mean_rmse};
-use crate::identify::{self, Choice, FitConfig, Kind};
+use crate::identify::{self, Choice, FitConfig, Kind, PhysicsModel};
 use crate::model::{PhysicsPredictor, Predictor};
 use crate::recording::Recording;
 
@@ -77,6 +77,15 @@ pub struct Entry {
 /// # Errors
 /// When the recordings do not go together or cannot be identified.
 pub fn simple_rungs(training: &[Recording], skip_s: f64) -> Result<Vec<Entry>> {
+    let fit = identify::fit(training, &FitConfig { skip_s, ..FitConfig::default() }).context("the ladder's rung `PI`")?;
+    simple_rungs_from(fit.model, training, skip_s)
+}
+
+/// As [`simple_rungs`], around a Prandtl-Ishlinskii model that was already fitted to the same recordings.
+///
+/// # Errors
+/// As [`simple_rungs`].
+pub fn simple_rungs_from(fitted: PhysicsModel, training: &[Recording], skip_s: f64) -> Result<Vec<Entry>> {
     let base = || FitConfig { skip_s, ..FitConfig::default() };
     let physics = |name: &str, config: FitConfig| -> Result<Entry> {
         let fit = identify::fit(training, &config).with_context(|| format!("the ladder's rung `{name}`"))?;
@@ -84,7 +93,7 @@ pub fn simple_rungs(training: &[Recording], skip_s: f64) -> Result<Vec<Entry>> {
     };
     Ok(vec![
         Entry { name: "static".to_owned(), model: Box::new(Polynomial::fit(training, skip_s)?) },
-        physics("PI", base())?,
+        Entry { name: "PI".to_owned(), model: Box::new(PhysicsPredictor::new(fitted, std::path::Path::new("PI"))) },
         physics("modified PI", FitConfig { kind: Kind::ModifiedPrandtlIshlinskii, ..base() })?,
         physics(
             "modified PI, delayed",

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use firmware::estimator::{Estimator, EstimatorState, GoldenReplay};
 use model_export::blob;
-use model_export::schema::Model;
+use model_export::schema::{Mode, Model};
 
 use super::{Arithmetic, Description, ModelError, Predictor};
 use crate::recording::Signal;
@@ -64,16 +64,21 @@ fn describe(model: &Model<'_>, path: &Path) -> Description {
         biases += 1;
     }
     let front = super::trained::front_end_parameters(&model.front_end);
+    let units: Vec<usize> = layers.iter().map(|layer| usize::from(layer.units)).collect();
+    let window = match model.mode {
+        Mode::Streaming => 1,
+        Mode::Window { length } => usize::from(length),
+    };
     Description {
         path: path.into(),
-        kind: format!("{}, fixed point", model.provenance.preset),
+        kind: format!("{}, fixed point", super::trained::kind(&model.front_end, &units, window)),
         arithmetic: Arithmetic::FixedPoint,
         input: signal(&model.input),
         output: signal(&model.output),
         input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
         sample_period_s: Some(f64::from(model.sample_period_s)),
         parameters: macs + biases + front,
-        macs_per_step: macs + front,
+        macs_per_step: macs * window + front,
     }
 }
 

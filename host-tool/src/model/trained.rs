@@ -47,6 +47,25 @@ pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
     if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 }
 }
 
+/// What a front end with a network of these layer widths is, in words; `window` is the length of its window, 1 for streaming.
+pub(super) fn kind(front_end: &FrontEnd, units: &[usize], window: usize) -> String {
+    let network = match units {
+        [] => None,
+        [first, ..] => {
+            let time = if window > 1 { format!("window of {window}") } else { "streaming".to_owned() };
+            Some(format!("LSTM {}x{first}, {time}", units.len()))
+        }
+    };
+    let operators = front_end.play_thresholds.len();
+    let physics = (front_end_parameters(front_end) > 0).then(|| format!("{operators} play operators"));
+    match (physics, network) {
+        (Some(physics), Some(network)) => format!("hybrid: {physics} and {network}"),
+        (Some(physics), None) => format!("{physics}, no network"),
+        (None, Some(network)) => network,
+        (None, None) => "constant".to_owned(),
+    }
+}
+
 fn describe(model: &TrainedModel, path: &Path) -> Description {
     let signal = |channel: &Channel| Signal { quantity: channel.quantity.clone(), unit: channel.unit.clone() };
     let front = front_end_parameters(&model.front_end);
@@ -57,7 +76,11 @@ fn describe(model: &TrainedModel, path: &Path) -> Description {
     };
     Description {
         path: path.into(),
-        kind: model.provenance.preset.clone(),
+        kind: kind(
+            &model.front_end,
+            &model.network.as_ref().map_or(Vec::new(), |network| network.layers.iter().map(|layer| layer.units).collect()),
+            steps,
+        ),
         arithmetic: Arithmetic::Float,
         input: signal(&model.input),
         output: signal(&model.output),

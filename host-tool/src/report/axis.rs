@@ -60,6 +60,19 @@ impl Axis {
         self.at(value).clamp(self.start.min(self.end), self.start.max(self.end))
     }
 
+    /// The power of ten that tick labels are given in, where plain numbers would be long: `Some(-7)` for labels in 10^-7.
+    #[must_use]
+    pub fn power(&self) -> Option<i32> {
+        let largest = self.low.abs().max(self.high.abs());
+        if self.logarithmic || (1e-3..1e5).contains(&largest) {
+            return None;
+        }
+        // The axis is a little longer than the data: half its length names the same decade as the data.
+        #[expect(clippy::cast_possible_truncation, reason = "an exponent of a float")]
+        let power = (0.9 * largest).log10().floor() as i32;
+        Some(power)
+    }
+
     /// About `count` ticks at 1, 2, 2.5 or 5 times a power of ten; on a logarithmic axis every decade, thinned to about `count`.
     #[must_use]
     pub fn ticks(&self, count: usize) -> Vec<Tick> {
@@ -78,11 +91,13 @@ impl Axis {
             return (0..=steps).map(|index| decade(index as f64)).collect();
         }
         let rough = span / count;
-        let power = 10f64.powf(rough.log10().floor());
-        let step = [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= 0.999 * rough).unwrap_or(rough);
+        let decade = 10f64.powf(rough.log10().floor());
+        let step =
+            [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * decade).into_iter().find(|step| *step >= 0.999 * rough).unwrap_or(rough);
+        let unit = self.power().map_or(1.0, |power| 10f64.powi(power));
         // As many decimals as the step needs, one more for 2.5.
         let decimals = (0..12).find(|&decimals| {
-            let scaled = step * 10f64.powi(decimals);
+            let scaled = step / unit * 10f64.powi(decimals);
             (scaled - scaled.round()).abs() < 1e-6 * scaled
         });
         let decimals = usize::try_from(decimals.unwrap_or(0)).unwrap_or(0);
@@ -91,7 +106,7 @@ impl Axis {
         let mut index = first;
         while index * step <= self.high + 1e-9 * span && ticks.len() < 50 {
             let value = index * step;
-            let label = if index == 0.0 { "0".to_owned() } else { label(value, decimals) };
+            let label = if index == 0.0 { "0".to_owned() } else { label(value / unit, decimals) };
             ticks.push(Tick { value, label });
             index += 1.0;
         }
@@ -101,9 +116,6 @@ impl Axis {
 
 fn label(value: f64, decimals: usize) -> String {
     let magnitude = value.abs();
-    if decimals > 5 || magnitude >= 1e6 {
-        return super::text::number(value, 3);
-    }
     format!("{}{magnitude:.decimals$}", if value < 0.0 { "\u{2212}" } else { "" })
 }
 
@@ -119,6 +131,8 @@ mod tests {
     fn ticks_stand_at_round_numbers_inside_the_axis() {
         assert_eq!(labels(&Axis::over([0.0, 20.0], 0.0, 0.0, 100.0), 5), ["0", "5", "10", "15", "20"]);
         assert_eq!(labels(&Axis::over([-0.0031, 0.0029], 0.0, 0.0, 1.0), 4), ["\u{2212}0.002", "0", "0.002"]);
+        let small = Axis::over([-2.1e-7, 2.2e-7], 0.0, 0.0, 1.0);
+        assert_eq!((small.power(), labels(&small, 4)), (Some(-7), vec!["\u{2212}2".into(), "0".into(), "2".into()]));
         assert_eq!(labels(&Axis::over([0.0, 1.0], 0.0, 0.0, 1.0), 4), ["0", "0.25", "0.50", "0.75", "1.00"]);
         for (low, high) in [(0.0, 1e-9), (-1e9, 1e9), (1e5, 1e5 + 3.0), (-7.3, 0.2), (1e-300, 3e-300)] {
             let ticks = Axis::over([low, high], 0.05, 0.0, 1.0).ticks(5);

@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::decimate::decimate;
 use super::svg::{Anchor, Svg};
-use super::text::number;
+use super::text::{number, superscript};
 
 /// Most points of a line: more than the pixels it crosses, so nothing visible is lost.
 const MOST_POINTS: usize = 1600;
@@ -94,9 +94,10 @@ impl Frame {
         svg.line("axis", (self.left, self.bottom), (self.right, self.bottom));
         svg.line("axis", (self.left, self.top), (self.left, self.bottom));
         if let Some(label) = x_label {
-            svg.text("label", (0.5 * (self.left + self.right), self.bottom + 37.0), Anchor::Middle, label);
+            let label = with_power(label, self.x.power());
+            svg.text("label", (0.5 * (self.left + self.right), self.bottom + 37.0), Anchor::Middle, &label);
         }
-        svg.upward_text("label", (self.left - 50.0, 0.5 * (self.top + self.bottom)), y_label);
+        svg.upward_text("label", (self.left - 50.0, 0.5 * (self.top + self.bottom)), &with_power(y_label, self.y.power()));
     }
 
     fn lines(&self, svg: &mut Svg, series: &[Series]) {
@@ -109,6 +110,16 @@ impl Frame {
             let middle = (0.5 * (self.left + self.right), 0.5 * (self.top + self.bottom));
             svg.text("label", middle, Anchor::Middle, "no data");
         }
+    }
+}
+
+/// `error / mm` becomes `error / 10⁻⁷ mm` when the ticks are given in that power of ten.
+fn with_power(label: &str, power: Option<i32>) -> String {
+    let Some(power) = power else { return label.to_owned() };
+    let power = format!("10{}", superscript(power));
+    match label.rsplit_once(" / ") {
+        Some((quantity, unit)) => format!("{quantity} / {power} {unit}"),
+        None => format!("{label} / {power}"),
     }
 }
 
@@ -174,7 +185,7 @@ pub struct DotRow {
     pub marked: bool,
 }
 
-/// Rows of errors on a logarithmic axis: a bar to the mean, a letter for each family. Values below `floor` lie at the left edge.
+/// Rows of errors on a logarithmic axis: a bar to the mean, a letter for each family. A row below `floor` is only said to be so.
 #[must_use]
 pub fn dots(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &[DotRow]) -> Svg {
     const ROW: f64 = 46.0;
@@ -197,6 +208,11 @@ pub fn dots(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &
         }
         svg.text("name", (0.0 + 10.0, middle - 2.0), Anchor::Start, &row.name);
         svg.text("note", (0.0 + 10.0, middle + 13.0), Anchor::Start, &row.note);
+        if row.value < floor {
+            svg.text("note", (NAMES + 8.0, middle + 4.0), Anchor::Start, "\u{25c2} below the scale: exact up to rounding");
+            svg.text("figure", (width - 6.0, middle + 4.0), Anchor::End, &number(row.value, 3));
+            continue;
+        }
         let end = axis.clamped(row.value);
         let tip = format!("{}: mean {}", row.name, number(row.value, 3));
         svg.rectangle(if row.marked { "bar chosen" } else { "bar" }, (NAMES, middle - 7.0), (end - NAMES, 14.0), None, &tip);

@@ -18,7 +18,7 @@ pub fn page(demo: &Demo) -> String {
     );
     summary(&mut page, demo);
     primer::add(&mut page);
-    for rig in &demo.rigs {
+    for (index, rig) in demo.rigs.iter().enumerate() {
         page.section(&rig.title);
         page.paragraph(&rig.what);
         page.paragraph(&format!(
@@ -30,6 +30,9 @@ pub fn page(demo: &Demo) -> String {
             count(rig.training_samples)
         ));
         sections::families(&mut page, &rig.families, UNIT);
+        if index == 0 {
+            sections::examples_help(&mut page);
+        }
         sections::examples(&mut page, &rig.examples);
     }
     ladders(&mut page, demo);
@@ -82,20 +85,6 @@ fn summary(page: &mut Page, demo: &Demo) {
             "**A quick run:** a fraction of the data and of the training. It shows that everything works, not how well it works.",
         );
     }
-    let rows: Vec<Vec<Cell>> = demo
-        .checks
-        .iter()
-        .map(|check| {
-            vec![
-                Cell::Text(check.name.clone()),
-                Cell::Text(check.what.clone()),
-                Cell::Figure(number(check.value, 3)),
-                Cell::Figure(format!("\u{2264} {}", number(check.limit, 3))),
-                Cell::Verdict(check.passed),
-            ]
-        })
-        .collect();
-    page.table("What was verified.", &["check", "what was measured", "value", "limit", "verdict"], &rows, None);
 }
 
 fn ladders(page: &mut Page, demo: &Demo) {
@@ -121,6 +110,7 @@ fn holds(page: &mut Page, demo: &Demo) {
         "A catheter spends most of its time at rest. While the pressure stands still a network keeps computing, and a tiny error in each step \
          adds up. The maps show it for three models of each rig.",
     );
+    sections::holds_help(page, true);
     for rig in &demo.rigs {
         page.heading(&rig.title);
         let maps: Vec<_> = rig.suites.iter().map(|suite| (suite.name.as_str(), &suite.report)).collect();
@@ -156,6 +146,26 @@ fn quantisation(page: &mut Page, demo: &Demo) {
     for rig in demo.rigs.iter().filter(|rig| rig.hybrid.training.has_network) {
         quantised(page, rig);
     }
+    page.heading("What was verified");
+    let rows: Vec<Vec<Cell>> = demo
+        .checks
+        .iter()
+        .map(|check| {
+            vec![
+                Cell::Text(check.name.clone()),
+                Cell::Text(check.what.clone()),
+                Cell::Figure(number(check.value, 3)),
+                Cell::Figure(format!("\u{2264} {}", number(check.limit, 3))),
+                Cell::Verdict(check.passed),
+            ]
+        })
+        .collect();
+    page.table(
+        "The command ends with exit code 1 when one of these does not hold.",
+        &["check", "what was measured", "value", "limit", "verdict"],
+        &rows,
+        None,
+    );
 }
 
 fn quantised(page: &mut Page, rig: &Rig) {

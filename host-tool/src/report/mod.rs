@@ -46,17 +46,26 @@ pub struct Example {
     pub input: Vec<f64>,
     /// Measured output.
     pub measured: Vec<f64>,
-    /// Prediction, free running.
-    pub predicted: Vec<f64>,
     /// First sample that counts.
     pub first: usize,
-    /// Errors of this recording.
+    /// What models made of it, the one that the report is about last.
+    pub predictions: Vec<Prediction>,
+}
+
+/// What one model made of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct Prediction {
+    /// Name of the model.
+    pub model: String,
+    /// Prediction, free running.
+    pub predicted: Vec<f64>,
+    /// Its errors.
     pub errors: Errors,
 }
 
-/// Of every family the recording with the largest error, in order of the families, at most eight.
+/// Of every family the recording with the largest error, in order of the families, at most eight. `name` is that of the model in legends.
 #[must_use]
-pub fn examples(recordings: &[Recording], judged: &[Judged]) -> Vec<Example> {
+pub fn examples(name: &str, recordings: &[Recording], judged: &[Judged]) -> Vec<Example> {
     let mut chosen: Vec<usize> = Vec::new();
     for family in by_family(judged.iter().map(|judged| &judged.errors)) {
         let members = (0..judged.len()).filter(|&index| judged[index].errors.family == family.family);
@@ -67,10 +76,23 @@ pub fn examples(recordings: &[Recording], judged: &[Judged]) -> Vec<Example> {
         chosen.truncate(MOST_EXAMPLES);
         chosen.sort_unstable();
     }
-    chosen.into_iter().map(|index| example(&recordings[index], &judged[index])).collect()
+    chosen.into_iter().map(|index| example(name, &recordings[index], &judged[index])).collect()
 }
 
-fn example(recording: &Recording, judged: &Judged) -> Example {
+/// Adds what another model made of the same recordings, behind the model that the report is about.
+pub fn add_prediction(examples: &mut [Example], name: &str, judged: &[Judged]) {
+    for example in examples {
+        if let Some(other) = judged.iter().find(|judged| judged.errors.path == example.path) {
+            example.predictions.insert(0, prediction(name, other));
+        }
+    }
+}
+
+fn prediction(name: &str, judged: &Judged) -> Prediction {
+    Prediction { model: name.to_owned(), predicted: judged.predicted.clone(), errors: judged.errors.errors }
+}
+
+fn example(name: &str, recording: &Recording, judged: &Judged) -> Example {
     Example {
         path: recording.path.clone(),
         family: recording.family.clone(),
@@ -79,9 +101,8 @@ fn example(recording: &Recording, judged: &Judged) -> Example {
         time_s: recording.time_s.iter().map(|time_s| time_s - recording.time_s[0]).collect(),
         input: recording.input.clone(),
         measured: recording.output.clone(),
-        predicted: judged.predicted.clone(),
         first: judged.first,
-        errors: judged.errors.errors,
+        predictions: vec![prediction(name, judged)],
     }
 }
 
@@ -106,6 +127,7 @@ pub fn evaluation_page(
     let mut page = Page::new("How good the model is", &lead);
     page.section("On the recordings");
     sections::families(&mut page, families, unit);
+    sections::examples_help(&mut page);
     sections::examples(&mut page, examples);
     if let Some(ladder) = ladder {
         page.section("The ladder: how simple a model suffices?");
@@ -115,6 +137,7 @@ pub fn evaluation_page(
     if let Some(suite) = suite {
         page.section("The acceptance suite");
         sections::suite(&mut page, suite);
+        sections::holds_help(&mut page, suite.plant.is_some());
         sections::holds(&mut page, &[("this model", suite)], &model.input.unit, unit);
     }
     primer::add(&mut page);

@@ -45,7 +45,7 @@ pub fn add(page: &mut Page) {
     page.figure(
         slack(),
         Width::Half,
-        "**The play operator.** The input *p* moves a frame, the frame pushes a cart, and between them there is slack of *r* on either side. The \
+        "**The play operator.** The input p moves a frame, the frame pushes a cart, and between them there is slack of r on either side. The \
          cart moves only when a wall of the frame pushes it; when the input turns round, the cart rests until the slack is taken up. \
          Where it rests is its memory: it lasts for ever, and it has no notion of time.",
     );
@@ -83,40 +83,40 @@ pub fn add(page: &mut Page) {
 fn slack() -> Svg {
     let mut svg = Svg::new(
         520.0,
-        330.0,
+        340.0,
         "The play operator as a cart with slack in a frame",
         "Three stages. The frame moves right and its left wall pushes the cart. The frame turns back and the cart rests in the slack. The \
          frame's right wall reaches the cart and pushes it left.",
     );
+    // Middle of the frame, place of the cart, direction of the motion: the cart rests from the first stage to the second.
     let stages = [
-        ("1  input rises: the rear wall pushes", 300.0, -1.0, 1.0),
-        ("2  input turns: the cart rests", 262.0, 0.0, -1.0),
-        ("3  slack taken up: the front wall pushes", 224.0, 1.0, -1.0),
+        ("1   the input rises: the rear wall pushes", 330.0, 266.0, 1.0),
+        ("2   the input turns round: the cart rests", 266.0, 266.0, -1.0),
+        ("3   slack taken up: the front wall pushes", 160.0, 224.0, -1.0),
     ];
-    let (half, cart) = (64.0, 26.0);
-    for (index, (text, middle, side, direction)) in stages.into_iter().enumerate() {
-        let top = 24.0 + 102.0 * index as f64;
-        let floor = top + 66.0;
-        svg.text("legend", (14.0, top + 4.0), Anchor::Start, text);
+    let cart = 26.0;
+    let wall = 90.0;
+    svg.line("zero", (266.0, 84.0), (266.0, 190.0));
+    for (index, (text, middle, at, direction)) in stages.into_iter().enumerate() {
+        let top = 16.0 + 106.0 * index as f64;
+        let floor = top + 88.0;
+        svg.text("legend", (20.0, top + 4.0), Anchor::Start, text);
         svg.line("axis", (20.0, floor), (500.0, floor));
-        let wall = half + cart;
         // The frame is open below: walls and a beam.
-        svg.polyline(
-            "slot",
-            &[(middle - wall, floor - 4.0), (middle - wall, floor - 46.0), (middle + wall, floor - 46.0), (middle + wall, floor - 4.0)],
-        );
-        // The cart touches the rear wall, floats, or touches the front wall.
-        let at: f64 = middle + side * half;
+        let (left, right) = (middle - wall, middle + wall);
+        svg.polyline("slot", &[(left, floor - 4.0), (left, floor - 46.0), (right, floor - 46.0), (right, floor - 4.0)]);
         svg.rectangle("shape", (at - cart, floor - 30.0), (2.0 * cart, 26.0), None, "");
         svg.text("name", (at, floor - 12.0), Anchor::Middle, "H");
-        svg.text("name", (middle, floor - 54.0), Anchor::Middle, "p");
+        svg.line("slot", (middle, floor - 46.0), (middle, floor - 52.0));
+        svg.text("name", (middle, floor - 56.0), Anchor::Middle, "p");
         let from = middle + direction * (wall + 14.0);
-        let to = from + direction * 44.0;
+        let to = from + direction * 36.0;
         svg.line("arrow", (from, floor - 26.0), (to, floor - 26.0));
         svg.polygon("head", &[(to + direction * 9.0, floor - 26.0), (to, floor - 31.0), (to, floor - 21.0)]);
-        if index == 1 {
-            for sign in [-1.0, 1.0] {
-                svg.text("note", (middle + sign * (cart + 0.5 * half), floor - 13.0), Anchor::Middle, "r");
+        // The slack between cart and walls: r on either side when the cart is in the middle, 2r when it touches a wall.
+        for (gap, slack) in [(at - cart - left, 0.5 * (left + at - cart)), (right - at - cart, 0.5 * (right + at + cart))] {
+            if gap > 1.0 {
+                svg.text("note", (slack, floor - 13.0), Anchor::Middle, if gap > 100.0 { "2r" } else { "r" });
             }
         }
     }
@@ -135,7 +135,7 @@ fn one_loop() -> Svg {
         },
         "input p / bar",
         "output H / bar",
-        (520.0, 330.0),
+        (520.0, 340.0),
         &[none, line],
     )
 }

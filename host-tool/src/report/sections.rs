@@ -41,70 +41,86 @@ pub fn families(page: &mut Page, families: &[FamilyErrors], unit: &str) {
     );
 }
 
+/// How to read [`examples`].
+pub fn examples_help(page: &mut Page) {
+    page.how_to_read(
+        "One row for each kind of excitation. On the left the measured output (wide grey line) and the predictions (thin lines) over time: where a \
+         thin line runs in the middle of the grey one, that model is right. **Below it the error**, prediction less measurement, on a \
+         scale of its own: look at its axis first. On the right the same samples as output over input: the hysteresis loop. A model without \
+         memory would draw a single curve there. Of each family the recording with the **largest** error is shown.",
+    );
+}
+
 /// Each example in the layout of the paper's Figs. 2 and 3: output over time with the error below, and the loop at the side.
 pub fn examples(page: &mut Page, examples: &[Example]) {
-    page.how_to_read(
-        "One row for each kind of excitation. On the left the measured output (wide grey line) and the model\u{2019}s prediction (thin blue line) over \
-         time; where the blue line runs in the middle of the grey one, the model is right. **Below it the error**, prediction less \
-         measurement, on a scale of its own: look at its axis first. On the right the same samples as output over input: the hysteresis \
-         loop. A model without memory would draw a single curve there. Of each family the recording with the **largest** error is shown.",
-    );
     for example in examples {
         one_example(page, example);
     }
 }
 
+/// Line styles of the predictions and their errors, the last of them for the model that the page is about.
+const STYLES: [(&str, &str); 3] = [("two", "two"), ("one", "one"), ("model", "error")];
+
 fn one_example(page: &mut Page, example: &Example) {
     let (input, output) = (&example.input_signal, &example.output_signal);
+    let unit = &output.unit;
     let name = family_name(&example.family);
     let file = example.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     page.heading(&name);
-    let errors: Vec<f64> = example
-        .predicted
-        .iter()
-        .zip(&example.measured)
-        .enumerate()
-        .map(|(index, (predicted, measured))| if index < example.first { f64::NAN } else { predicted - measured })
-        .collect();
-    let figures = format!(
-        "RMSE {} {unit} ({} of the output range), largest error {} {unit}",
-        number(example.errors.rmse, 3),
-        percent(example.errors.nrmse),
-        number(example.errors.max_abs, 3),
-        unit = output.unit
-    );
-    let both = |x: &[f64]| {
-        vec![Series::new("measured", "measured", x, &example.measured), Series::new("model, free running", "model", x, &example.predicted)]
+    let errors = |predicted: &[f64]| -> Vec<f64> {
+        let each = predicted.iter().zip(&example.measured).map(|(predicted, measured)| predicted - measured);
+        each.enumerate().map(|(index, error)| if index < example.first { f64::NAN } else { error }).collect()
     };
+    let styles = &STYLES[STYLES.len().saturating_sub(example.predictions.len())..];
+    let lines = |x: &[f64]| {
+        let mut series = vec![Series::new("measured", "measured", x, &example.measured)];
+        let predictions = example.predictions.iter().zip(styles);
+        series.extend(predictions.map(|(prediction, style)| Series::new(&prediction.model, style.0, x, &prediction.predicted)));
+        series
+    };
+    let predictions = example.predictions.iter().zip(styles);
+    let error_lines: Vec<Series> = predictions
+        .map(|(prediction, style)| {
+            let name = if example.predictions.len() > 1 { format!("error of {}", prediction.model) } else { "error".to_owned() };
+            Series::new(&name, style.1, &example.time_s, &errors(&prediction.predicted))
+        })
+        .collect();
+    let figures: Vec<String> = example
+        .predictions
+        .iter()
+        .rev()
+        .map(|prediction| {
+            let (errors, model) = (&prediction.errors, &prediction.model);
+            let (rmse, share, largest) = (number(errors.rmse, 3), percent(errors.nrmse), number(errors.max_abs, 3));
+            format!("**{model}** RMSE {rmse} {unit} ({share} of the output range), largest {largest} {unit}")
+        })
+        .collect();
+    let figures = figures.join("; ");
+    let described = figures.replace("**", "");
     let time = panels(
         Caption {
             title: &format!("{name}: output over time and error"),
-            description: &format!("Measured output and prediction over time. {figures}."),
+            description: &format!("Measured output and predictions over time. {described}."),
         },
         "time / s",
         760.0,
         &[
-            Panel { label: format!("{} / {}", output.quantity, output.unit), series: both(&example.time_s), height: 210.0, zero: false },
-            Panel {
-                label: format!("error / {}", output.unit),
-                series: vec![Series::new("", "error", &example.time_s, &errors)],
-                height: 84.0,
-                zero: true,
-            },
+            Panel { label: format!("{} / {unit}", output.quantity), series: lines(&example.time_s), height: 206.0, zero: false },
+            Panel { label: format!("error / {unit}"), series: error_lines, height: 92.0, zero: true },
         ],
     );
     let loop_plot = loops(
         Caption {
             title: &format!("{name}: hysteresis loop"),
-            description: &format!("Output over input, measured and predicted. {figures}."),
+            description: &format!("Output over input, measured and predicted. {described}."),
         },
         &format!("{} / {}", input.quantity, input.unit),
-        &format!("{} / {}", output.quantity, output.unit),
-        (372.0, 382.0),
-        &both(&example.input),
+        &format!("{} / {unit}", output.quantity),
+        (372.0, 388.0),
+        &lines(&example.input),
     );
     page.begin_row();
-    page.figure(time, Width::TwoThirds, &format!("**{file}**: {figures}."));
+    page.figure(time, Width::TwoThirds, &format!("{figures}. Recording {file}."));
     page.figure(loop_plot, Width::Third, "The same samples as output over input.");
     page.end_row();
 }
@@ -136,9 +152,9 @@ pub fn ladder(page: &mut Page, ladder: &Ladder, unit: &str, on: &str) {
     };
     let rows: Vec<DotRow> = ladder.rungs.iter().map(row).collect();
     let least = rows.iter().map(|row| row.value).filter(|value| *value > 0.0).fold(f64::INFINITY, f64::min);
-    // Six decades are plenty: what is smaller is rounding.
+    // Five decades are plenty: what is smaller is rounding. A little room to the left of the least, so that it has a bar.
     let most = rows.iter().map(|row| row.value).fold(0.0, f64::max);
-    let floor = least.max(1e-6 * most);
+    let floor = (0.4 * least).max(1e-5 * most);
     let best = ladder.simplest_sufficient.as_deref().unwrap_or("none");
     let plot = dots(
         Caption {
@@ -223,11 +239,9 @@ pub fn holds(page: &mut Page, suites: &[(&str, &SuiteReport)], input_unit: &str,
         .map(|(name, suite)| HeatMap {
             heading: format!("{name}, worst {}", number(suite.holds.iter().map(|hold| hold.max_abs).fold(0.0, f64::max), 2)),
             columns: suite.hold_times_s.iter().map(|time_s| if *time_s >= 59.0 { "60".to_owned() } else { format!("{time_s}") }).collect(),
-            rows: suite.holds.iter().map(|hold| (number(hold.level, 2), hold.errors.clone())).collect(),
+            rows: suite.holds.iter().map(|hold| (format!("{:.2}", hold.level), hold.errors.clone())).collect(),
         })
         .collect();
-    let known = suites.iter().all(|(_, suite)| suite.plant.is_some());
-    let what = if known { "error" } else { "change of the output since 10 s" };
     let plot = heat(
         Caption {
             title: "Errors during holds of a minute",
@@ -238,13 +252,16 @@ pub fn holds(page: &mut Page, suites: &[(&str, &SuiteReport)], input_unit: &str,
         scale,
         &maps,
     );
-    page.figure(
-        plot,
-        Width::Full,
-        &format!(
-            "**Holds.** Each line is one hold: after random moves the input stops at a level of the range and rests for 60 s; the columns are times \
-             into the hold, the colour is the magnitude of the {what} on a logarithmic scale. A line that brightens from left to right is a \
-             model that drifts; a dark map is a model that knows how to wait."
-        ),
-    );
+    page.figure(plot, Width::Full, "");
+}
+
+/// How to read the maps of [`holds`].
+pub fn holds_help(page: &mut Page, known: bool) {
+    let what = if known { "error" } else { "change of the output since 10 s" };
+    page.how_to_read(&format!(
+        "Each line of a map is one hold: after random moves the input stops at a level of the range and rests for 60 s. Columns are times into the \
+         hold, not evenly spaced; the colour is the magnitude of the {what} on a logarithmic scale, the same for all maps of a row. A line that \
+         brightens from left to right is a model that **drifts**; a line bright from the start is a model that stopped in the wrong place; a \
+         dark map is a model that knows how to wait."
+    ));
 }

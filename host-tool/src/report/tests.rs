@@ -176,7 +176,7 @@ fn the_recording_with_the_largest_error_stands_for_its_family() {
     ]
     .into_iter()
     .unzip();
-    let chosen: Vec<PathBuf> = examples(&recordings, &judgements).into_iter().map(|example| example.path).collect();
+    let chosen: Vec<PathBuf> = examples("m", &recordings, &judgements).into_iter().map(|example| example.path).collect();
     assert_eq!(chosen, [PathBuf::from("a_2.csv"), PathBuf::from("b_1.csv")]);
 }
 
@@ -186,7 +186,7 @@ fn an_evaluation_report_is_a_whole_document_even_for_hostile_names_and_outputs()
     let (other, of_other) = judged("a_1.csv", vec![0.0, 1e12, -1e12], vec![0.0; 3]);
     let judgements = [judgement, of_other];
     let families = by_family(judgements.iter().map(|judged| &judged.errors));
-    let chosen = examples(&[recording, other], &judgements);
+    let chosen = examples("<m>", &[recording, other], &judgements);
     let ladder = ladder::ladder(Vec::new(), 0.0);
     let html = evaluation_page(&description(), &chosen, &families, Some(&ladder), None);
     let (before, after) = html.split_once("<style>").unwrap();

@@ -209,8 +209,8 @@ fn the_demo_leaves_a_verified_blob_and_a_report_that_needs_nothing_else() {
         assert!(!report.contains(outside), "the report needs something from outside: {outside}");
     }
     for rig in ["paper", "effects"] {
-        bench.works(&format!("inspect demo/{rig}/hybrid.blob"));
-        bench.works(&format!("evaluate --model demo/{rig}/hybrid.blob --data demo/{rig}/data/test"));
+        bench.works(&format!("inspect demo/{rig}-hybrid.blob"));
+        bench.works(&format!("evaluate --model demo/{rig}-hybrid.blob --data demo/data/{rig}/test"));
     }
 }
 

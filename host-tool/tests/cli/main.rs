@@ -1,6 +1,8 @@
 //! The `catheter` command seen from outside: what other programs rely on, what it refuses, what it leaves behind.
 
 mod contract;
+mod demo;
+mod evaluate;
 mod help;
 mod refusals;
 mod streams;

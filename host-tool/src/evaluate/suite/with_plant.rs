@@ -5,6 +5,7 @@ use anyhow::{Context, Result};
 use super::{
     Criterion, HOLD_S, Hold, KnownPlant, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, span, stretches,
 };
+use crate::evaluate::compare::STRETCHES;
 use crate::evaluate::metrics::{mean, range, root_mean_square};
 use crate::evaluate::{Errors, for_each};
 use crate::excitation::sets::{self, Named, SetConfig};
@@ -41,11 +42,14 @@ impl Answer {
 }
 
 impl Scene<'_> {
-    fn play(&self, excitation: &ExcitationConfig) -> Result<(Vec<f64>, Answer)> {
-        let input = excitation.sample().context("a signal of the suite")?.pressure_bar;
-        let truth = self.plant.plant.simulate(&input, self.period_s, excitation.seed);
-        let predicted = self.request.model.predict(&input, &[])?;
-        Ok((input, Answer { predicted, truth }))
+    fn play(&self, excitation: &ExcitationConfig) -> Result<Answer> {
+        self.answer(&excitation.sample().context("a signal of the suite")?.pressure_bar, excitation.seed)
+    }
+
+    fn answer(&self, input: &[f64], seed: u64) -> Result<Answer> {
+        let truth = self.plant.plant.simulate(input, self.period_s, seed);
+        let predicted = self.request.model.predict(input, &[])?;
+        Ok(Answer { predicted, truth })
     }
 
     fn excitation(&self, index: usize, segments: Vec<(f64, Signal)>) -> ExcitationConfig {
@@ -109,16 +113,16 @@ fn families(scene: &Scene<'_>, report: &mut SuiteReport) -> Result<f64> {
         tests_per_family: SIGNALS,
     };
     let kinds = [
-        ("families", "new signals of the paper's four families", config),
-        ("half-amplitude", "the four families at half amplitude", SetConfig { amplitude_bar: 0.5 * amplitude_bar, ..config }),
-        ("noise-free", "the four families without noise on the input", SetConfig { noise_bar: 0.0, ..config }),
+        ("families", "", config),
+        ("half-amplitude", " at half amplitude", SetConfig { amplitude_bar: 0.5 * amplitude_bar, ..config }),
+        ("noise-free", " without noise on the input", SetConfig { noise_bar: 0.0, ..config }),
     ];
     let unit = &scene.request.model.description().output.unit;
     let mut output_range = 0.0;
     for (name, what, config) in kinds {
         let signals = sets::families(&config);
         let answers = for_each(&signals, scene.request.threads, |signal: &Named| {
-            let (_, answer) = scene.play(&signal.excitation)?;
+            let answer = scene.play(&signal.excitation)?;
             let errors = Errors::between(&answer.predicted, &answer.truth);
             Ok((errors.rmse, answer.truth))
         })?;
@@ -128,7 +132,7 @@ fn families(scene: &Scene<'_>, report: &mut SuiteReport) -> Result<f64> {
         }
         let each: Vec<f64> = answers.iter().map(|(rmse, _)| *rmse).collect();
         let value = mean(&each).unwrap_or(f64::NAN);
-        let what = format!("mean RMSE on {} {what}", signals.len());
+        let what = format!("mean RMSE on {} new signals of the paper's four families{what}", signals.len());
         report.criteria.push(Criterion::at_most(name, what, value, scene.request.limits.signals * output_range, unit));
     }
     Ok(output_range)
@@ -140,7 +144,7 @@ fn holds(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> Resu
     let start = scene.samples(HISTORY_S);
     report.holds = for_each(&numbered, scene.request.threads, |&(index, level)| {
         let segments = vec![(HISTORY_S, scene.wander(1.0, Some(scene.low), Some(level))), (HOLD_S, Signal::Hold { pressure_bar: level })];
-        let (_, answer) = scene.play(&scene.excitation(1000 + index, segments))?;
+        let answer = scene.play(&scene.excitation(1000 + index, segments))?;
         let errors = answer.errors(start);
         let max_abs = largest(errors.iter().copied());
         Ok(Hold { level, max_abs, errors: at_hold_times(&errors, scene.period_s) })
@@ -166,7 +170,7 @@ fn histories(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> 
             offset_bar: scene.low,
         };
         let segments = vec![(HISTORY_S, scene.wander(2.0, None, Some(scene.low))), (20.0, signal)];
-        let (_, answer) = scene.play(&scene.excitation(2000 + index, segments))?;
+        let answer = scene.play(&scene.excitation(2000 + index, segments))?;
         Ok(root_mean_square(answer.errors(start)))
     })?;
     let what = format!("worst RMSE on one descending sine after {HISTORIES} random starting histories");
@@ -176,16 +180,20 @@ fn histories(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> 
     Ok(())
 }
 
+/// The same random moves and holds again and again: from the second pass on, nothing but the model's own drift can change its error.
 fn long_run(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> Result<Vec<f64>> {
-    let excitation = scene.excitation(3000, vec![(LONG_RUN as f64 * scene.period_s, scene.wander(30.0, Some(scene.low), None))]);
-    let (input, answer) = scene.play(&excitation)?;
-    let errors = answer.errors(0);
+    let length = LONG_RUN / STRETCHES;
+    let signal = scene.wander(30.0, Some(scene.low), Some(scene.low));
+    let excitation = scene.excitation(3000, vec![(length as f64 * scene.period_s, signal)]);
+    let pass = excitation.sample().context("the long run of the suite")?.pressure_bar;
+    let input: Vec<f64> = pass.iter().copied().cycle().take(LONG_RUN).collect();
+    let errors = scene.answer(&input, excitation.seed)?.errors(0);
     report.long_run = stretches(&errors);
     let unit = &scene.request.model.description().output.unit;
     let limit = scene.request.limits.signals * output_range;
-    let what = format!("RMSE over {} samples of random moves and holds", errors.len());
+    let what = format!("RMSE over {LONG_RUN} samples: {STRETCHES} passes of the same random moves and holds");
     report.criteria.push(Criterion::at_most("long-run", what, root_mean_square(errors.iter().copied()), limit, unit));
-    let what = "growth of that error from the first to the last three tenths".to_owned();
-    report.criteria.push(Criterion::at_most("long-run-growth", what, growth(&report.long_run), 0.25 * limit, unit));
+    let what = "growth of that error from the first to the last three passes, without the very first".to_owned();
+    report.criteria.push(Criterion::at_most("long-run-growth", what, growth(&report.long_run[1..]), 0.25 * limit, unit));
     Ok(input)
 }
