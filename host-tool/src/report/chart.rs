@@ -123,13 +123,17 @@ fn with_power(label: &str, power: Option<i32>) -> String {
     }
 }
 
-fn legend<'a>(svg: &mut Svg, series: impl Iterator<Item = &'a Series>, left: f64, baseline: f64) {
-    let mut x = left;
-    for line in series.filter(|line| !line.name.is_empty()) {
+/// Names the lines from the edge of the frame on, further left where they need the room.
+fn legend<'a>(svg: &mut Svg, series: impl Iterator<Item = &'a Series>, width: f64, baseline: f64) {
+    // Seven pixels a letter at twelve pixels high, on average, and a gap.
+    let extent = |line: &Series| 28.0 + 6.7 * line.name.chars().count() as f64 + 20.0;
+    let named: Vec<&Series> = series.filter(|line| !line.name.is_empty()).collect();
+    let total: f64 = named.iter().map(|line| extent(line)).sum();
+    let mut x = LEFT.min(width - total).max(4.0);
+    for line in named {
         svg.line(line.class, (x, baseline - 4.0), (x + 22.0, baseline - 4.0));
         svg.text("legend", (x + 28.0, baseline), Anchor::Start, &line.name);
-        // Seven pixels a letter at twelve pixels high, on average, and a gap.
-        x += 28.0 + 6.7 * line.name.chars().count() as f64 + 20.0;
+        x += extent(line);
     }
 }
 
@@ -155,7 +159,7 @@ pub fn panels(caption: Caption<'_>, x_label: &str, width: f64, panels: &[Panel])
         frame.lines(&mut svg, &panel.series);
         top += panel.height + BETWEEN;
     }
-    legend(&mut svg, all.iter(), LEFT, 14.0);
+    legend(&mut svg, all.iter(), width, 14.0);
     svg
 }
 
@@ -166,7 +170,7 @@ pub fn loops(caption: Caption<'_>, x_label: &str, y_label: &str, size: (f64, f64
     let frame = Frame::new(LEFT, size.0 - RIGHT, TOP, size.1 - BOTTOM, series, 0.04, false);
     frame.grid(&mut svg, Some(x_label), y_label, (5, 6));
     frame.lines(&mut svg, series);
-    legend(&mut svg, series.iter(), LEFT, 14.0);
+    legend(&mut svg, series.iter(), size.0, 14.0);
     svg
 }
 
