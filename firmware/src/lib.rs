@@ -18,6 +18,7 @@
 pub mod calibration;
 pub mod control;
 pub mod decimate;
+pub mod device;
 pub mod estimator;
 pub mod limiter;
 pub mod link;
@@ -31,3 +32,15 @@ pub mod settings;
 pub mod storage;
 pub mod supervisor;
 pub mod tick;
+
+/// Version of the firmware, as its Hello tells it: major, minor, patch.
+pub const VERSION: [u16; 3] =
+    [decimal(env!("CARGO_PKG_VERSION_MAJOR")), decimal(env!("CARGO_PKG_VERSION_MINOR")), decimal(env!("CARGO_PKG_VERSION_PATCH"))];
+
+/// The number that decimal digits stand for; anything else fails to compile.
+const fn decimal(digits: &str) -> u16 {
+    match u16::from_str_radix(digits, 10) {
+        Ok(number) => number,
+        Err(_) => unreachable!(),
+    }
+}

@@ -1,0 +1,235 @@
+//! The whole device as one thing driven tick by tick: rig, link, self-test and model in lock step.
+//!
+//! A board runs the tick in an interrupt and the link in the background, and which comes first is a matter of chance. Where that chance is
+//! not wanted both run here, one after the other, the background exactly once after each tick: in the emulator's image, in the simulated rig of
+//! the host tool, and in the replay of a recording. Equal inputs give equal outputs, to the bit, on every processor.
+//!
+//! Order within a [`Device::tick`]: tick, self-test if it is wanted, answers and telemetry to the link, frames to the line. Bytes that came
+//! from the host before the tick ([`Device::receive`]) have queued their commands by then, one of which the tick takes.
+
+pub mod exchange;
+
+use heapless::{Deque, Vec};
+use model_export::link::fault::Fault;
+use model_export::link::frame::MAX_WIRE;
+use model_export::link::hello::MAX_BOARD_NAME;
+use model_export::link::message::FaultRecord;
+use model_export::link::state::ResetCause;
+
+use crate::estimator::Kernel;
+use crate::link::{CommandSink, Event, Link, LinkConfig, Measured};
+use crate::model::examine;
+use crate::retain::Retained;
+use crate::seam::RawSample;
+use crate::self_test::{Report, SelfTest};
+use crate::storage::Flash;
+use crate::supervisor;
+use crate::tick::{Action, BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
+
+/// Commands waiting for the tick.
+pub const COMMAND_QUEUE: usize = 4;
+/// Most bytes the line takes in one tick: 9.2 Mbaud, more than any serial adapter does.
+pub const MAX_LINE_BYTES: usize = 920;
+
+/// Where the model in use lives, and how it runs.
+///
+/// The flash holds blobs; a model that runs needs its bytes to stay where they are while an upload rewrites the flash.
+pub trait ModelPlace: ModelStep {
+    /// The kernel that the model runs on, for the self-test.
+    type Kernel: Kernel + Clone;
+
+    /// The kernel.
+    fn kernel(&self) -> Self::Kernel;
+
+    /// Copies a blob that passed the self-test and makes it the model in use; `None` leaves no model. Gives `false` if there is no room.
+    #[must_use]
+    fn load(&mut self, blob: Option<&[u8]>) -> bool;
+}
+
+/// What a device is told when it starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviceConfig {
+    /// Firmware version: major, minor, patch.
+    pub firmware: [u16; 3],
+    /// Name of the board.
+    pub board: heapless::String<MAX_BOARD_NAME>,
+    /// Why it started.
+    pub reset_cause: ResetCause,
+    /// What survived the reset.
+    pub retained: Option<Retained>,
+    /// The board's converter.
+    pub facts: RigFacts,
+    /// Bytes that the line to the host takes in a tick, at most [`MAX_LINE_BYTES`]: 92 at 921,600 baud.
+    pub line_bytes_per_tick: u16,
+}
+
+/// What the hardware brings to a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceInputs {
+    /// The sample of both channels.
+    pub sample: RawSample,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Whether the last tick took too long.
+    pub overran: bool,
+    /// Ticks lost since the last one.
+    pub lost_ticks: u16,
+}
+
+/// Rig, link and everything between them.
+#[derive(Debug)]
+pub struct Device<S, M, P> {
+    rig: Rig,
+    link: Link<S, M>,
+    place: P,
+    queue: Queue,
+    beat: u32,
+    report: Option<Report>,
+    reported: bool,
+    line_bytes_per_tick: u16,
+    line: Deque<u8, { MAX_LINE_BYTES + MAX_WIRE }>,
+}
+
+/// The places between link and tick.
+#[derive(Debug, Default)]
+struct Queue {
+    commands: Deque<Command, COMMAND_QUEUE>,
+    vent: bool,
+}
+
+impl CommandSink for Queue {
+    fn send(&mut self, command: Command) -> bool {
+        self.commands.push_back(command).is_ok()
+    }
+
+    fn vent(&mut self) {
+        self.vent = true;
+    }
+}
+
+impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
+    /// A device that has just started, over its two pairs of flash slots.
+    ///
+    /// # Errors
+    /// When not even the default settings go together with the converter, which is a mistake in the program.
+    pub fn new(config: DeviceConfig, settings_flash: S, model_flash: M, place: P) -> Result<Self, Inconsistent> {
+        let DeviceConfig { firmware, board, reset_cause, retained, facts, line_bytes_per_tick } = config;
+        let previous_record = retained.map(|retained| retained.record).filter(|record| record.first != 0);
+        let link = Link::new(LinkConfig { firmware, board, reset_cause, previous_record, facts }, settings_flash, model_flash);
+        let crash = retained.map(|retained| retained.faults()).unwrap_or_default();
+        let boot = BootReport { reset_cause, faults: link.boot_faults().union(crash) };
+        let tick = TickConfig { settings: link.settings(), facts }.build()?;
+        Ok(Self {
+            rig: Rig::new(tick, boot),
+            link,
+            place,
+            queue: Queue::default(),
+            beat: 0,
+            report: None,
+            reported: false,
+            line_bytes_per_tick,
+            line: Deque::new(),
+        })
+    }
+
+    /// The rig.
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The link.
+    pub fn link(&self) -> &Link<S, M> {
+        &self.link
+    }
+
+    /// The fault record of this run, for the memory that survives a reset.
+    pub fn record(&self) -> &FaultRecord {
+        self.rig.supervisor().record()
+    }
+
+    /// Takes a byte from the line.
+    pub fn receive(&mut self, byte: u8) {
+        let kernel = self.place.kernel();
+        let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, &kernel).is_ok());
+        if event == Some(Event::ModelChanged) {
+            // Only while vented with nothing under way, so the queue is empty; in the fault state the acknowledgement tests again.
+            let _ = self.queue.send(Command { token: None, action: Action::Request(supervisor::Event::Retest) });
+        }
+    }
+
+    /// One millisecond: the tick, then the background once.
+    pub fn tick(&mut self, inputs: DeviceInputs) -> TickOutputs {
+        let DeviceInputs { sample, emergency_stop, overran, lost_ticks } = inputs;
+        let inputs = TickInputs {
+            sample,
+            emergency_stop,
+            overran,
+            lost_ticks,
+            background_beat: self.beat,
+            vent: core::mem::take(&mut self.queue.vent),
+            command: self.queue.commands.pop_front(),
+            telemetry_dropped: self.link.telemetry_dropped(),
+        };
+        let mut outputs = self.rig.tick(&mut self.place, inputs);
+        self.background(&mut outputs);
+        outputs
+    }
+
+    /// What the line carries after a tick, as fast as it is.
+    pub fn transmit(&mut self) -> Vec<u8, MAX_LINE_BYTES> {
+        let room = usize::from(self.line_bytes_per_tick).min(MAX_LINE_BYTES);
+        while self.line.len() < room {
+            let Some(frame) = self.link.transmit() else { break };
+            // The line's buffer holds a tick and a frame.
+            frame.iter().for_each(|byte| self.line.push_back(*byte).unwrap_or(()));
+        }
+        let mut bytes = Vec::new();
+        while bytes.len() < room {
+            let Some(byte) = self.line.pop_front() else { break };
+            // Room is at most the capacity.
+            let _ = bytes.push(byte);
+        }
+        bytes
+    }
+
+    fn background(&mut self, outputs: &mut TickOutputs) {
+        self.beat = self.beat.wrapping_add(1);
+        if outputs.self_test_wanted {
+            self.self_test();
+        } else {
+            self.report = None;
+            self.reported = false;
+        }
+        self.link.observe(outputs.state, Measured::default());
+        if let Some(answer) = outputs.answer.take() {
+            self.link.answer(answer);
+        }
+        if let Some(sample) = outputs.telemetry {
+            self.link.telemetry(sample);
+        }
+    }
+
+    /// Tests once and reports as soon as the queue takes the report.
+    fn self_test(&mut self) {
+        if self.reported {
+            return;
+        }
+        let report = match self.report {
+            Some(report) => report,
+            None => {
+                let kernel = self.place.kernel();
+                let blob = self.link.model_blob();
+                let mut report = SelfTest { program: &[], program_crc32: 0, clock: None, model: blob }.run(&kernel);
+                let fits = self.place.load(blob.filter(|_| report.model.is_some()));
+                if !fits {
+                    report.model = None;
+                    report.faults.insert(Fault::ModelUnsupported);
+                }
+                self.link.set_model(report.model);
+                report
+            }
+        };
+        self.reported = self.queue.send(Command { token: None, action: report.action() });
+        self.report = Some(report);
+    }
+}
