@@ -2,7 +2,7 @@
 //!
 //! Data flows one way through the modules: [`excitation`] makes input signals, [`plant`] turns them into recordings,
 //! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`model`] is what all models have in common,
-//! [`evaluate`] judges them, [`export`] takes them to the microcontroller and [`report`] shows them.
+//! [`evaluate`] judges them, [`export`] takes them to the microcontroller, [`link`] speaks to it and [`report`] shows them.
 
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
@@ -14,6 +14,7 @@ pub mod evaluate;
 pub mod excitation;
 pub mod export;
 pub mod identify;
+pub mod link;
 pub mod model;
 pub mod network;
 pub mod output;

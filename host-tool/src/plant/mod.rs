@@ -91,6 +91,28 @@ impl Plant {
     }
 }
 
+/// A plant that is stepped from outside, for a rig in simulated time; without measurement noise, which its sensors bring.
+pub struct RunningPlant {
+    config: PlantConfig,
+    state: effects::State,
+}
+
+impl Plant {
+    /// The plant at its equilibrium for a pressure in bar.
+    #[must_use]
+    pub fn start(&self, pressure_bar: f64) -> RunningPlant {
+        RunningPlant { config: self.config.clone(), state: effects::State::new(&self.config, pressure_bar) }
+    }
+}
+
+impl RunningPlant {
+    /// The displacement in mm after a step of `step_s` at `pressure_bar`; steps of at most [`INTERNAL_STEP_S`].
+    pub fn step(&mut self, pressure_bar: f64, step_s: f64) -> f64 {
+        self.state.advance(&self.config, pressure_bar, step_s);
+        self.state.displacement_mm(&self.config)
+    }
+}
+
 /// A standard normal number by the Box-Muller transform.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     // 1 - u lies in (0, 1]: the logarithm is finite.

@@ -1,0 +1,185 @@
+//! The firmware library in this process, as the processor of a simulated rig.
+
+use firmware::calibration::ConverterConfig;
+use firmware::device::exchange::{DeviceOutputs, Sabotage};
+use firmware::device::{Device, DeviceConfig, DeviceInputs, ModelPlace};
+use firmware::estimator::Portable;
+use firmware::model::RunningModel;
+use firmware::retain::Retained;
+use firmware::tick::{ModelStep, RigFacts, TickOutputs};
+use model_export::link::fault::Fault;
+use model_export::link::state::ResetCause;
+
+use super::lockstep::{Boot, Processor, Turn};
+use super::{FlashMemory, LinkError, SlotPair};
+
+/// Two conversions of 12 bits summed, 3.3 V reference: the board's converter.
+pub const FACTS: RigFacts = RigFacts { converter: ConverterConfig { full_scale_code: 8190, full_scale_v: 3.3 } };
+
+/// The version that the firmware library says it has.
+pub const FIRMWARE: [u16; 3] = firmware::VERSION;
+
+self_cell::self_cell! {
+    /// A model together with the blob it borrows.
+    struct Loaded {
+        owner: Vec<u8>,
+        #[covariant]
+        dependent: Running,
+    }
+}
+
+type Running<'a> = Option<RunningModel<'a, Portable>>;
+
+/// The model in use, in a copy of its own.
+pub struct Heap {
+    loaded: Loaded,
+}
+
+impl Default for Heap {
+    fn default() -> Self {
+        Self { loaded: Loaded::new(Vec::new(), |_| None) }
+    }
+}
+
+impl ModelStep for Heap {
+    fn step(&mut self, pressure_bar: f32) -> f32 {
+        self.loaded.with_dependent_mut(|_, running| running.as_mut().map_or(f32::NAN, |model| model.step(pressure_bar)))
+    }
+
+    fn reset(&mut self) {
+        self.loaded.with_dependent_mut(|_, running| running.iter_mut().for_each(ModelStep::reset));
+    }
+}
+
+impl ModelPlace for Heap {
+    type Kernel = Portable;
+
+    fn kernel(&self) -> Portable {
+        Portable
+    }
+
+    fn load(&mut self, blob: Option<&[u8]>) -> bool {
+        self.loaded = Loaded::new(blob.unwrap_or_default().to_vec(), |bytes| RunningModel::load(bytes, Portable).ok());
+        blob.is_none() || self.loaded.borrow_dependent().is_some()
+    }
+}
+
+/// The device as this process runs it.
+pub type HostDevice = Device<SlotPair, SlotPair, Heap>;
+
+/// A device over this flash, and what it would find if it started now.
+///
+/// # Errors
+/// When the default settings do not go together with the converter; never, a test holds that.
+pub fn start(flash: &FlashMemory, boot: Boot, retained: Option<Retained>) -> Result<HostDevice, LinkError> {
+    let config = DeviceConfig {
+        firmware: FIRMWARE,
+        board: heapless::String::try_from(boot.board).unwrap_or_default(),
+        reset_cause: boot.reset_cause,
+        retained,
+        facts: FACTS,
+        line_bytes_per_tick: boot.line_bytes_per_tick,
+    };
+    Device::new(config, flash.settings.clone(), flash.models.clone(), Heap::default())
+        .map_err(|inconsistent| LinkError::Rig(format!("the default settings do not go together: {inconsistent:?}")))
+}
+
+/// The firmware library as the processor.
+pub struct InProcess {
+    device: Option<HostDevice>,
+    flash: FlashMemory,
+    retained: Option<Retained>,
+    crash: Option<Fault>,
+}
+
+impl InProcess {
+    /// A processor with this flash; it starts with its first boot.
+    #[must_use]
+    pub fn new(flash: FlashMemory) -> Self {
+        Self { device: None, flash, retained: None, crash: None }
+    }
+
+    /// The device, once it has started.
+    #[must_use]
+    pub fn device(&self) -> Option<&HostDevice> {
+        self.device.as_ref()
+    }
+
+    /// The flash as it is now.
+    #[must_use]
+    pub fn flash(&self) -> FlashMemory {
+        match &self.device {
+            Some(device) => {
+                let (settings, models) = device.link().flash();
+                FlashMemory { settings: settings.clone(), models: models.clone() }
+            }
+            None => self.flash.clone(),
+        }
+    }
+
+    /// Does a tick and gives everything that came of it; the bytes for the host go to `to_host`.
+    pub(crate) fn step(&mut self, inputs: DeviceInputs, from_host: &[u8], to_host: &mut Vec<u8>) -> Option<TickOutputs> {
+        let device = self.device.as_mut()?;
+        from_host.iter().for_each(|byte| device.receive(*byte));
+        let outputs = device.tick(inputs);
+        if outputs.record_changed {
+            self.retained = Some(Retained { record: *device.record(), crash: None });
+        }
+        to_host.extend_from_slice(&device.transmit());
+        Some(outputs)
+    }
+
+    /// What the crash handler does: writes down what struck, and restarts.
+    pub(crate) fn crash(&mut self, fault: Fault) {
+        let record = self.retained.map(|retained| retained.record).unwrap_or_default();
+        self.retained = Some(Retained { record, crash: Some(fault) });
+        self.crash = Some(fault);
+    }
+}
+
+impl Processor for InProcess {
+    fn boot(&mut self, boot: Boot) -> Result<Option<Fault>, LinkError> {
+        self.flash = self.flash();
+        self.device = Some(start(&self.flash, boot, self.retained)?);
+        Ok(self.crash.take())
+    }
+
+    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], sabotage: Sabotage, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
+        match sabotage {
+            Sabotage::None => {}
+            Sabotage::Hang => return Ok(Turn::Hung),
+            Sabotage::StackOverflow => {
+                self.crash(Fault::HardFault);
+                return Ok(Turn::Restarted);
+            }
+            Sabotage::Panic => {
+                self.crash(Fault::Panicked);
+                return Ok(Turn::Restarted);
+            }
+        }
+        match self.step(inputs, from_host, to_host) {
+            Some(outputs) => Ok(Turn::Done(device_outputs(&outputs))),
+            None => Ok(Turn::Restarted),
+        }
+    }
+
+    fn cause_of_restart(&self) -> ResetCause {
+        ResetCause::Software
+    }
+
+    fn read_flash(&mut self) -> Result<FlashMemory, LinkError> {
+        Ok(self.flash())
+    }
+}
+
+/// What of a tick reaches the hardware.
+pub(crate) fn device_outputs(outputs: &TickOutputs) -> DeviceOutputs {
+    DeviceOutputs {
+        energised: outputs.energised,
+        feed_watchdog: outputs.feed_watchdog,
+        state: outputs.state,
+        valve_share: outputs.valve_share,
+        output_ubar: outputs.output.0,
+        link_bytes: 0,
+    }
+}

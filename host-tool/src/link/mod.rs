@@ -1,0 +1,67 @@
+//! The host's side of the link: one [`Client`] for a board on a serial port, for the emulator and for a rig in this process.
+//!
+//! Terms. A [`Transport`] carries bytes and has a clock. On a serial port ([`Serial`]) that is the clock on the wall. [`Lockstep`] is a rig in
+//! simulated time: a [`Processor`] (the firmware library in this process, or ARM code in QEMU) and simulated [`Hardware`] around it; time
+//! passes only while somebody waits for bytes, one tick of 1 ms after the other. Code written against [`Client`] cannot tell them apart.
+
+mod client;
+mod error;
+mod flash;
+mod hardware;
+mod in_process;
+mod lockstep;
+mod serial;
+mod words;
+
+#[cfg(test)]
+mod tests;
+
+use std::time::Duration;
+
+pub use client::{Account, Client, Gap};
+pub use error::LinkError;
+pub use flash::{FlashMemory, SlotPair};
+pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle};
+pub use in_process::{FIRMWARE, InProcess};
+pub use lockstep::{Boot, Lockstep, Observer, Processor, TickRecord, Turn, WATCHDOG_MS};
+pub use serial::{BAUD, Serial};
+pub use words::{fault_in_words, in_words, refusal_in_words};
+
+/// A line to a device.
+pub trait Transport {
+    /// Sends bytes, all of them.
+    ///
+    /// # Errors
+    /// When the device is gone.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError>;
+
+    /// Waits until bytes come, at most `limit` of this transport's time, and adds them to `into`; none by then is no error.
+    ///
+    /// # Errors
+    /// When the device is gone.
+    fn receive(&mut self, limit: Duration, into: &mut Vec<u8>) -> Result<(), LinkError>;
+
+    /// Time since the transport was opened, by its own clock.
+    fn elapsed(&self) -> Duration;
+
+    /// Where it leads, for messages.
+    fn place(&self) -> &str;
+}
+
+impl<T: Transport + ?Sized> Transport for &mut T {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        (**self).send(bytes)
+    }
+
+    fn receive(&mut self, limit: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
+        (**self).receive(limit, into)
+    }
+
+    fn elapsed(&self) -> Duration {
+        (**self).elapsed()
+    }
+
+    fn place(&self) -> &str {
+        (**self).place()
+    }
+}
