@@ -14,7 +14,7 @@ pub(super) struct Bent {
     pub weights: Vec<f64>,
     pub constant: f64,
     pub curve: Curve,
-    squared_residual: f64,
+    pub squared_residual: f64,
 }
 
 /// Turns at most.

@@ -160,34 +160,40 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
     }
     // Wider plays than half the span are only ever moved by the way from rest to the first loop.
     let largest = 0.5 * (input_high - input_low);
-    let (mut found, family, sign) = match (config.kind, &config.thresholds) {
-        // Thresholds that are free without the curve would be bent to stand in for it: a fine grid leaves the choice to the weights.
+    let starts = match (config.kind, &config.thresholds) {
+        // Thresholds that are free without the curve may have been bent to stand in for it: a fine grid leaves the choice to the weights.
+        // Where there is no curve to stand in for, the free ones are exact.
         (Kind::ModifiedPrandtlIshlinskii, Thresholds::Free(count)) => {
-            best_family(&runs, &FitConfig { thresholds: Thresholds::Grid(2 * count), ..config.clone() }, largest)
+            let grid = FitConfig { thresholds: Thresholds::Grid(2 * count), ..config.clone() };
+            vec![best_family(&runs, &grid, largest), best_family(&runs, config, largest)]
         }
-        _ => best_family(&runs, config, largest),
+        _ => vec![best_family(&runs, config, largest)],
     };
-    let constant = match config.offsets {
-        true => mean_residual(&runs, &found, family, sign),
-        false => sign * found.coefficients[found.thresholds.len()],
+    let straight = |(found, family, sign): (Found, Family, f64)| Shaped {
+        weights: found.coefficients[..found.thresholds.len()].iter().map(|weight| sign * weight).collect(),
+        constant: match config.offsets {
+            true => mean_residual(&runs, &found, family, sign),
+            false => sign * found.coefficients[found.thresholds.len()],
+        },
+        squared_residual: found.squared_residual,
+        thresholds: found.thresholds,
+        family,
+        curve: None,
     };
-    let mut weights: Vec<f64> = found.coefficients[..found.thresholds.len()].iter().map(|weight| sign * weight).collect();
-    let mut shape = None;
-    let mut constant = constant;
-    if config.kind == Kind::ModifiedPrandtlIshlinskii {
-        let bent = curve::fit(&runs, &found.thresholds, family, &weights, config.curve_segments);
-        (weights, constant) = (bent.weights, bent.constant);
-        shape = Some(bent.curve);
-        if matches!(config.thresholds, Thresholds::Free(_)) {
-            let kept: Vec<usize> = (0..weights.len()).filter(|&k| weights[k] != 0.0).collect();
-            found.thresholds = kept.iter().map(|&k| found.thresholds[k]).collect();
-            weights = kept.iter().map(|&k| weights[k]).collect();
-        }
-    }
+    let bent = |straight: Shaped| match config.kind {
+        Kind::ModifiedPrandtlIshlinskii => straight.bend(&runs, config),
+        _ => straight,
+    };
+    let shaped = starts.into_iter().map(|start| bent(straight(start)));
+    // Of equals the first.
+    let better = |one: Shaped, other: Shaped| if other.squared_residual < one.squared_residual { other } else { one };
+    let Some(Shaped { thresholds, weights, constant, family, curve: shape, .. }) = shaped.reduce(better) else {
+        return Err(IdentifyError::NoData);
+    };
     let free = matches!(config.thresholds, Thresholds::Free(_)) && config.kind == Kind::PrandtlIshlinskii;
     let intervals = intervals::intervals(&intervals::Fitted {
         runs: &runs,
-        thresholds: &found.thresholds,
+        thresholds: &thresholds,
         family,
         weights: &weights,
         constant,
@@ -221,7 +227,7 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
             data: recordings.iter().map(source).collect(),
         },
     };
-    for (index, (&threshold, &weight)) in found.thresholds.iter().zip(&weights).enumerate() {
+    for (index, (&threshold, &weight)) in thresholds.iter().zip(&weights).enumerate() {
         let interval = intervals.weights[index];
         match family {
             Family::Play => {
@@ -251,6 +257,28 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
         [slopes[0], slopes[slopes.len() / 2], slopes[slopes.len() - 1]]
     });
     Ok(Fit { model, rmse, nrmse, max_abs, family, interval_widening: intervals.widening, curve_slopes })
+}
+
+/// Operators with their weights, with or without a curve behind their sum.
+struct Shaped {
+    thresholds: Vec<f64>,
+    weights: Vec<f64>,
+    constant: f64,
+    family: Family,
+    curve: Option<Curve>,
+    squared_residual: f64,
+}
+
+impl Shaped {
+    /// Behind the best curve; operators that carry nothing go where the thresholds were ours to choose.
+    fn bend(mut self, runs: &[Run], config: &FitConfig) -> Self {
+        let bent = curve::fit(runs, &self.thresholds, self.family, &self.weights, config.curve_segments);
+        let kept = |index: &usize| bent.weights[*index] != 0.0 || !matches!(config.thresholds, Thresholds::Free(_));
+        let kept: Vec<usize> = (0..bent.weights.len()).filter(kept).collect();
+        self.thresholds = kept.iter().map(|&index| self.thresholds[index]).collect();
+        self.weights = kept.iter().map(|&index| bent.weights[index]).collect();
+        Self { constant: bent.constant, curve: Some(bent.curve), squared_residual: bent.squared_residual, ..self }
+    }
 }
 
 /// How many operators a fit may have.
@@ -464,7 +492,11 @@ fn method(config: &FitConfig, family: Family) -> String {
         Thresholds::Grid(count) => format!("{count} thresholds on an even grid"),
         Thresholds::Given(given) => format!("{} given thresholds", given.len()),
         Thresholds::Free(count) if config.kind == Kind::ModifiedPrandtlIshlinskii => {
-            format!("thresholds chosen from {} on an even grid, a curve of {} segments", 2 * count, config.curve_segments)
+            format!(
+                "at most {count} free thresholds or some of {} on an even grid, a curve of {} segments",
+                2 * count,
+                config.curve_segments
+            )
         }
         Thresholds::Free(count) => format!("at most {count} free thresholds by variable projection"),
     };

@@ -134,6 +134,15 @@ fn a_modified_model_finds_asymmetry_and_saturation_that_pi_misses() {
 }
 
 #[test]
+fn a_modified_model_of_what_needs_no_curve_is_as_exact_as_the_plain_one() {
+    let config = FitConfig { kind: Kind::ModifiedPrandtlIshlinskii, ..FitConfig::default() };
+    let fit = fit(&paper_set(36, &PlantConfig::default()), &config).expect("fit");
+    assert!(fit.rmse < 1e-10, "{} with {:?}", fit.rmse, fit.model.thresholds);
+    let slopes = fit.curve_slopes.expect("a curve");
+    assert!(slopes.iter().all(|slope| (slope - slopes[1]).abs() < 1e-6), "a straight curve: {slopes:?}");
+}
+
+#[test]
 fn a_friction_force_is_identified_with_stop_operators() {
     let time_s: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.01).collect();
     let travel: Vec<f64> = time_s.iter().map(|t| 3.0 * (0.7 * t).sin() * (-0.03 * t).exp() + 0.8 * (2.3 * t).sin()).collect();
