@@ -16,7 +16,7 @@ use model_export::link::hello::MAX_BOARD_NAME;
 use model_export::link::message::FaultRecord;
 use model_export::link::state::ResetCause;
 
-use crate::estimator::Kernel;
+use crate::estimator::{KernelSource, Portable};
 use crate::link::{CommandSink, Event, Link, LinkConfig, Measured};
 use crate::model::examine;
 use crate::retain::Retained;
@@ -35,11 +35,9 @@ pub const MAX_LINE_BYTES: usize = 920;
 ///
 /// The flash holds blobs; a model that runs needs its bytes to stay where they are while an upload rewrites the flash.
 pub trait ModelPlace: ModelStep {
-    /// The kernel that the model runs on, for the self-test.
-    type Kernel: Kernel + Clone;
-
-    /// The kernel.
-    fn kernel(&self) -> Self::Kernel;
+    /// What makes the kernel that models here run on, for the self-test. The model in use may be forgotten: a kernel that packs weights
+    /// has memory for one model.
+    fn kernel(&mut self) -> impl KernelSource;
 
     /// Copies a blob that passed the self-test and makes it the model in use; `None` leaves no model. Gives `false` if there is no room.
     #[must_use]
@@ -149,8 +147,8 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
 
     /// Takes a byte from the line.
     pub fn receive(&mut self, byte: u8) {
-        let kernel = self.place.kernel();
-        let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, &kernel).is_ok());
+        // The kernel's memory belongs to the model in use; the self-test that follows an activation looks again, with that kernel.
+        let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, Portable).is_ok());
         if event == Some(Event::ModelChanged) {
             // Only while vented with nothing under way, so the queue is empty; in the fault state the acknowledgement tests again.
             let _ = self.queue.send(Command { token: None, action: Action::Request(supervisor::Event::Retest) });
@@ -217,9 +215,9 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         let report = match self.report {
             Some(report) => report,
             None => {
-                let kernel = self.place.kernel();
                 let blob = self.link.model_blob();
-                let mut report = SelfTest { program: &[], program_crc32: 0, clock: None, model: blob }.run(&kernel);
+                let test = SelfTest { program: &[], program_crc32: 0, clock: None, model: blob };
+                let mut report = test.run(self.place.kernel());
                 let fits = self.place.load(blob.filter(|_| report.model.is_some()));
                 if !fits {
                     report.model = None;

@@ -6,7 +6,7 @@ use model_export::blob::{self, BlobError};
 use model_export::link::fault::Fault;
 use model_export::schema::Golden;
 
-use crate::estimator::{Estimator, EstimatorState, Kernel};
+use crate::estimator::{Estimator, EstimatorState, Kernel, KernelSource};
 use crate::number::round_to_i32;
 use crate::tick::{ModelStep, TICKS_PER_S};
 
@@ -32,11 +32,11 @@ pub struct RunningModel<'a, K: Kernel> {
 }
 
 impl<'a, K: Kernel> RunningModel<'a, K> {
-    /// Builds the model of a blob.
+    /// Builds the model of a blob; `kernel` makes its kernel.
     ///
     /// # Errors
     /// The fault to raise: [`Fault::ModelCorrupt`] or [`Fault::ModelUnsupported`].
-    pub fn load(bytes: &'a [u8], kernel: K) -> Result<Self, Fault> {
+    pub fn load(bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<Self, Fault> {
         let blob = blob::decode(bytes).map_err(fault_of)?;
         let estimator = Estimator::with_kernel(&blob.model, kernel).map_err(|_| Fault::ModelUnsupported)?;
         Ok(Self { estimator, state: EstimatorState::default() })
@@ -55,12 +55,14 @@ impl<K: Kernel> ModelStep for RunningModel<'_, K> {
 
 /// Checks a blob as the self-test does: frame, checksum, schema, sample period, golden vectors, and that the golden vectors can fail.
 ///
+/// `kernel` makes the kernel to check it with: the one it will run on, so that the kernel is checked too.
+///
 /// # Errors
 /// The fault to raise.
 ///
 /// # Deadline
 /// Not for the tick: up to some 1000 model steps.
-pub fn examine<K: Kernel + Clone>(bytes: &[u8], kernel: &K) -> Result<ModelFacts, Fault> {
+pub fn examine(bytes: &[u8], kernel: impl KernelSource) -> Result<ModelFacts, Fault> {
     let blob = blob::decode(bytes).map_err(fault_of)?;
     let model = &blob.model;
     let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
@@ -68,7 +70,7 @@ pub fn examine<K: Kernel + Clone>(bytes: &[u8], kernel: &K) -> Result<ModelFacts
     if !units_fit {
         return Err(Fault::ModelUnsupported);
     }
-    let estimator = Estimator::with_kernel(model, kernel.clone()).map_err(|_| Fault::ModelUnsupported)?;
+    let estimator = Estimator::with_kernel(model, kernel).map_err(|_| Fault::ModelUnsupported)?;
     if !estimator.replay(&model.golden).passed() {
         return Err(Fault::GoldenMismatch);
     }

@@ -6,7 +6,7 @@
 use model_export::blob::crc32;
 use model_export::link::fault::{Fault, FaultSet};
 
-use crate::estimator::Kernel;
+use crate::estimator::KernelSource;
 use crate::model::{ModelFacts, examine};
 use crate::tick::Action;
 
@@ -59,11 +59,11 @@ impl Report {
 }
 
 impl SelfTest<'_> {
-    /// Checks everything and reports everything, not only the first thing that is wrong.
+    /// Checks everything and reports everything, not only the first thing that is wrong; `kernel` as for [`examine`].
     ///
     /// # Deadline
     /// Not for the tick: replays all golden vectors twice.
-    pub fn run<K: Kernel + Clone>(&self, kernel: &K) -> Report {
+    pub fn run(&self, kernel: impl KernelSource) -> Report {
         let mut faults = FaultSet::EMPTY;
         faults.insert_if(crc32(0, self.program) != self.program_crc32, Fault::FlashCorrupt);
         faults.insert_if(self.clock.is_some_and(|clock| !clock.agrees()), Fault::ClockInaccurate);

@@ -76,7 +76,7 @@ fn forged(bytes: &[u8], change: impl FnOnce(&mut Model<'_>)) -> Vec<u8> {
 #[test]
 fn a_sound_model_passes_and_tells_its_period_and_identity() {
     let bytes = exported();
-    let facts = examine(&bytes, &Portable).unwrap();
+    let facts = examine(&bytes, Portable).unwrap();
     assert_eq!(facts.period.get(), 20);
     assert_eq!(facts.id, blob::decode(&bytes).unwrap().content_hash[..8]);
 }
@@ -87,10 +87,10 @@ fn any_flipped_bit_is_a_corrupt_model_or_an_unsupported_one() {
     for bit in (0..bytes.len() * 8).step_by(101) {
         let mut damaged = bytes.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(examine(&damaged, &Portable), Err(Fault::ModelCorrupt), "bit {bit}");
+        assert_eq!(examine(&damaged, Portable), Err(Fault::ModelCorrupt), "bit {bit}");
     }
     for length in [0, 7, 51, bytes.len() - 1] {
-        assert_eq!(examine(&bytes[..length], &Portable), Err(Fault::ModelCorrupt), "{length} bytes");
+        assert_eq!(examine(&bytes[..length], Portable), Err(Fault::ModelCorrupt), "{length} bytes");
     }
 }
 
@@ -98,17 +98,17 @@ fn any_flipped_bit_is_a_corrupt_model_or_an_unsupported_one() {
 fn golden_vectors_catch_a_changed_parameter_and_a_changed_output() {
     let bytes = exported();
     let other_weight = forged(&bytes, |model| model.front_end.play_weights[0] += 0.01);
-    assert_eq!(examine(&other_weight, &Portable), Err(Fault::GoldenMismatch));
+    assert_eq!(examine(&other_weight, Portable), Err(Fault::GoldenMismatch));
     // One unit in the last place of one weight: within the tolerance, but other bits than the exporter saw.
     let last_place = forged(&bytes, |model| model.front_end.play_weights[0] = model.front_end.play_weights[0].next_up());
-    assert_eq!(examine(&last_place, &Portable), Err(Fault::GoldenMismatch));
+    assert_eq!(examine(&last_place, Portable), Err(Fault::GoldenMismatch));
     let golden = blob::decode(&bytes).unwrap().model.golden.output.to_vec();
     let mut wrong = golden;
     let at = wrong.len() / 2 / 4 * 4;
     wrong[at..at + 4].copy_from_slice(&99.0f32.to_le_bytes());
     let mut model = blob::decode(&bytes).unwrap().model;
     model.golden.output = &wrong;
-    assert_eq!(examine(&blob::encode(&model).unwrap(), &Portable), Err(Fault::GoldenMismatch));
+    assert_eq!(examine(&blob::encode(&model).unwrap(), Portable), Err(Fault::GoldenMismatch));
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn a_check_that_cannot_fail_is_a_fault() {
         model.golden.output = &[];
         model.golden.digest = 0;
     });
-    assert_eq!(examine(&blind, &Portable), Err(Fault::SelfTestBlind));
+    assert_eq!(examine(&blind, Portable), Err(Fault::SelfTestBlind));
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn a_model_in_other_units_or_between_ticks_is_unsupported() {
         |model| model.sample_period_s = 0.0205,
         |model| model.sample_period_s = 100.0,
     ] {
-        assert_eq!(examine(&forged(&exported(), change), &Portable), Err(Fault::ModelUnsupported));
+        assert_eq!(examine(&forged(&exported(), change), Portable), Err(Fault::ModelUnsupported));
     }
 }
 
@@ -140,13 +140,13 @@ fn the_self_test_reports_everything_it_finds() {
     let program = [1, 2, 3, 4];
     let clock = ClockCheck { counted: 16_100_000, expected: 16_000_000, tolerance_per_mille: 10 };
     let good = SelfTest { program: &program, program_crc32: crc32(0, &program), clock: Some(clock), model: Some(&bytes) };
-    let report = good.run(&Portable);
+    let report = good.run(Portable);
     assert!(report.faults.is_empty() && report.model.is_some());
-    let without = SelfTest { model: None, clock: None, ..good }.run(&Portable);
+    let without = SelfTest { model: None, clock: None, ..good }.run(Portable);
     assert!(without.faults.is_empty() && without.model.is_none());
 
     let slow = ClockCheck { counted: 15_800_000, ..clock };
-    let bad = SelfTest { program_crc32: 0, clock: Some(slow), model: Some(&bytes[1..]), ..good }.run(&Portable);
+    let bad = SelfTest { program_crc32: 0, clock: Some(slow), model: Some(&bytes[1..]), ..good }.run(Portable);
     assert_eq!(bad.faults.iter().collect::<Vec<_>>(), [Fault::FlashCorrupt, Fault::ClockInaccurate, Fault::ModelCorrupt]);
     assert_eq!(bad.model, None);
 }
@@ -188,7 +188,7 @@ fn the_estimate_in_the_telemetry_is_the_estimators_to_the_bit() {
     let model = RunningModel::load(&bytes, Portable).unwrap();
     let mut bench = Bench { rig: Rig::new(tick, BootReport::default()), model, tick: 0, outputs: None };
     while bench.step(None).state != State::SelfTest {}
-    let report = SelfTest { program: &[], program_crc32: 0, clock: None, model: Some(&bytes) }.run(&Portable);
+    let report = SelfTest { program: &[], program_crc32: 0, clock: None, model: Some(&bytes) }.run(Portable);
 
     let estimator = Estimator::new(&blob::decode(&bytes).unwrap().model).unwrap();
     let mut state = EstimatorState::default();

@@ -6,6 +6,10 @@
 mod arithmetic;
 mod front_end;
 mod network;
+mod packed;
+#[cfg(target_os = "none")]
+#[allow(unsafe_code, reason = "the assembly of the fast kernel; every block says why it is sound")]
+mod smlad;
 
 use hysteresis::stick_band;
 use model_export::blob::crc32;
@@ -14,17 +18,17 @@ use model_export::validate::Invalid;
 
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
 pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_NORMALISED};
-pub use network::{Kernel, Layer, LayerState, Network, NetworkState, NoTrace, Portable, Trace, UnitTrace};
+pub use network::{Kernel, KernelSource, Layer, LayerState, Network, NetworkState, NoTrace, Portable, Trace, UnitTrace};
+pub use packed::{MAX_PACKED_WORDS, Packed};
 
 /// A model, ready to run; immutable.
 #[derive(Clone, Debug)]
 pub struct Estimator<'a, K: Kernel = Portable> {
     front_end: FrontEnd,
-    network: Option<Network<'a>>,
+    network: Option<(Network<'a>, K)>,
     mode: Mode,
     output_offset: f32,
     output_scale: f32,
-    kernel: K,
 }
 
 /// All that changes from sample to sample. A clone is a snapshot; assigning it back restores.
@@ -114,25 +118,29 @@ impl<'a> Estimator<'a, Portable> {
 }
 
 impl<'a, K: Kernel> Estimator<'a, K> {
-    /// Builds a model's estimator with a kernel made for it.
+    /// Builds a model's estimator with a kernel made for it: by [`Portable`], or packed into memory of the caller's, a `&mut [u32]`.
     ///
     /// # Errors
-    /// As [`Self::new`].
-    pub fn with_kernel(model: &Model<'a>, kernel: K) -> Result<Self, Invalid> {
+    /// As [`Self::new`], and when the network does not fit into that memory.
+    pub fn with_kernel(model: &Model<'a>, source: impl KernelSource<Kernel = K>) -> Result<Self, Invalid> {
         model.validate()?;
         let front_end = FrontEnd::new(&model.front_end, &model.input)?;
         let network = match &model.network {
-            Some(network) => Some(Network::new(network, front_end.features())?),
+            Some(wire) => {
+                let network = Network::new(wire, front_end.features())?;
+                let kernel = source.kernel(&network)?;
+                Some((network, kernel))
+            }
             None => None,
         };
         let (output_offset, output_scale) = (model.output.offset, model.output.scale);
-        Ok(Self { front_end, network, mode: model.mode, output_offset, output_scale, kernel })
+        Ok(Self { front_end, network, mode: model.mode, output_offset, output_scale })
     }
 
     /// The network, when there is one.
     #[must_use]
     pub fn network(&self) -> Option<&Network<'a>> {
-        self.network.as_ref()
+        self.network.as_ref().map(|(network, _)| network)
     }
 
     /// One sample in the input channel's unit, at the model's sample period, gives the estimate in the output channel's unit.
@@ -144,14 +152,14 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     pub fn step(&self, state: &mut EstimatorState, raw: f32) -> Estimate {
         let mut features = [0.0; MAX_FEATURES];
         let physics = self.front_end.step(&mut state.front_end, raw, &mut features);
-        let correction = self.network.as_ref().map_or(0.0, |network| {
+        let correction = self.network.as_ref().map_or(0.0, |(network, kernel)| {
             let mut input = [0; MAX_WIDTH];
             for (integer, feature) in input.iter_mut().zip(features.iter().take(self.front_end.features())) {
                 *integer = quantise_feature(*feature);
             }
             match self.mode {
-                Mode::Streaming => network.step(&self.kernel, &mut state.network, &input),
-                Mode::Window { length } => self.run_window(network, state, usize::from(length), &input),
+                Mode::Streaming => network.step(kernel, &mut state.network, &input),
+                Mode::Window { length } => self.run_window((network, kernel), state, usize::from(length), &input),
             }
         });
         let normalised = physics.linear + correction;
@@ -162,7 +170,13 @@ impl<'a, K: Kernel> Estimator<'a, K> {
         Estimate { value, correction, held: physics.held }
     }
 
-    fn run_window(&self, network: &Network<'a>, state: &mut EstimatorState, length: usize, newest: &[i16; MAX_WIDTH]) -> f32 {
+    fn run_window(
+        &self,
+        (network, kernel): (&Network<'a>, &K),
+        state: &mut EstimatorState,
+        length: usize,
+        newest: &[i16; MAX_WIDTH],
+    ) -> f32 {
         let width = self.front_end.features();
         let EstimatorState { window, network: memory, .. } = state;
         let vector = newest.get(..width).unwrap_or(newest);
@@ -185,7 +199,7 @@ impl<'a, K: Kernel> Estimator<'a, K> {
             for (slot, value) in input.iter_mut().zip(vector) {
                 *slot = *value;
             }
-            correction = network.step(&self.kernel, memory, &input);
+            correction = network.step(kernel, memory, &input);
         }
         correction
     }

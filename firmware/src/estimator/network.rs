@@ -8,13 +8,14 @@ use model_export::validate::Invalid;
 
 use super::arithmetic::{high, multiply_high_rounded, saturate, saturate_16, sigmoid, tanh};
 
-/// The memory of one layer.
+/// The memory of one layer; in this order, because the fast kernel reaches both from one address.
+#[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayerState {
-    /// Hidden state; units beyond the layer's stay zero.
-    pub hidden: [i16; MAX_UNITS],
     /// Cell state, Q1.30 of `2^cell_exponent`.
     pub cell: [i32; MAX_UNITS],
+    /// Hidden state; units beyond the layer's stay zero.
+    pub hidden: [i16; MAX_UNITS],
 }
 
 impl Default for LayerState {
@@ -58,6 +59,12 @@ impl<'a> Layer<'a> {
         &self.wire
     }
 
+    /// The cell activation.
+    #[must_use]
+    pub fn activation(&self) -> Activation {
+        self.activation
+    }
+
     /// Width of the input.
     #[must_use]
     pub fn inputs(&self) -> usize {
@@ -93,6 +100,13 @@ impl<'a> Layer<'a> {
         let input_part = i64::from(from_input).wrapping_mul(multiplier(self.wire.input_multipliers));
         let hidden_part = i64::from(from_hidden).wrapping_mul(multiplier(self.wire.recurrent_multipliers));
         high(bias.wrapping_add(input_part).wrapping_add(hidden_part))
+    }
+
+    /// New cell and hidden state of one unit from its pre-activations in gate order i, f, g, o.
+    #[cfg(not(target_os = "none"))]
+    pub(super) fn next(&self, z: [i32; 4], cell: i32) -> (i32, i16) {
+        let unit = self.update(z, cell);
+        (unit.cell, unit.hidden)
     }
 
     /// The element-wise part of one unit: pre-activations in gate order i, f, g, o and the cell state to the gates and new states.
@@ -223,7 +237,22 @@ impl Unit {
     }
 }
 
-/// Computes layers; the place where the target's fast kernel comes in, which packs the weights its own way when it is made.
+/// Makes the kernel of a network, once, when a model is loaded.
+pub trait KernelSource {
+    /// What it makes.
+    type Kernel: Kernel;
+
+    /// The kernel that computes the layers of `network` and of no other.
+    ///
+    /// # Errors
+    /// When the network is too large for the memory that its weights are packed into.
+    ///
+    /// # Deadline
+    /// Not for the tick: reads every weight.
+    fn kernel(self, network: &Network<'_>) -> Result<Self::Kernel, Invalid>;
+}
+
+/// Computes layers; the place where the target's fast kernel comes in.
 pub trait Kernel {
     /// One step of layer number `index`: reads `input` (the layer's width is used) and moves `state` on.
     ///
@@ -235,6 +264,14 @@ pub trait Kernel {
 /// Plain Rust, the same on every machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Portable;
+
+impl KernelSource for Portable {
+    type Kernel = Self;
+
+    fn kernel(self, _network: &Network<'_>) -> Result<Self, Invalid> {
+        Ok(self)
+    }
+}
 
 impl Kernel for Portable {
     fn step(&self, index: usize, layer: &Layer<'_>, input: &[i16; MAX_WIDTH], state: &mut LayerState) {

@@ -3,7 +3,7 @@
 use firmware::calibration::ConverterConfig;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
 use firmware::device::{Device, DeviceConfig, DeviceInputs, ModelPlace};
-use firmware::estimator::Portable;
+use firmware::estimator::{KernelSource, Portable};
 use firmware::model::RunningModel;
 use firmware::retain::Retained;
 use firmware::tick::{ModelStep, RigFacts, TickOutputs};
@@ -52,9 +52,7 @@ impl ModelStep for Heap {
 }
 
 impl ModelPlace for Heap {
-    type Kernel = Portable;
-
-    fn kernel(&self) -> Portable {
+    fn kernel(&mut self) -> impl KernelSource {
         Portable
     }
 
