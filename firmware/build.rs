@@ -8,5 +8,8 @@ fn main() {
         println!("cargo:rustc-link-search={}", root.display());
         println!("cargo:rustc-link-arg-bins=--nmagic");
         println!("cargo:rustc-link-arg-bins=-Tlink.x");
+        // The flashable image: its logs, and the budgets of `memory.x`.
+        println!("cargo:rustc-link-arg-bin=rig=-Tdefmt.x");
+        println!("cargo:rustc-link-arg-bin=rig=--defsym=_flashable=1");
     }
 }

@@ -1,6 +1,6 @@
 //! Firmware logic for the catheter rig: no heap, no panic, and every line of it runs on the desktop too.
 #![no_std]
-// On the microcontroller the fast kernel's file allows what is denied here; no other file of the library may.
+// On the microcontroller the fast kernel's file and the board's registers allow what is denied here; nothing else in the library may.
 #![cfg_attr(not(target_os = "none"), forbid(unsafe_code))]
 #![cfg_attr(target_os = "none", deny(unsafe_code))]
 // What can panic or narrow silently is kept out of the library; tests may.
@@ -17,6 +17,7 @@
     )
 )]
 
+pub mod board;
 pub mod calibration;
 pub mod control;
 pub mod decimate;

@@ -28,7 +28,7 @@ use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 use crate::control::SetPoint;
 use crate::model::{self, ModelFacts};
 use crate::settings::{self, STORE_KIND, STORE_VERSION, Stored};
-use crate::storage::{Flash, StorageError, Store, Upload};
+use crate::storage::{Flash, Slot, StorageError, Store, Upload};
 use crate::supervisor;
 use crate::tick::{Action, Answer, Command, RigFacts, Tick, TickConfig};
 
@@ -158,6 +158,11 @@ impl<S: Flash, M: Flash> Link<S, M> {
         self.model_store.active_payload()
     }
 
+    /// The slot it lies in.
+    pub fn model_slot(&self) -> Option<Slot> {
+        self.model_store.select().active
+    }
+
     /// The stores' flash, settings first.
     pub fn flash(&self) -> (&S, &M) {
         (self.settings_store.flash(), self.model_store.flash())
@@ -185,7 +190,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
     }
 
     /// Takes one byte from the line.
-    pub fn receive(&mut self, byte: u8, commands: &mut impl CommandSink, check_model: impl Fn(&[u8]) -> bool) -> Option<Event> {
+    pub fn receive(&mut self, byte: u8, commands: &mut impl CommandSink, check_model: impl FnMut(&[u8]) -> bool) -> Option<Event> {
         let payload = match self.decoder.push(byte)? {
             Ok(payload) => payload,
             Err(_) => {
@@ -215,7 +220,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
         self.awaited = self.awaited.saturating_sub(1);
         let Answer { token, mut reply } = answer;
         if let Some(candidate) = self.candidate.take_if(|candidate| candidate.token == token)
-            && reply == Reply::Done
+            && matches!(reply, Reply::Done)
         {
             self.settings = candidate.settings;
         }
@@ -272,7 +277,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
         &mut self,
         RequestFrame { token, request }: RequestFrame,
         commands: &mut impl CommandSink,
-        check_model: impl Fn(&[u8]) -> bool,
+        check_model: impl FnMut(&[u8]) -> bool,
     ) -> Option<Event> {
         let mut event = None;
         let outcome = match request {
@@ -338,7 +343,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
         };
         match outcome {
             Outcome::Reply(reply) => {
-                if reply == Reply::Refused(Refusal::Storage) {
+                if matches!(reply, Reply::Refused(Refusal::Storage)) {
                     // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
                     let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });
                 }
@@ -408,7 +413,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
         Ok(())
     }
 
-    fn finish_upload(&mut self, check_model: impl Fn(&[u8]) -> bool) -> Result<(), Refusal> {
+    fn finish_upload(&mut self, mut check_model: impl FnMut(&[u8]) -> bool) -> Result<(), Refusal> {
         let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
         let bytes = self.model_store.uploaded(&upload);
         // The checksum first: a damaged blob is not a wrong model.

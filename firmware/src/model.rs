@@ -24,11 +24,19 @@ pub struct ModelFacts {
     pub id: [u8; 8],
 }
 
-/// An estimator with its memory.
+/// A place for a model: an estimator, if there is one, and the memory of whatever estimator is there.
+///
+/// It stays where it is and models come and go in it, since a model with its memory is too long for a stack.
 #[derive(Debug)]
 pub struct RunningModel<'a, K: Kernel> {
-    estimator: Estimator<'a, K>,
+    estimator: Option<Estimator<'a, K>>,
     state: EstimatorState,
+}
+
+impl<K: Kernel> Default for RunningModel<'_, K> {
+    fn default() -> Self {
+        Self { estimator: None, state: EstimatorState::default() }
+    }
 }
 
 impl<'a, K: Kernel> RunningModel<'a, K> {
@@ -39,13 +47,63 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     pub fn load(bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<Self, Fault> {
         let blob = blob::decode(bytes).map_err(fault_of)?;
         let estimator = Estimator::with_kernel(&blob.model, kernel).map_err(|_| Fault::ModelUnsupported)?;
-        Ok(Self { estimator, state: EstimatorState::default() })
+        Ok(Self { estimator: Some(estimator), state: EstimatorState::default() })
+    }
+
+    /// Checks a blob as the self-test does, and lets its model in if it passes: frame, checksum, schema, sample period, golden vectors, and
+    /// that the golden vectors can fail. The model before is forgotten in any case.
+    ///
+    /// `kernel` makes the kernel to check it with: the one it will run on, so that the kernel is checked too.
+    ///
+    /// # Errors
+    /// The fault to raise.
+    ///
+    /// # Deadline
+    /// Not for the tick: up to some 1000 model steps.
+    #[inline(never)]
+    pub fn admit(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
+        self.forget();
+        let (facts, golden) = self.build(bytes, kernel)?;
+        let checked = match &self.estimator {
+            Some(estimator) => check(estimator, &mut self.state, &golden),
+            None => Err(Fault::ModelUnsupported),
+        };
+        match checked {
+            Ok(()) => {
+                self.state.reset();
+                Ok(facts)
+            }
+            Err(fault) => {
+                self.forget();
+                Err(fault)
+            }
+        }
+    }
+
+    /// Leaves the place empty.
+    pub fn forget(&mut self) {
+        self.estimator = None;
+    }
+
+    /// The estimator of a blob. A function of its own, so that the decoded blob is off the stack before the vectors are replayed.
+    #[inline(never)]
+    fn build(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<(ModelFacts, Golden<'a>), Fault> {
+        let blob = blob::decode(bytes).map_err(fault_of)?;
+        let model = &blob.model;
+        let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
+        let units_fit = model.input.unit == "bar" && model.output.unit == "mm";
+        if !units_fit {
+            return Err(Fault::ModelUnsupported);
+        }
+        self.estimator = Some(Estimator::with_kernel(model, kernel).map_err(|_| Fault::ModelUnsupported)?);
+        let id = blob.content_hash.first_chunk::<8>().copied().unwrap_or_default();
+        Ok((ModelFacts { period, id }, model.golden.clone()))
     }
 }
 
 impl<K: Kernel> ModelStep for RunningModel<'_, K> {
     fn step(&mut self, pressure_bar: f32) -> f32 {
-        self.estimator.step(&mut self.state, pressure_bar).value
+        self.estimator.as_ref().map_or(f32::NAN, |estimator| estimator.step(&mut self.state, pressure_bar).value)
     }
 
     fn reset(&mut self) {
@@ -53,36 +111,24 @@ impl<K: Kernel> ModelStep for RunningModel<'_, K> {
     }
 }
 
-/// Checks a blob as the self-test does: frame, checksum, schema, sample period, golden vectors, and that the golden vectors can fail.
-///
-/// `kernel` makes the kernel to check it with: the one it will run on, so that the kernel is checked too.
+/// Checks a blob in a place of its own: [`RunningModel::admit`].
 ///
 /// # Errors
 /// The fault to raise.
-///
-/// # Deadline
-/// Not for the tick: up to some 1000 model steps.
 pub fn examine(bytes: &[u8], kernel: impl KernelSource) -> Result<ModelFacts, Fault> {
-    let blob = blob::decode(bytes).map_err(fault_of)?;
-    let model = &blob.model;
-    let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
-    let units_fit = model.input.unit == "bar" && model.output.unit == "mm";
-    if !units_fit {
-        return Err(Fault::ModelUnsupported);
-    }
-    let estimator = Estimator::with_kernel(model, kernel).map_err(|_| Fault::ModelUnsupported)?;
-    if !estimator.replay(&model.golden).passed() {
+    RunningModel::default().admit(bytes, kernel)
+}
+
+#[inline(never)]
+fn check<K: Kernel>(estimator: &Estimator<'_, K>, state: &mut EstimatorState, golden: &Golden<'_>) -> Result<(), Fault> {
+    if !estimator.replay_in(state, golden).passed() {
         return Err(Fault::GoldenMismatch);
     }
-    if !corrupted_vectors_fail(&estimator, &model.golden) {
-        return Err(Fault::SelfTestBlind);
-    }
-    let id = blob.content_hash.first_chunk::<8>().copied().unwrap_or_default();
-    Ok(ModelFacts { period, id })
+    if corrupted_vectors_fail(estimator, state, golden) { Ok(()) } else { Err(Fault::SelfTestBlind) }
 }
 
 /// Whether both halves of the golden check notice a fault that was put in on purpose.
-fn corrupted_vectors_fail<K: Kernel>(estimator: &Estimator<'_, K>, golden: &Golden<'_>) -> bool {
+fn corrupted_vectors_fail<K: Kernel>(estimator: &Estimator<'_, K>, state: &mut EstimatorState, golden: &Golden<'_>) -> bool {
     const SAMPLES_BYTES: usize = 64;
     let length = golden.output.len().min(golden.input.len()).min(SAMPLES_BYTES);
     let mut output = [0; SAMPLES_BYTES];
@@ -95,7 +141,7 @@ fn corrupted_vectors_fail<K: Kernel>(estimator: &Estimator<'_, K>, golden: &Gold
     *last = (right + change).to_le_bytes();
     let wrong_value = Golden { input, output, ..*golden };
     let wrong_digest = Golden { digest: golden.digest ^ 1, ..*golden };
-    !estimator.replay(&wrong_value).within_tolerance && !estimator.replay(&wrong_digest).same_bits
+    !estimator.replay_in(state, &wrong_value).within_tolerance && !estimator.replay_in(state, &wrong_digest).same_bits
 }
 
 /// A sample period as whole ticks, if it is that to within a millionth.

@@ -15,6 +15,11 @@ pub struct RawSample {
     pub pressure_code: u16,
 }
 
+impl RawSample {
+    /// No conversion came: a code above every converter's full scale, which no calibration takes for a measurement.
+    pub const MISSING: Self = Self { laser_code: u16::MAX, pressure_code: u16::MAX };
+}
+
 /// Where samples come from: on the board the injected conversions of the ADC.
 pub trait SampleSource {
     /// The newest sample. Never blocks; the tick is started by the end of the conversion.

@@ -32,8 +32,8 @@ impl ClockCheck {
 /// What the board hands to the self-test.
 #[derive(Clone, Copy, Debug)]
 pub struct SelfTest<'a> {
-    /// The program in flash and the CRC-32 it was linked with.
-    pub program: &'a [u8],
+    /// The program in flash, piece by piece, and the CRC-32 over all of it that it was sealed with.
+    pub program: &'a [&'a [u8]],
     /// See `program`.
     pub program_crc32: u32,
     /// The clock; `None` where there is only one oscillator to ask, as in the emulator.
@@ -65,7 +65,8 @@ impl SelfTest<'_> {
     /// Not for the tick: replays all golden vectors twice.
     pub fn run(&self, kernel: impl KernelSource) -> Report {
         let mut faults = FaultSet::EMPTY;
-        faults.insert_if(crc32(0, self.program) != self.program_crc32, Fault::FlashCorrupt);
+        let program_crc32 = self.program.iter().fold(0, |crc, piece| crc32(crc, piece));
+        faults.insert_if(program_crc32 != self.program_crc32, Fault::FlashCorrupt);
         faults.insert_if(self.clock.is_some_and(|clock| !clock.agrees()), Fault::ClockInaccurate);
         let model = match self.model.map(|bytes| examine(bytes, kernel)) {
             Some(Ok(facts)) => Some(facts),

@@ -1,14 +1,14 @@
 //! Settings in flash: pairs of number and value, so that firmware versions that know other settings still read the rest.
 
 use heapless::Vec;
-use model_export::link::settings::{INFO, SettingValue, Settings};
+use model_export::link::settings::{NUMBERS, SettingValue, Settings};
 
 /// Kind of a settings slot.
 pub const STORE_KIND: u16 = 0x5345;
 /// Version of the encoding.
 pub const STORE_VERSION: u16 = 1;
 /// Longest encoding: up to nine bytes an entry, and the count.
-pub const MAX_BYTES: usize = 9 * INFO.len() + 4;
+pub const MAX_BYTES: usize = 9 * NUMBERS.len() + 4;
 
 /// Settings as they came out of flash.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,8 +27,8 @@ pub struct Stored {
 pub fn encode(settings: &Settings) -> Option<Vec<u8, MAX_BYTES>> {
     let mut bytes = Vec::new();
     let mut buffer = [0; 16];
-    for info in INFO {
-        let entry = (info.number, settings.get(info.number)?);
+    for number in NUMBERS {
+        let entry = (*number, settings.get(*number)?);
         bytes.extend_from_slice(postcard::to_slice(&entry, &mut buffer).ok()?).ok()?;
     }
     Some(bytes)

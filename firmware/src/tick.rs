@@ -160,6 +160,16 @@ pub struct TickInputs {
     pub telemetry_dropped: u32,
 }
 
+/// Which of the board's two outputs drives the valve; the other one stays at zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ValveOutput {
+    /// A voltage.
+    #[default]
+    Analogue,
+    /// A pulse width.
+    PulseWidth,
+}
+
 /// What comes out of a tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TickOutputs {
@@ -210,6 +220,7 @@ pub struct Tick {
     limiter: Limiter,
     over_pressure_bar: f32,
     valve_full_scale_ubar: u32,
+    valve_output: ValveOutput,
     host_timeout_ticks: u16,
     maximum_late_ticks: u16,
     telemetry_period_ticks: u16,
@@ -294,6 +305,7 @@ impl TickConfig<'_> {
             limiter,
             over_pressure_bar,
             valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent(50))?,
+            valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
             host_timeout_ticks: narrow(settings.host_timeout_ms),
             maximum_late_ticks: narrow(settings.maximum_late_ticks),
             telemetry_period_ticks: period(settings.telemetry_period_ms, 80)?.get(),
@@ -320,6 +332,11 @@ impl Tick {
     /// The pressure sensor's checks.
     pub fn pressure(&self) -> &Sensor {
         &self.pressure
+    }
+
+    /// What drives the valve.
+    pub fn valve_output(&self) -> ValveOutput {
+        self.valve_output
     }
 
     fn valve_share(&self, output: MicroBar) -> u16 {
@@ -614,7 +631,7 @@ impl Rig {
         self.tick = tick;
         self.state.laser = SensorState::default();
         self.state.pressure = SensorState::default();
-        self.state.controller = ControllerState::default();
+        self.state.controller.clear();
         self.realign();
     }
 

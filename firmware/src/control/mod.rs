@@ -122,6 +122,15 @@ pub struct ControllerState {
     pub set_point: PressureSetPointState,
 }
 
+impl ControllerState {
+    /// Forgets everything, in place.
+    pub fn clear(&mut self) {
+        let Self { playback, set_point } = self;
+        playback.clear();
+        *set_point = PressureSetPointState::default();
+    }
+}
+
 impl ControlLaw for Controller {
     type State = ControllerState;
 

@@ -53,7 +53,11 @@ impl PlaybackConfig {
 impl PlaybackState {
     /// Forgets buffer and index.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        // In place: a fresh buffer would be built on the stack of the tick first.
+        let Self { points_bar, next_index, has_end, index, in_force_bar, ticks_left, begun } = self;
+        points_bar.clear();
+        (*next_index, *has_end, *index) = (0, false, 0);
+        (*in_force_bar, *ticks_left, *begun) = (0.0, 0, false);
     }
 
     /// Index the next chunk must begin with.

@@ -59,7 +59,12 @@ impl Default for EstimatorState {
 impl EstimatorState {
     /// Forgets everything: the next sample starts from its equilibrium.
     pub fn reset(&mut self) {
-        *self = Self::default();
+        // In place: a fresh one would be built on the stack of the tick first.
+        let Self { front_end, network, window, stuck } = self;
+        front_end.reset();
+        network.reset();
+        window.values.fill(0);
+        (window.oldest, window.filled, *stuck) = (0, false, None);
     }
 
     /// The front end's memory.
@@ -205,15 +210,20 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     }
 
     /// Replays golden vectors from the reset state.
+    #[must_use]
+    pub fn replay(&self, golden: &schema::Golden<'_>) -> GoldenReplay {
+        self.replay_in(&mut EstimatorState::default(), golden)
+    }
+
+    /// Replays golden vectors from the reset state, in memory of the caller's.
     ///
     /// # Deadline
     /// Not for the control tick: up to 512 steps.
-    #[must_use]
-    pub fn replay(&self, golden: &schema::Golden<'_>) -> GoldenReplay {
-        let mut state = EstimatorState::default();
+    pub fn replay_in(&self, state: &mut EstimatorState, golden: &schema::Golden<'_>) -> GoldenReplay {
+        state.reset();
         let (mut worst, mut digest, mut samples) = (0.0f32, 0, 0);
         for (input, expected) in golden.input.as_chunks().0.iter().zip(golden.output.as_chunks().0) {
-            let value = self.step(&mut state, f32::from_le_bytes(*input)).value;
+            let value = self.step(state, f32::from_le_bytes(*input)).value;
             let difference = (value - f32::from_le_bytes(*expected)).abs();
             worst = if difference > worst { difference } else { worst };
             digest = crc32(digest, &value.to_le_bytes());

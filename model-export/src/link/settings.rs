@@ -121,6 +121,9 @@ macro_rules! settings {
             meaning: $meaning,
         },)*];
 
+        /// The numbers of all settings, ascending: what a device needs of [`INFO`] without its texts.
+        pub const NUMBERS: &[u16] = &[$($number,)*];
+
         impl Settings {
             /// The value of the setting with this number.
             pub fn get(&self, number: u16) -> Option<SettingValue> {
@@ -247,9 +250,9 @@ pub fn by_number(number: u16) -> Option<&'static SettingInfo> {
 impl Settings {
     /// Numbers and values of the settings that differ from `other`, with `other`'s value behind.
     pub fn differences<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = (u16, SettingValue, SettingValue)> + 'a {
-        INFO.iter().filter_map(|info| {
-            let (mine, theirs) = (self.get(info.number)?, other.get(info.number)?);
-            (mine != theirs).then_some((info.number, mine, theirs))
+        NUMBERS.iter().filter_map(|number| {
+            let (mine, theirs) = (self.get(*number)?, other.get(*number)?);
+            (mine != theirs).then_some((*number, mine, theirs))
         })
     }
 }

@@ -1,0 +1,288 @@
+//! The flashable image: the rig on the board.
+//!
+//! | task | priority | does |
+//! |---|---|---|
+//! | `supply_falls` (PVD) | 5 | vents, remembers, starts again |
+//! | `serial` (USART1) | 4 | moves bytes between line and queues |
+//! | `guard` (SysTick) | 4 | counts periods; starts a tick that the sampling did not start |
+//! | `tick` (ADC) | 3 | everything the rig does in a millisecond |
+//! | `idle` | - | link, storage, self-test, logs |
+//!
+//! The crystal's failure (NMI), a panic and a hard fault vent first and start again; the next start tells.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod image {
+    use core::panic::PanicInfo;
+
+    use cortex_m_rt::exception;
+    use defmt_rtt as _;
+    use firmware::board::chip::crash;
+    use firmware::board::exchange::Exchange;
+    use model_export::link::fault::Fault;
+
+    firmware::board_entry!();
+
+    static EXCHANGE: Exchange = Exchange::new();
+
+    defmt::timestamp!("{=u32:ms}", EXCHANGE.periods());
+
+    #[panic_handler]
+    fn panic(information: &PanicInfo<'_>) -> ! {
+        crash::vent_and_remember(Fault::Panicked);
+        if let Some(location) = information.location() {
+            defmt::error!("panicked at {=str}:{=u32}", location.file(), location.line());
+        }
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+
+    /// Goes on from the hard fault's entry, on a fresh stack.
+    #[unsafe(no_mangle)]
+    extern "C" fn hard_fault_on_fresh_stack() -> ! {
+        crash::crash(Fault::HardFault)
+    }
+
+    /// The clock security system: the crystal stopped (RM0090 section 7.2.7).
+    #[exception]
+    unsafe fn NonMaskableInt() -> ! {
+        crash::crash(Fault::ClockFailed)
+    }
+
+    /// An interrupt that nobody enabled.
+    #[exception]
+    unsafe fn DefaultHandler(_number: i16) -> ! {
+        crash::crash(Fault::HardFault)
+    }
+
+    #[rtic::app(device = firmware::board::chip::pac, peripherals = true)]
+    mod app {
+        use core::mem::MaybeUninit;
+
+        use firmware::board::background::{Background, BackgroundQueues, Facts};
+        use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
+        use firmware::board::chip::flash::Controller;
+        use firmware::board::chip::models::{BoardModel, Room, Tenant};
+        use firmware::board::chip::pac::{Interrupt, PWR};
+        use firmware::board::chip::pins::{DumpPin, StopPin};
+        use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
+        use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
+        use firmware::board::chip::{clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
+        use firmware::board::clock::Source;
+        use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue};
+        use firmware::board::flash::InternalFlash;
+        use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
+        use firmware::board::tick_task::{Hands, TickQueues, TickTask};
+        use firmware::link::{Link, LinkConfig};
+        use firmware::seam::PwmValve;
+        use firmware::tick::{BootReport, Rig, TickConfig};
+        use model_export::link::fault::{Fault, FaultSet};
+
+        use super::EXCHANGE;
+
+        /// Rounds of the background between two looks at the stack.
+        const ROUNDS_PER_STACK_LOOK: u32 = 1024;
+
+        type BoardHands = Hands<
+            Sampler,
+            AnalogueDrive,
+            PwmValve<PulseDrive>,
+            DumpPin,
+            StopPin,
+            watchdog::Timer,
+            Cycles,
+            crash::Keeper,
+        >;
+
+        #[shared]
+        struct Shared {
+            tenant: Tenant,
+        }
+
+        #[local]
+        struct Local {
+            task: TickTask<'static, BoardHands>,
+            background: Background<'static, InternalFlash<Controller>, InternalFlash<Controller>>,
+            line: SerialLine,
+            port: Port,
+            place: &'static mut BoardModel,
+            power: PWR,
+            ticks_seen: u32,
+        }
+
+        #[init(local = [
+            commands: CommandQueue = CommandQueue::new(),
+            answers: AnswerQueue = AnswerQueue::new(),
+            telemetry: TelemetryQueue = TelemetryQueue::new(),
+            receive: ReceiveQueue = ReceiveQueue::new(),
+            transmit: TransmitQueue = TransmitQueue::new(),
+            home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+            program: [&'static [u8]; 4] = [&[]; 4],
+        ])]
+        fn init(context: init::Context) -> (Shared, Local) {
+            let device = context.device;
+            let mut core = context.core;
+            let rcc = &device.RCC;
+
+            // Why are we here, and in what time.
+            let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits());
+            rcc.csr().modify(|_, w| w.rmvf().set_bit());
+            let retained = crash::take();
+            let clock = firmware::board::clock::start(&mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 });
+            let rates = clock.source.rates();
+            let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
+
+            // Hands, all of them at rest.
+            let (dump_valve, emergency_stop) = pins::set_up(rcc, &device.GPIOA, device.GPIOB);
+            let analogue = AnalogueDrive::new(rcc, device.DAC);
+            let pulse = PulseDrive::new(rcc, device.TIM3);
+            let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
+            boot_faults.insert_if(!watchdog_lives, Fault::ClockInaccurate);
+            boot_faults.insert_if(supply::start(rcc, &device.PWR, &device.EXTI), Fault::BrownOut);
+            let mut sampler = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
+            let milliseconds = Milliseconds::start(rcc, device.TIM5, rates);
+            let (port, line) = uart::start(rcc, device.USART1, rates, context.local.receive, context.local.transmit);
+
+            // SAFETY: both controllers go into the link, which runs in the background alone.
+            let controller = || unsafe { Controller::new(milliseconds, &EXCHANGE) };
+            let link = Link::new(
+                LinkConfig {
+                    firmware: [
+                        version(env!("CARGO_PKG_VERSION_MAJOR")),
+                        version(env!("CARGO_PKG_VERSION_MINOR")),
+                        version(env!("CARGO_PKG_VERSION_PATCH")),
+                    ],
+                    board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
+                    reset_cause,
+                    previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
+                    facts: FACTS,
+                },
+                InternalFlash::new(controller(), SETTINGS_SECTORS),
+                InternalFlash::new(controller(), MODEL_SECTORS),
+            );
+            let boot = BootReport { reset_cause, faults: boot_faults.union(link.boot_faults()) };
+            // The link's settings go together, and so do the defaults; a test holds the latter.
+            let Ok(tick) = (TickConfig { settings: link.settings(), facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
+            let rig = Rig::new(tick, boot);
+
+            let (commands_in, commands_out) = context.local.commands.split();
+            let (answers_in, answers_out) = context.local.answers.split();
+            let (telemetry_in, telemetry_out) = context.local.telemetry.split();
+            let hands = Hands {
+                source: {
+                    sampler.begin();
+                    sampler
+                },
+                analogue,
+                pulse,
+                dump_valve,
+                emergency_stop,
+                watchdog,
+                counter: Cycles::start(&mut core.DCB, core.DWT),
+                // SAFETY: the only one.
+                keeper: unsafe { crash::Keeper::new() },
+            };
+            let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
+            let task = TickTask::new(rig, hands, queues, &EXCHANGE, rates.cycles_per_tick());
+
+            let mut standing = clock.faults;
+            standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
+            let program_crc32 = match memory::seal() {
+                Some(crc32) => {
+                    *context.local.program = memory::program();
+                    crc32
+                }
+                // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
+                None => {
+                    standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
+                    0
+                }
+            };
+            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
+            let background = Background::new(link, facts, queues, &EXCHANGE);
+
+            log_start(clock.source, boot.faults);
+            sampling::start_guard(&mut core.SYST, rates);
+            (
+                Shared { tenant: Tenant::none() },
+                Local { task, background, line, port, place: context.local.home.write(BoardModel::default()), power: device.PWR, ticks_seen: 0 },
+            )
+        }
+
+        #[idle(local = [background, line, place], shared = [tenant])]
+        fn idle(context: idle::Context) -> ! {
+            let idle::LocalResources { background, line, place, .. } = context.local;
+            // SAFETY: the only room; the background holds the slot of a model while it is in use.
+            let mut room = unsafe { Room::new(context.shared.tenant, place) };
+            let mut state = EXCHANGE.state();
+            let mut stack_unused_bytes = memory::stack_unused_bytes();
+            for round in 1u32.. {
+                background.step(line, &mut room, stack_unused_bytes);
+                if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
+                    stack_unused_bytes = memory::stack_unused_bytes();
+                }
+                if EXCHANGE.state() != state {
+                    state = EXCHANGE.state();
+                    defmt::info!("state {=u8}", state_number(state));
+                }
+            }
+            // Unreachable in practice: the counter wraps in release builds and would panic in others.
+            crash::crash(Fault::Panicked)
+        }
+
+        #[task(binds = ADC, priority = 3, local = [task], shared = [tenant])]
+        fn tick(mut context: tick::Context) {
+            let task = context.local.task;
+            context.shared.tenant.lock(|tenant| task.run(tenant));
+        }
+
+        #[task(binds = SysTick, priority = 4, local = [ticks_seen])]
+        fn guard(context: guard::Context) {
+            EXCHANGE.add_periods(1);
+            let ticks = EXCHANGE.ticks();
+            if ticks == *context.local.ticks_seen {
+                // The sampling did not start a tick: this one finds no sample.
+                rtic::pend(Interrupt::ADC);
+            }
+            *context.local.ticks_seen = ticks;
+        }
+
+        #[task(binds = USART1, priority = 4, local = [port])]
+        fn serial(context: serial::Context) {
+            context.local.port.interrupt();
+        }
+
+        #[task(binds = PVD, priority = 5, local = [power])]
+        fn supply_falls(context: supply_falls::Context) {
+            supply::fell(context.local.power);
+        }
+
+        /// A part of the version, which Cargo guarantees to be a number.
+        const fn version(part: &str) -> u16 {
+            match u16::from_str_radix(part, 10) {
+                Ok(number) => number,
+                Err(_) => u16::MAX,
+            }
+        }
+
+        fn state_number(state: model_export::link::state::State) -> u8 {
+            model_export::link::state::State::ALL.iter().zip(0u8..).find(|(candidate, _)| **candidate == state).map_or(0, |(_, number)| number)
+        }
+
+        fn log_start(source: Source, faults: FaultSet) {
+            match source {
+                Source::Crystal => defmt::info!("168 MHz from the crystal"),
+                Source::InternalFast => defmt::warn!("168 MHz from the internal oscillator"),
+                Source::Internal => defmt::warn!("16 MHz from the internal oscillator"),
+            }
+            for fault in faults.iter() {
+                defmt::error!("E{=u8:03}", fault.number());
+            }
+        }
+    }
+}
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("this program runs on the microcontroller: `cargo xtask firmware` builds it, `cargo xtask flash` flashes it");
+}

@@ -1,0 +1,124 @@
+//! The clock's registers: RCC, and TIM11 to count the crystal (RM0090 sections 7.3, 3.9.1 and 19.5).
+
+use stm32f4::stm32f405::{FLASH, RCC, TIM11};
+
+use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
+use crate::board::hardware::{
+    CRYSTAL_HZ, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_48_MHZ_DIVIDER, PLL_INPUT_HZ, PLL_MULTIPLIER,
+};
+
+/// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
+const CRYSTAL_DIVIDER: u8 = 31;
+const EVENTS_PER_CAPTURE: u32 = 8;
+const CAPTURES: u32 = COUNTED_PERIODS / (EVENTS_PER_CAPTURE * CRYSTAL_DIVIDER as u32);
+/// Polls for one capture, many times what the slowest crystal needs.
+const CAPTURE_POLLS: u32 = 10_000;
+
+/// The registers while the clock starts.
+pub struct Registers<'a> {
+    /// Reset and clock control.
+    pub rcc: &'a RCC,
+    /// Wait states.
+    pub flash: &'a FLASH,
+    /// Counts the crystal.
+    pub timer: &'a TIM11,
+}
+
+impl Registers<'_> {
+    /// Waits for a capture and gives its value; `None` without one in time, or if one was missed.
+    fn capture(&self) -> Option<u16> {
+        let captured = wait(CAPTURE_POLLS, || self.timer.sr().read().cc1if().bit_is_set());
+        let missed = self.timer.sr().read().cc1of().bit_is_set();
+        // Reading the value clears the flag.
+        let value = self.timer.ccr1().read().ccr().bits();
+        (captured && !missed).then_some(value)
+    }
+}
+
+impl ClockTree for Registers<'_> {
+    fn start_crystal(&mut self) {
+        self.rcc.cr().modify(|_, w| w.hsebyp().clear_bit().hseon().set_bit());
+    }
+
+    fn crystal_is_ready(&mut self) -> bool {
+        self.rcc.cr().read().hserdy().bit_is_set()
+    }
+
+    fn count_crystal(&mut self) -> Option<u32> {
+        // SAFETY: 31 is a divider the field has (RM0090 section 7.3.3).
+        self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(CRYSTAL_DIVIDER) });
+        self.rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
+        self.rcc.apb2rstr().modify(|_, w| w.tim11rst().set_bit());
+        self.rcc.apb2rstr().modify(|_, w| w.tim11rst().clear_bit());
+        // SAFETY: values of the manual: input 1 is the divided crystal (RMP = 10); input 1 to channel 1 (CC1S = 01), a capture every eighth
+        // event (IC1PSC = 11), no filter; counting through all 16 bits.
+        unsafe {
+            self.timer.or().write(|w| w.rmp().bits(0b10));
+            self.timer.ccmr1_input().write(|w| w.bits(0b1101));
+            self.timer.arr().write(|w| w.bits(0xffff));
+        }
+        self.timer.ccer().write(|w| w.cc1e().set_bit());
+        self.timer.cr1().write(|w| w.cen().set_bit());
+        // The first capture is early by the prescaler's start.
+        let counted = self.capture().and_then(|_| self.capture()).and_then(|first| {
+            let mut last = first;
+            for _ in 0..CAPTURES {
+                last = self.capture()?;
+            }
+            Some(u32::from(last.wrapping_sub(first)))
+        });
+        self.timer.cr1().write(|w| w.cen().clear_bit());
+        self.rcc.apb2enr().modify(|_, w| w.tim11en().clear_bit());
+        counted
+    }
+
+    fn stop_crystal(&mut self) {
+        self.rcc.cr().modify(|_, w| w.hseon().clear_bit());
+    }
+
+    fn start_pll(&mut self, from_crystal: bool) {
+        let input_hz = if from_crystal { CRYSTAL_HZ } else { INTERNAL_HZ };
+        let divider = u8::try_from(input_hz / PLL_INPUT_HZ).unwrap_or(u8::MAX);
+        self.rcc.cr().modify(|_, w| w.pllon().clear_bit());
+        // SAFETY: dividers and multiplier within the fields' ranges (RM0090 section 7.3.2), checked where they are defined.
+        self.rcc.pllcfgr().modify(|_, w| unsafe {
+            w.pllsrc().bit(from_crystal).pllm().bits(divider).plln().bits(PLL_MULTIPLIER).pllp().div2().pllq().bits(PLL_48_MHZ_DIVIDER)
+        });
+        self.rcc.cr().modify(|_, w| w.pllon().set_bit());
+    }
+
+    fn pll_is_ready(&mut self) -> bool {
+        self.rcc.cr().read().pllrdy().bit_is_set()
+    }
+
+    fn stop_pll(&mut self) {
+        self.rcc.cr().modify(|_, w| w.pllon().clear_bit());
+    }
+
+    fn prepare_fast(&mut self) {
+        self.flash.acr().modify(|_, w| w.latency().ws5().prften().set_bit().icen().set_bit().dcen().set_bit());
+        self.rcc.cfgr().modify(|_, w| w.hpre().div1().ppre1().div4().ppre2().div2());
+    }
+
+    fn is_prepared(&mut self) -> bool {
+        let bus = self.rcc.cfgr().read();
+        self.flash.acr().read().latency().bits() == FLASH_WAIT_STATES && bus.ppre1().is_div4() && bus.ppre2().is_div2()
+    }
+
+    fn select_pll(&mut self, pll: bool) {
+        if pll {
+            self.rcc.cfgr().modify(|_, w| w.sw().pll());
+        } else {
+            // The wait states may stay: too many are only slow.
+            self.rcc.cfgr().modify(|_, w| w.sw().hsi().ppre1().div1().ppre2().div1());
+        }
+    }
+
+    fn runs_from_pll(&mut self) -> bool {
+        self.rcc.cfgr().read().sws().is_pll()
+    }
+
+    fn watch_crystal(&mut self) {
+        self.rcc.cr().modify(|_, w| w.csson().set_bit());
+    }
+}

@@ -1,0 +1,95 @@
+//! The flash controller's registers (RM0090 section 3.9).
+
+use core::ptr;
+
+use stm32f4::stm32f405::FLASH;
+
+use crate::board::background::Hold;
+use crate::board::chip::sampling::Milliseconds;
+use crate::board::exchange::Exchange;
+use crate::board::flash::{FlashController, InternalFlash, control};
+use crate::storage::Slot;
+
+/// The controller. Both pairs of slots have one; they run in the background only, one operation at a time.
+#[derive(Debug)]
+pub struct Controller {
+    clock: Milliseconds,
+    exchange: &'static Exchange,
+}
+
+impl Controller {
+    /// A controller that books the time in which the processor stood still.
+    ///
+    /// # Safety
+    /// All controllers must be used from one context that does not interrupt itself.
+    pub const unsafe fn new(clock: Milliseconds, exchange: &'static Exchange) -> Self {
+        Self { clock, exchange }
+    }
+
+    fn registers(&self) -> &stm32f4::stm32f405::flash::RegisterBlock {
+        // SAFETY: the registers exist for ever; nobody else writes to them after the clock has started, by the contract of `new`.
+        unsafe { &*FLASH::ptr() }
+    }
+}
+
+impl FlashController for Controller {
+    fn status(&mut self) -> u32 {
+        self.registers().sr().read().bits()
+    }
+
+    fn clear_status(&mut self, flags: u32) {
+        // SAFETY: writing ones clears flags and does nothing else.
+        self.registers().sr().write(|w| unsafe { w.bits(flags) });
+    }
+
+    fn write_key(&mut self, key: u32) {
+        // SAFETY: one of the two keys.
+        self.registers().keyr().write(|w| unsafe { w.bits(key) });
+    }
+
+    fn control(&mut self) -> u32 {
+        self.registers().cr().read().bits()
+    }
+
+    fn set_control(&mut self, bits: u32) {
+        let before_ms = self.clock.now();
+        // SAFETY: a value of the sequences in `board::flash`, which touch their own sectors only.
+        self.registers().cr().write(|w| unsafe { w.bits(bits) });
+        if bits & control::START != 0 {
+            // Wait here, so that the time is booked where it passed. Only one of the lost SysTick interrupts is pending.
+            while_busy(self.registers());
+            self.exchange.add_periods(self.clock.now().wrapping_sub(before_ms).saturating_sub(1));
+        }
+    }
+
+    fn write_word(&mut self, address: u32, word: u32) {
+        // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::program`; no reference into that sector is
+        // alive, since the driver is borrowed mutably and what is lent out is held.
+        unsafe { ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word) };
+    }
+
+    fn flush_caches(&mut self) {
+        let acr = self.registers().acr();
+        let before = acr.read();
+        acr.modify(|_, w| w.icen().clear_bit().dcen().clear_bit());
+        acr.modify(|_, w| w.icrst().set_bit().dcrst().set_bit());
+        acr.modify(|_, w| w.icrst().clear_bit().dcrst().clear_bit());
+        acr.modify(|_, w| w.icen().bit(before.icen().bit()).dcen().bit(before.dcen().bit()));
+    }
+
+    fn mapped(&self, address: u32, length: usize) -> &[u8] {
+        // SAFETY: flash is mapped and readable for ever, and changes only through `write_word` and `set_control`, which borrow mutably.
+        unsafe { core::slice::from_raw_parts(ptr::with_exposed_provenance::<u8>(address as usize), length) }
+    }
+}
+
+fn while_busy(registers: &stm32f4::stm32f405::flash::RegisterBlock) {
+    // The processor stops at an instruction from flash anyway; the bound is for a controller that never finishes.
+    crate::board::clock::wait(1_000_000, || registers.sr().read().bsy().bit_is_clear());
+}
+
+impl Hold for InternalFlash<Controller> {
+    fn hold(&self, slot: Option<Slot>) {
+        InternalFlash::hold(self, slot);
+    }
+}

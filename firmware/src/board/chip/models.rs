@@ -1,0 +1,100 @@
+//! Where models run: a place in RAM that the background fills and lends to the tick, with the weights in the core-coupled memory.
+
+use core::mem::MaybeUninit;
+
+use model_export::link::fault::Fault;
+use rtic::Mutex;
+
+use crate::board::background::ModelRoom;
+use crate::estimator::{MAX_PACKED_WORDS, Packed};
+use crate::model::{ModelFacts, RunningModel};
+use crate::tick::ModelStep;
+
+/// A place for a model as the board runs it.
+pub type BoardModel = RunningModel<'static, Packed<'static>>;
+
+/// Weights in the order in which the kernel reads them. Start-up code does not touch this memory, and nobody does where it is missing: no
+/// model is let in before everything else has passed.
+#[unsafe(link_section = ".ccm")]
+static mut WEIGHTS: MaybeUninit<[u32; MAX_PACKED_WORDS]> = MaybeUninit::uninit();
+
+/// The tick's side: a model while there is one.
+#[derive(Debug, Default)]
+pub struct Tenant(Option<&'static mut BoardModel>);
+
+impl Tenant {
+    /// Without a model.
+    pub const fn none() -> Self {
+        Self(None)
+    }
+}
+
+impl ModelStep for Tenant {
+    fn step(&mut self, pressure_bar: f32) -> f32 {
+        self.0.as_mut().map_or(f32::NAN, |model| model.step(pressure_bar))
+    }
+
+    fn reset(&mut self) {
+        if let Some(model) = &mut self.0 {
+            model.reset();
+        }
+    }
+}
+
+/// The background's side.
+#[derive(Debug)]
+pub struct Room<X> {
+    tenant: X,
+    place: Option<&'static mut BoardModel>,
+}
+
+impl<X: Mutex<T = Tenant>> Room<X> {
+    /// Over the tick's resource and the place for a model.
+    ///
+    /// # Safety
+    /// One room for the whole program, and a blob's bytes must not change from [`ModelRoom::install`] to [`ModelRoom::retire`].
+    pub const unsafe fn new(tenant: X, place: &'static mut BoardModel) -> Self {
+        Self { tenant, place: Some(place) }
+    }
+
+    #[inline(never)]
+    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+        self.retire();
+        let Some(place) = &mut self.place else { return Err(Fault::InternalInconsistent) };
+        // SAFETY: mapped flash, which is readable for ever. The model that reads it goes in `retire` at the latest, until when nobody
+        // changes it, by the contract of `new`.
+        let blob: &'static [u8] = unsafe { core::slice::from_raw_parts(blob.as_ptr(), blob.len()) };
+        // SAFETY: the only access to this memory, by the only room. The model that had it before has just gone. Zeroed, hence initialised.
+        let weights = unsafe {
+            let words = (&raw mut WEIGHTS).cast::<u32>();
+            words.write_bytes(0, MAX_PACKED_WORDS);
+            core::slice::from_raw_parts_mut(words, MAX_PACKED_WORDS)
+        };
+        place.admit(blob, weights)
+    }
+}
+
+impl<X: Mutex<T = Tenant>> ModelRoom for Room<X> {
+    fn examine(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+        let facts = self.admit(blob);
+        self.retire();
+        facts
+    }
+
+    fn retire(&mut self) {
+        if let Some(place) = self.tenant.lock(|tenant| tenant.0.take()) {
+            self.place = Some(place);
+        }
+        if let Some(place) = &mut self.place {
+            place.forget();
+        }
+    }
+
+    fn install(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+        let facts = self.admit(blob)?;
+        if let Some(place) = self.place.take() {
+            self.tenant.lock(|tenant| tenant.0 = Some(place));
+        }
+        Ok(facts)
+    }
+}

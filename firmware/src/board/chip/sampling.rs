@@ -1,0 +1,131 @@
+//! Sampling: TIM2 triggers four injected conversions of ADC1 a millisecond (RM0090 sections 13.13, 18.4); SysTick watches that it does.
+
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{DCB, DWT, SYST};
+use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
+
+use crate::board::hardware::{Rates, SAMPLING_SEQUENCE};
+use crate::board::tick_task::CycleCounter;
+use crate::seam::{RawSample, SampleSource};
+
+/// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
+const TRIGGER_TIM2_TRGO: u8 = 0b0011;
+/// Code of a sampling time of 84 ADC cycles (RM0090 section 13.13.5).
+const SAMPLING_84_CYCLES: u8 = 0b100;
+
+/// The converter.
+pub struct Sampler {
+    converter: ADC1,
+    timer: TIM2,
+}
+
+impl Sampler {
+    /// Sets up converter and timer; sampling begins with [`Self::begin`].
+    pub fn new(rcc: &RCC, converter: ADC1, common: &ADC_COMMON, timer: TIM2, rates: Rates) -> Self {
+        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
+        rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
+        common.ccr().modify(|_, w| w.adcpre().div4());
+        let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|channel| channel as u8);
+        // SAFETY: channel numbers and codes of the manual, in fields of their width.
+        unsafe {
+            converter.smpr2().modify(|_, w| w.smp0().bits(SAMPLING_84_CYCLES).smp1().bits(SAMPLING_84_CYCLES));
+            // Four conversions (JL = 3), so JSQ1 is the first (RM0090 section 13.13.12).
+            converter.jsqr().write(|w| w.jl().bits(3).jsq1().bits(first).jsq2().bits(second).jsq3().bits(third).jsq4().bits(fourth));
+        }
+        converter.cr1().modify(|_, w| w.res().twelve_bit().scan().set_bit().jeocie().set_bit());
+        // SAFETY: the trigger's code above.
+        converter.cr2().modify(|_, w| unsafe { w.align().right().jextsel().bits(TRIGGER_TIM2_TRGO).jexten().rising_edge().adon().set_bit() });
+        timer.cr1().modify(|_, w| w.cen().clear_bit());
+        timer.psc().reset();
+        // SAFETY: every value counts.
+        #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
+        timer.arr().write(|w| unsafe { w.bits(rates.timer_counts_per_tick() - 1) });
+        timer.cr2().modify(|_, w| w.mms().update());
+        Self { converter, timer }
+    }
+
+    /// Begins: the first tick comes a period later, when the converter has been on for long enough (3 us, DS8626 table 67).
+    pub fn begin(&mut self) {
+        self.timer.cnt().reset();
+        self.timer.cr1().modify(|_, w| w.cen().set_bit());
+    }
+}
+
+impl SampleSource for Sampler {
+    fn sample(&mut self) -> RawSample {
+        // The tick may also have been started by the guard, because no conversion came.
+        if self.converter.sr().read().jeoc().bit_is_clear() {
+            return RawSample::MISSING;
+        }
+        self.converter.sr().modify(|_, w| w.jeoc().clear_bit());
+        let [first, second, third, fourth] = [
+            self.converter.jdr1().read().bits(),
+            self.converter.jdr2().read().bits(),
+            self.converter.jdr3().read().bits(),
+            self.converter.jdr4().read().bits(),
+        ];
+        // Twelve bits each; the sum fits 16.
+        let sum = |a: u32, b: u32| u16::try_from((a & 0xfff) + (b & 0xfff)).unwrap_or(u16::MAX);
+        RawSample { laser_code: sum(first, fourth), pressure_code: sum(second, third) }
+    }
+}
+
+/// Starts the guard: an interrupt each period, half a period away from the sampling's.
+pub fn start_guard(syst: &mut SYST, rates: Rates) {
+    syst.set_clock_source(SystClkSource::Core);
+    syst.set_reload(rates.cycles_per_tick() - 1);
+    cortex_m::asm::delay(rates.cycles_per_tick() / 2);
+    syst.clear_current();
+    syst.enable_interrupt();
+    syst.enable_counter();
+}
+
+/// Free-running milliseconds by TIM5, also while the processor stands still.
+#[derive(Clone, Copy, Debug)]
+pub struct Milliseconds {
+    counts_per_ms: u32,
+}
+
+impl Milliseconds {
+    /// Starts the timer: 2 kHz, the slowest that the 16-bit prescaler gives.
+    pub fn start(rcc: &RCC, timer: TIM5, rates: Rates) -> Self {
+        const COUNTS_PER_MS: u32 = 2;
+        rcc.apb1enr().modify(|_, w| w.tim5en().set_bit());
+        let prescaler = u16::try_from(rates.timer_counts_per_tick() / COUNTS_PER_MS - 1).unwrap_or(u16::MAX);
+        // SAFETY: every value divides.
+        #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
+        timer.psc().write(|w| unsafe { w.psc().bits(prescaler) });
+        // SAFETY: counts through all 32 bits.
+        #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
+        timer.arr().write(|w| unsafe { w.bits(u32::MAX) });
+        // Only an update takes the prescaler over.
+        timer.egr().write(|w| w.ug().set_bit());
+        timer.cr1().modify(|_, w| w.cen().set_bit());
+        Self { counts_per_ms: COUNTS_PER_MS }
+    }
+
+    /// Milliseconds so far; wraps after 24 days.
+    pub fn now(self) -> u32 {
+        // SAFETY: reading the counter has no effect.
+        let counts = unsafe { (*TIM5::ptr()).cnt().read().bits() };
+        counts / self.counts_per_ms
+    }
+}
+
+/// The debug unit's cycle counter; stands still in the emulator.
+pub struct Cycles(DWT);
+
+impl Cycles {
+    /// Switches the counter on.
+    pub fn start(dcb: &mut DCB, mut dwt: DWT) -> Self {
+        dcb.enable_trace();
+        dwt.enable_cycle_counter();
+        Self(dwt)
+    }
+}
+
+impl CycleCounter for Cycles {
+    fn cycles(&self) -> u32 {
+        self.0.cyccnt.read()
+    }
+}

@@ -1,0 +1,125 @@
+//! What the tick and the background share: a few words, each written by one side.
+
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+
+use heapless::spsc::Queue;
+use model_export::link::message::Telemetry;
+use model_export::link::state::State;
+
+use crate::tick::{Answer, Command};
+
+/// Commands on their way to the tick: four, and the queue keeps one place free.
+pub type CommandQueue = Queue<Command, 5>;
+/// Answers on their way back; the tick takes no command while there is no place for its answer.
+pub type AnswerQueue = Queue<Answer, 5>;
+/// Telemetry samples on their way to the link, which has a queue of its own.
+pub type TelemetryQueue = Queue<Telemetry, 4>;
+
+/// The shared words. Every one is independent of the others, so no order between them matters.
+#[derive(Debug, Default)]
+pub struct Exchange {
+    vent: AtomicBool,
+    beat: AtomicU32,
+    telemetry_dropped: AtomicU32,
+    state: AtomicU8,
+    self_tests: AtomicU32,
+    longest_tick_cycles: AtomicU32,
+    periods: AtomicU32,
+    ticks: AtomicU32,
+}
+
+impl Exchange {
+    /// At the start.
+    pub const fn new() -> Self {
+        Self {
+            vent: AtomicBool::new(false),
+            beat: AtomicU32::new(0),
+            telemetry_dropped: AtomicU32::new(0),
+            state: AtomicU8::new(0),
+            self_tests: AtomicU32::new(0),
+            longest_tick_cycles: AtomicU32::new(0),
+            periods: AtomicU32::new(0),
+            ticks: AtomicU32::new(0),
+        }
+    }
+
+    /// Wants the next tick to vent.
+    pub fn ask_for_vent(&self) {
+        self.vent.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether a vent was asked for since the last call.
+    pub fn take_vent(&self) -> bool {
+        // A load first: the swap is a loop of its own on this processor, and almost never needed.
+        self.vent.load(Ordering::Relaxed) && self.vent.swap(false, Ordering::Relaxed)
+    }
+
+    /// The background lives.
+    pub fn show_life(&self) {
+        self.beat.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counter of [`Self::show_life`].
+    pub fn beat(&self) -> u32 {
+        self.beat.load(Ordering::Relaxed)
+    }
+
+    /// Counts a telemetry sample for which the queue had no place.
+    pub fn drop_telemetry(&self) {
+        self.telemetry_dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Samples dropped before the link saw them.
+    pub fn telemetry_dropped(&self) -> u32 {
+        self.telemetry_dropped.load(Ordering::Relaxed)
+    }
+
+    /// The tick tells its state.
+    pub fn publish(&self, state: State, tick_cycles: u32) {
+        let number = State::ALL.iter().zip(0u8..).find(|(candidate, _)| **candidate == state).map_or(0, |(_, number)| number);
+        self.state.store(number, Ordering::Relaxed);
+        if tick_cycles > self.longest_tick_cycles.load(Ordering::Relaxed) {
+            self.longest_tick_cycles.store(tick_cycles, Ordering::Relaxed);
+        }
+    }
+
+    /// State after the last tick.
+    pub fn state(&self) -> State {
+        State::ALL.get(usize::from(self.state.load(Ordering::Relaxed))).copied().unwrap_or_default()
+    }
+
+    /// Longest tick so far, processor cycles; 0 if not measured.
+    pub fn longest_tick_cycles(&self) -> u32 {
+        self.longest_tick_cycles.load(Ordering::Relaxed)
+    }
+
+    /// Wants a self-test from the background.
+    pub fn ask_for_self_test(&self) {
+        self.self_tests.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Self-tests wanted so far.
+    pub fn self_tests(&self) -> u32 {
+        self.self_tests.load(Ordering::Relaxed)
+    }
+
+    /// Counts periods of a millisecond, by a clock that does not depend on the sampling.
+    pub fn add_periods(&self, periods: u32) {
+        self.periods.fetch_add(periods, Ordering::Relaxed);
+    }
+
+    /// Periods so far; wraps.
+    pub fn periods(&self) -> u32 {
+        self.periods.load(Ordering::Relaxed)
+    }
+
+    /// A tick begins.
+    pub fn begin_tick(&self) {
+        self.ticks.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Ticks begun so far; wraps.
+    pub fn ticks(&self) -> u32 {
+        self.ticks.load(Ordering::Relaxed)
+    }
+}

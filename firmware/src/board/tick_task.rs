@@ -1,0 +1,150 @@
+//! The tick's task: from the hardware's traits through [`Rig::tick`] and back, once a millisecond.
+//!
+//! The board runs it in the interrupt of the end of the injected conversions; the tests and the proof that it cannot panic run it on stand-ins.
+
+use embedded_hal::digital::{InputPin, OutputPin};
+use heapless::spsc::{Consumer, Producer};
+use model_export::link::message::Telemetry;
+
+use super::exchange::Exchange;
+use super::periods::PeriodClock;
+use super::watchdog::{Watchdog, WatchdogTimer};
+use crate::retain::{Retained, SEALED_BYTES};
+use crate::seam::{DumpValve, SampleSource, ValveDrive};
+use crate::tick::{Answer, Command, ModelStep, Rig, TickInputs, ValveOutput};
+
+/// Counts processor cycles.
+pub trait CycleCounter {
+    /// Cycles so far; wraps. Always zero where there is no counter.
+    fn cycles(&self) -> u32;
+}
+
+/// Keeps the sealed record where a reset does not reach.
+pub trait RecordKeeper {
+    /// Overwrites the record.
+    fn keep(&mut self, sealed: &[u8; SEALED_BYTES]);
+}
+
+/// What the tick's hands are on.
+#[derive(Debug)]
+pub struct Hands<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper> {
+    /// Both measured channels.
+    pub source: Source,
+    /// The valve's drive by voltage.
+    pub analogue: Analogue,
+    /// The valve's drive by pulse width.
+    pub pulse: Pulse,
+    /// The dump valve.
+    pub dump_valve: DumpValve<Dump>,
+    /// The emergency stop: low is released, everything else pressed.
+    pub emergency_stop: Stop,
+    /// The watchdog.
+    pub watchdog: Watchdog<Timer>,
+    /// Measures the tick.
+    pub counter: Counter,
+    /// Keeps the fault record.
+    pub keeper: Keeper,
+}
+
+/// The tick's ends of the queues.
+pub struct TickQueues<'q> {
+    /// Commands from the background.
+    pub commands: Consumer<'q, Command>,
+    /// Answers to it.
+    pub answers: Producer<'q, Answer>,
+    /// Telemetry to it.
+    pub telemetry: Producer<'q, Telemetry>,
+}
+
+/// The rig in its task.
+pub struct TickTask<'q, H> {
+    rig: Rig,
+    hands: H,
+    queues: TickQueues<'q>,
+    exchange: &'q Exchange,
+    clock: PeriodClock,
+    cycles_per_tick: u32,
+    overran: bool,
+    tests_itself: bool,
+}
+
+impl<'q, H> TickTask<'q, H> {
+    /// A task that has not run yet. `cycles_per_tick` is the deadline.
+    pub fn new(rig: Rig, hands: H, queues: TickQueues<'q>, exchange: &'q Exchange, cycles_per_tick: u32) -> Self {
+        Self { rig, hands, queues, exchange, clock: PeriodClock::default(), cycles_per_tick, overran: false, tests_itself: false }
+    }
+
+    /// The rig.
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// What the tick's hands are on.
+    pub fn hands_mut(&mut self) -> &mut H {
+        &mut self.hands
+    }
+}
+
+impl<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper>
+    TickTask<'_, Hands<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper>>
+where
+    Source: SampleSource,
+    Analogue: ValveDrive,
+    Pulse: ValveDrive,
+    Dump: OutputPin,
+    Stop: InputPin,
+    Timer: WatchdogTimer,
+    Counter: CycleCounter,
+    Keeper: RecordKeeper,
+{
+    /// One millisecond.
+    ///
+    /// # Deadline
+    /// The tick itself: 1 ms from interrupt to interrupt.
+    pub fn run(&mut self, model: &mut impl ModelStep) {
+        let began = self.hands.counter.cycles();
+        self.exchange.begin_tick();
+        let inputs = TickInputs {
+            sample: self.hands.source.sample(),
+            emergency_stop: !matches!(self.hands.emergency_stop.is_low(), Ok(true)),
+            overran: self.overran,
+            lost_ticks: self.clock.lost(self.exchange.periods()),
+            background_beat: self.exchange.beat(),
+            vent: self.exchange.take_vent(),
+            // No answer may be lost, so a command waits for its answer's place.
+            command: if self.queues.answers.ready() { self.queues.commands.dequeue() } else { None },
+            telemetry_dropped: self.exchange.telemetry_dropped(),
+        };
+        let outputs = self.rig.tick(model, inputs);
+
+        let (analogue, pulse) = match self.rig.built().valve_output() {
+            ValveOutput::Analogue => (outputs.valve_share, 0),
+            ValveOutput::PulseWidth => (0, outputs.valve_share),
+        };
+        // On the chip setting a pin cannot fail. The watchdog and the pressure watch are there for one that does.
+        let _ = self.hands.dump_valve.set_energised(outputs.energised);
+        self.hands.analogue.drive(analogue);
+        self.hands.pulse.drive(pulse);
+        self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
+        if outputs.record_changed {
+            let retained = Retained { record: *self.rig.supervisor().record(), crash: None };
+            self.hands.keeper.keep(&retained.seal());
+        }
+        if outputs.self_test_wanted && !self.tests_itself {
+            self.exchange.ask_for_self_test();
+        }
+        self.tests_itself = outputs.self_test_wanted;
+        if let Some(answer) = outputs.answer {
+            // The place was seen to be free above.
+            let _ = self.queues.answers.enqueue(answer);
+        }
+        if let Some(sample) = outputs.telemetry
+            && self.queues.telemetry.enqueue(sample).is_err()
+        {
+            self.exchange.drop_telemetry();
+        }
+        let cycles = self.hands.counter.cycles().wrapping_sub(began);
+        self.overran = cycles > self.cycles_per_tick;
+        self.exchange.publish(outputs.state, cycles);
+    }
+}
