@@ -78,7 +78,7 @@ impl Calibration {
 
     /// The code nearest to a physical value, for simulated sensors; clipped to the 16-bit range.
     pub fn code(&self, value: f32) -> u16 {
-        let code = round_to_i32((value - self.offset) / self.gain_per_code).unwrap_or(0).clamp(0, i32::from(u16::MAX));
+        let code = round_to_i32((value - self.offset) / self.gain_per_code).unwrap_or(0).max(0).min(i32::from(u16::MAX));
         u16::try_from(code).unwrap_or(0)
     }
 

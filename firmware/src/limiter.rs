@@ -9,12 +9,15 @@
 use model_export::link::fault::{Fault, Notice, NoticeSet};
 
 use crate::control::Demand;
-use crate::number::{MicroBar, truncate_to_i32};
-use crate::tick::TICKS_PER_S;
+use crate::number::{MicroBar, scaled_to_i32};
+use crate::tick::TICKS_IN_A_SECOND;
 
 /// No settings raise the ceiling above this: burst pressure of the thinnest muscles in use is several times higher, and the paper's
 /// excitations stay below 3 bar.
 pub const ABSOLUTE_CEILING: MicroBar = MicroBar(4_000_000);
+
+/// What the limiter counts in.
+const UBAR_PER_BAR: u32 = 1_000_000;
 
 /// Limits in SI-like units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,16 +71,12 @@ impl LimiterConfig {
     /// # Errors
     /// [`NotALimit`] if a limit is not a number, negative, or a slew limit rounds down to nothing.
     pub fn build(&self) -> Result<Limiter, NotALimit> {
-        // The built limit is never above the configured one: the product in `f32` may round up, hence the comparison in `f64`.
-        let ubar = |bar: f32, per: f32| {
-            let ubar = truncate_to_i32(bar * 1e6 / per).filter(|ubar| *ubar >= 0).ok_or(NotALimit)?;
-            let above = f64::from(ubar) > f64::from(bar) * 1e6 / f64::from(per);
-            Ok(if above { ubar.saturating_sub(1) } else { ubar })
-        };
+        // Rounded down and exact, so that the built limit is never above the configured one.
+        let ubar = |bar: f32, ubar_per_bar: u32| scaled_to_i32(bar, ubar_per_bar).ok_or(NotALimit);
         let limiter = Limiter {
-            ceiling_ubar: ubar(self.ceiling_bar, 1.0)?.min(ABSOLUTE_CEILING.0),
-            up_per_tick_ubar: ubar(self.slew_up_bar_per_s, TICKS_PER_S)?,
-            down_per_tick_ubar: ubar(self.slew_down_bar_per_s, TICKS_PER_S)?,
+            ceiling_ubar: ubar(self.ceiling_bar, UBAR_PER_BAR)?.min(ABSOLUTE_CEILING.0),
+            up_per_tick_ubar: ubar(self.slew_up_bar_per_s, UBAR_PER_BAR / TICKS_IN_A_SECOND)?,
+            down_per_tick_ubar: ubar(self.slew_down_bar_per_s, UBAR_PER_BAR / TICKS_IN_A_SECOND)?,
             time_to_live_ticks: self.output_time_to_live_ms,
         };
         if limiter.up_per_tick_ubar > 0 && limiter.down_per_tick_ubar > 0 { Ok(limiter) } else { Err(NotALimit) }
@@ -148,13 +147,13 @@ impl Limiter {
             *state = LimiterState::default();
             return Limited { output: MicroBar::ZERO, notices, fault };
         }
-        let within = state.demand_ubar.clamp(0, self.ceiling_ubar);
+        let within = state.demand_ubar.max(0).min(self.ceiling_ubar);
         notices.insert_if(state.demand_ubar > self.ceiling_ubar, Notice::Ceiling);
         notices.insert_if(state.demand_ubar < 0, Notice::Floor);
         let lowest = state.output_ubar.saturating_sub(self.down_per_tick_ubar);
         let highest = state.output_ubar.saturating_add(self.up_per_tick_ubar);
-        // `clamp` would panic on crossed bounds; these two cannot cross, and min/max need no proof of it.
-        let output_ubar = within.max(lowest).min(highest).clamp(0, self.ceiling_ubar);
+        // `clamp` would panic on crossed bounds; these cannot cross, and min/max need no proof of it.
+        let output_ubar = within.max(lowest).min(highest).max(0).min(self.ceiling_ubar);
         notices.insert_if(output_ubar != within, Notice::Slew);
         state.output_ubar = output_ubar;
         state.output_inverted = !output_ubar;

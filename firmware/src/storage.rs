@@ -304,7 +304,8 @@ impl<F: Flash> Store<F> {
         let length = u32::try_from(bytes.len()).map_err(|_| StorageError::TooLong(self.capacity()))?;
         let mut upload = self.begin(length, crc32(0, bytes))?;
         self.write(&mut upload, 0, bytes)?;
-        let slot = self.finish(upload)?;
+        // The bytes never left this device: what reads back wrong, the flash did not take.
+        let slot = self.finish(upload).map_err(|error| if error == StorageError::Checksum { StorageError::Flash } else { error })?;
         self.activate(slot)
     }
 

@@ -46,6 +46,8 @@ use crate::supervisor::{Decision, Event, Observation, Supervisor, SupervisorConf
 
 /// Ticks in a second.
 pub const TICKS_PER_S: f32 = 1000.0;
+/// The same as an integer.
+pub const TICKS_IN_A_SECOND: u32 = 1000;
 /// The background must show life this often while energised.
 pub const BACKGROUND_TICKS_ENERGISED: u16 = 40;
 /// And this often while vented, where a flash erase may take its time.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use crate::process::{answer_within, command, target_folder};
+use crate::process::{answer_within, cargo, command, run, target_folder};
 use crate::setup::{EMULATOR, TARGET};
 
 /// The image boots in the emulator and ends well.
@@ -20,4 +20,14 @@ pub fn boots() -> Result<()> {
     )?;
     eprint!("{text}");
     Ok(())
+}
+
+/// The flashable image boots in the emulator, finds no crystal and says so.
+pub fn flashable_image() -> Result<()> {
+    run(
+        "emulator: the flashable image",
+        cargo()
+            .args(["test", "-p", "rig-tests", "--test", "flashable_image", "--", "--ignored", "--nocapture"])
+            .env("FLASHABLE_IMAGE", crate::firmware::image()),
+    )
 }

@@ -1,9 +1,10 @@
-//! The project's chores: `cargo xtask test | ci | bench | setup`, the same for a person and for continuous integration.
+//! The project's chores: `cargo xtask test | ci | bench | firmware | flash | setup`, the same for a person and for continuous integration.
 
 mod bench;
 mod checks;
 mod demo;
 mod emulator;
+mod firmware;
 mod process;
 mod setup;
 
@@ -26,6 +27,10 @@ enum Chore {
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
     Bench(bench::Arguments),
+    /// Build and seal the flashable image.
+    Firmware,
+    /// Build, seal and flash the image with a debug probe, then show its logs.
+    Flash,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
     Setup,
 }
@@ -35,6 +40,8 @@ fn main() -> ExitCode {
         Chore::Test => test(),
         Chore::Ci => checks::desktop(),
         Chore::Bench(arguments) => bench::bench(&arguments),
+        Chore::Firmware => setup::target().and_then(|()| firmware::build()).map(drop),
+        Chore::Flash => setup::target().and_then(|()| firmware::flash()),
         Chore::Setup => setup::everything(),
     };
     match result {
@@ -50,6 +57,8 @@ fn test() -> anyhow::Result<()> {
     setup::everything()?;
     checks::desktop()?;
     checks::target_builds()?;
+    firmware::build()?;
     emulator::boots()?;
+    emulator::flashable_image()?;
     demo::runs()
 }

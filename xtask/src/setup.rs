@@ -32,7 +32,8 @@ fn components() -> Result<()> {
     Ok(())
 }
 
-fn target() -> Result<()> {
+/// The microcontroller's Rust target.
+pub fn target() -> Result<()> {
     if target_is_installed() {
         return Ok(());
     }

@@ -82,16 +82,11 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardHands = Hands<
-            Sampler,
-            AnalogueDrive,
-            PwmValve<PulseDrive>,
-            DumpPin,
-            StopPin,
-            watchdog::Timer,
-            Cycles,
-            crash::Keeper,
-        >;
+        type BoardHands = Hands<Sampler, AnalogueDrive, PwmValve<PulseDrive>, DumpPin, StopPin, watchdog::Timer, Cycles, crash::Keeper>;
+
+        type BoardTask = TickTask<'static, BoardHands>;
+        type BoardFlash = InternalFlash<Controller>;
+        type BoardBackground = Background<'static, BoardFlash, BoardFlash>;
 
         #[shared]
         struct Shared {
@@ -100,8 +95,8 @@ mod image {
 
         #[local]
         struct Local {
-            task: TickTask<'static, BoardHands>,
-            background: Background<'static, InternalFlash<Controller>, InternalFlash<Controller>>,
+            task: &'static mut BoardTask,
+            background: &'static mut BoardBackground,
             line: SerialLine,
             port: Port,
             place: &'static mut BoardModel,
@@ -117,6 +112,8 @@ mod image {
             transmit: TransmitQueue = TransmitQueue::new(),
             home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
             program: [&'static [u8]; 4] = [&[]; 4],
+            task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
+            background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
         ])]
         fn init(context: init::Context) -> (Shared, Local) {
             let device = context.device;
@@ -159,6 +156,22 @@ mod image {
                 InternalFlash::new(controller(), SETTINGS_SECTORS),
                 InternalFlash::new(controller(), MODEL_SECTORS),
             );
+            let mut standing = clock.faults;
+            standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
+            let program_crc32 = match memory::seal() {
+                Some(crc32) => {
+                    *context.local.program = memory::program();
+                    crc32
+                }
+                // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
+                None => {
+                    standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
+                    0
+                }
+            };
+            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+            // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
+            boot_faults = boot_faults.union(facts.examine());
             let boot = BootReport { reset_cause, faults: boot_faults.union(link.boot_faults()) };
             // The link's settings go together, and so do the defaults; a test holds the latter.
             let Ok(tick) = (TickConfig { settings: link.settings(), facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
@@ -182,30 +195,24 @@ mod image {
                 keeper: unsafe { crash::Keeper::new() },
             };
             let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
-            let task = TickTask::new(rig, hands, queues, &EXCHANGE, rates.cycles_per_tick());
+            let task = in_place(context.local.task_home, || TickTask::new(rig, hands, queues, &EXCHANGE, rates.cycles_per_tick()));
 
-            let mut standing = clock.faults;
-            standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
-            let program_crc32 = match memory::seal() {
-                Some(crc32) => {
-                    *context.local.program = memory::program();
-                    crc32
-                }
-                // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
-                None => {
-                    standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
-                    0
-                }
-            };
-            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
             let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
-            let background = Background::new(link, facts, queues, &EXCHANGE);
+            let background = in_place(context.local.background_home, || Background::new(link, facts, queues, &EXCHANGE));
 
             log_start(clock.source, boot.faults);
             sampling::start_guard(&mut core.SYST, rates);
             (
                 Shared { tenant: Tenant::none() },
-                Local { task, background, line, port, place: context.local.home.write(BoardModel::default()), power: device.PWR, ticks_seen: 0 },
+                Local {
+                    task,
+                    background,
+                    line,
+                    port,
+                    place: in_place(context.local.home, BoardModel::default),
+                    power: device.PWR,
+                    ticks_seen: 0,
+                },
             )
         }
 
@@ -257,6 +264,12 @@ mod image {
             supply::fell(context.local.power);
         }
 
+        /// Makes something long where it will stay; a function of its own, so that its copies are off the stack when the next one begins.
+        #[inline(never)]
+        fn in_place<T>(home: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
+            home.write(make())
+        }
+
         /// A part of the version, which Cargo guarantees to be a number.
         const fn version(part: &str) -> u16 {
             match u16::from_str_radix(part, 10) {
@@ -266,7 +279,11 @@ mod image {
         }
 
         fn state_number(state: model_export::link::state::State) -> u8 {
-            model_export::link::state::State::ALL.iter().zip(0u8..).find(|(candidate, _)| **candidate == state).map_or(0, |(_, number)| number)
+            model_export::link::state::State::ALL
+                .iter()
+                .zip(0u8..)
+                .find(|(candidate, _)| **candidate == state)
+                .map_or(0, |(_, number)| number)
         }
 
         fn log_start(source: Source, faults: FaultSet) {

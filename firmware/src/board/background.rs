@@ -53,6 +53,14 @@ pub struct Facts<'a> {
     pub faults: FaultSet,
 }
 
+impl Facts<'_> {
+    /// What is wrong with the program and the board.
+    pub fn examine(&self) -> FaultSet {
+        let Self { program, program_crc32, clock, faults } = *self;
+        SelfTest { program, program_crc32, clock, model: None }.run(Portable).faults.union(faults)
+    }
+}
+
 /// The background's ends of the queues.
 pub struct BackgroundQueues<'q> {
     /// Commands to the tick.
@@ -169,9 +177,7 @@ impl<'q, S: Flash, M: Flash + Hold> Background<'q, S, M> {
     #[inline(never)]
     fn examine(&mut self, room: &mut impl ModelRoom) -> Report {
         self.retire(room);
-        let Facts { program, program_crc32, clock, faults } = self.facts;
-        let mut report = SelfTest { program, program_crc32, clock, model: None }.run(Portable);
-        report.faults = report.faults.union(faults);
+        let mut report = Report { faults: self.facts.examine(), model: None };
         // A model runs only where everything else is in order: its memory may be missing on what is not the real board.
         let slot = self.link.model_slot();
         if report.faults.is_empty()

@@ -115,13 +115,15 @@ pub fn start(tree: &mut impl ClockTree) -> ClockReport {
         tree.stop_crystal();
     }
     tree.start_pll(from_crystal);
-    let fast = wait(PLL_POLLS, || tree.pll_is_ready()) && {
-        tree.prepare_fast();
-        wait(SWITCH_POLLS, || tree.is_prepared())
-    } && {
-        tree.select_pll(true);
-        wait(SWITCH_POLLS, || tree.runs_from_pll())
-    };
+    let fast = wait(PLL_POLLS, || tree.pll_is_ready())
+        && {
+            tree.prepare_fast();
+            wait(SWITCH_POLLS, || tree.is_prepared())
+        }
+        && {
+            tree.select_pll(true);
+            wait(SWITCH_POLLS, || tree.runs_from_pll())
+        };
     let source = match (fast, from_crystal) {
         (true, true) => {
             tree.watch_crystal();
@@ -232,7 +234,11 @@ mod tests {
         for crystal_hz in [4_000_000, 7_000_000, 9_000_000, 12_000_000, 16_000_000, 25_000_000, 26_000_000, 0] {
             let mut tree = Tree { crystal_hz: Some(crystal_hz), ..Tree::default() };
             let report = start(&mut tree);
-            assert_eq!((report.source, faults(report.faults)), (Source::InternalFast, [Fault::ClockInaccurate].to_vec()), "{crystal_hz} Hz");
+            assert_eq!(
+                (report.source, faults(report.faults)),
+                (Source::InternalFast, [Fault::ClockInaccurate].to_vec()),
+                "{crystal_hz} Hz"
+            );
             assert!(!report.check.unwrap().agrees() && !tree.overclocked && !tree.crystal_on, "{crystal_hz} Hz");
         }
     }

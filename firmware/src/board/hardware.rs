@@ -65,8 +65,7 @@ pub struct Rates {
 
 impl Rates {
     /// With the phase-locked loop.
-    pub const FAST: Self =
-        Self { core_hz: CORE_HZ, timer_hz: CORE_HZ / SLOW_BUS_DIVIDER * 2, fast_bus_hz: CORE_HZ / FAST_BUS_DIVIDER };
+    pub const FAST: Self = Self { core_hz: CORE_HZ, timer_hz: CORE_HZ / SLOW_BUS_DIVIDER * 2, fast_bus_hz: CORE_HZ / FAST_BUS_DIVIDER };
     /// On the internal oscillator alone, nothing divided.
     pub const INTERNAL: Self = Self { core_hz: INTERNAL_HZ, timer_hz: INTERNAL_HZ, fast_bus_hz: INTERNAL_HZ };
 
@@ -107,9 +106,8 @@ pub const CONVERTER_FULL_SCALE: u16 = 4095;
 /// Reference voltage of the converters, VDDA.
 pub const REFERENCE_V: f32 = 3.3;
 /// What the logic needs to know of the converter.
-pub const FACTS: RigFacts = RigFacts {
-    converter: ConverterConfig { full_scale_code: CONVERTER_FULL_SCALE * CONVERSIONS_PER_CHANNEL, full_scale_v: REFERENCE_V },
-};
+pub const FACTS: RigFacts =
+    RigFacts { converter: ConverterConfig { full_scale_code: CONVERTER_FULL_SCALE * CONVERSIONS_PER_CHANNEL, full_scale_v: REFERENCE_V } };
 /// The ADC's clock is the fast bus over this: 21 MHz of at most 36 (DS8626 table 67).
 pub const ADC_CLOCK_DIVIDER: u32 = 4;
 const _: () = assert!(Rates::FAST.fast_bus_hz / ADC_CLOCK_DIVIDER <= 36_000_000);

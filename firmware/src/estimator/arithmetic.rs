@@ -20,7 +20,8 @@ pub fn multiply_high_rounded(left: i32, right: i32) -> i32 {
 #[inline]
 pub fn saturate<const BITS: u8>(value: i32) -> i32 {
     let limit = 1i32 << (BITS - 1);
-    value.clamp(-limit, limit - 1)
+    // Not `clamp`: it checks its bounds, and not every build sees that they are constants.
+    value.max(-limit).min(limit - 1)
 }
 
 /// `SSAT` to 16 bits, as the narrow type.

@@ -3,9 +3,7 @@
 use stm32f4::stm32f405::{FLASH, RCC, TIM11};
 
 use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
-use crate::board::hardware::{
-    CRYSTAL_HZ, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_48_MHZ_DIVIDER, PLL_INPUT_HZ, PLL_MULTIPLIER,
-};
+use crate::board::hardware::{CRYSTAL_HZ, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_48_MHZ_DIVIDER, PLL_INPUT_HZ, PLL_MULTIPLIER};
 
 /// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
 const CRYSTAL_DIVIDER: u8 = 31;

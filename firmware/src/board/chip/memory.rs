@@ -5,9 +5,9 @@ use core::ptr;
 use cortex_m_rt::STACK_PAINT_VALUE;
 
 /// First word of a seal that was made; see [`Seal`].
-pub const SEALED: u32 = u32::from_be_bytes(*b"SEAL");
+pub const SEALED: u32 = u32::from_le_bytes(*b"SEAL");
 /// First word of a seal that waits for `cargo xtask firmware`.
-pub const OPEN: u32 = u32::from_be_bytes(*b"OPEN");
+pub const OPEN: u32 = u32::from_le_bytes(*b"OPEN");
 
 unsafe extern "C" {
     static __vector_table: u8;

@@ -34,7 +34,9 @@ impl Sampler {
         }
         converter.cr1().modify(|_, w| w.res().twelve_bit().scan().set_bit().jeocie().set_bit());
         // SAFETY: the trigger's code above.
-        converter.cr2().modify(|_, w| unsafe { w.align().right().jextsel().bits(TRIGGER_TIM2_TRGO).jexten().rising_edge().adon().set_bit() });
+        converter
+            .cr2()
+            .modify(|_, w| unsafe { w.align().right().jextsel().bits(TRIGGER_TIM2_TRGO).jexten().rising_edge().adon().set_bit() });
         timer.cr1().modify(|_, w| w.cen().clear_bit());
         timer.psc().reset();
         // SAFETY: every value counts.
@@ -82,14 +84,14 @@ pub fn start_guard(syst: &mut SYST, rates: Rates) {
 
 /// Free-running milliseconds by TIM5, also while the processor stands still.
 #[derive(Clone, Copy, Debug)]
-pub struct Milliseconds {
-    counts_per_ms: u32,
-}
+pub struct Milliseconds(());
+
+/// Counts of the timer: the slowest that its 16-bit prescaler gives.
+const COUNTS_PER_MS: u32 = 2;
 
 impl Milliseconds {
-    /// Starts the timer: 2 kHz, the slowest that the 16-bit prescaler gives.
+    /// Starts the timer.
     pub fn start(rcc: &RCC, timer: TIM5, rates: Rates) -> Self {
-        const COUNTS_PER_MS: u32 = 2;
         rcc.apb1enr().modify(|_, w| w.tim5en().set_bit());
         let prescaler = u16::try_from(rates.timer_counts_per_tick() / COUNTS_PER_MS - 1).unwrap_or(u16::MAX);
         // SAFETY: every value divides.
@@ -101,14 +103,14 @@ impl Milliseconds {
         // Only an update takes the prescaler over.
         timer.egr().write(|w| w.ug().set_bit());
         timer.cr1().modify(|_, w| w.cen().set_bit());
-        Self { counts_per_ms: COUNTS_PER_MS }
+        Self(())
     }
 
     /// Milliseconds so far; wraps after 24 days.
     pub fn now(self) -> u32 {
         // SAFETY: reading the counter has no effect.
         let counts = unsafe { (*TIM5::ptr()).cnt().read().bits() };
-        counts / self.counts_per_ms
+        counts / COUNTS_PER_MS
     }
 }
 

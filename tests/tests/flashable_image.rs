@@ -1,0 +1,174 @@
+//! The flashable image, byte for byte, in the emulator: a chip whose crystal never starts.
+//!
+//! The emulated chip has no clock control, so the crystal never reports ready; no converter that a timer triggers, so every tick is one that
+//! the guard started without a sample; and no flash that could be written. The image must come up all the same, say what is wrong, and
+//! stay vented. `cargo xtask test` builds the image and runs this; by hand, `FLASHABLE_IMAGE` names it.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use model_export::link::fault::{Blocker, Fault};
+use model_export::link::frame::{self, Decoder};
+use model_export::link::hello::Hello;
+use model_export::link::message::{Message, Refusal, Reply, ReplyFrame, Request, RequestFrame, Status, Telemetry};
+use model_export::link::settings::SettingValue;
+use model_export::link::state::{ResetCause, State};
+use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
+
+/// Wall clock for one answer; the emulator shares the machine with other tests.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+struct Emulator {
+    child: Child,
+    line: ChildStdin,
+    payloads: Receiver<Vec<u8>>,
+    token: u16,
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Emulator {
+    fn start(image: &Path) -> Self {
+        let mut child = Command::new("qemu-system-arm")
+            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "stdio", "-kernel"])
+            .arg(image)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("qemu-system-arm");
+        let line = child.stdin.take().unwrap();
+        let mut output = child.stdout.take().unwrap();
+        let (sender, payloads) = channel();
+        std::thread::spawn(move || {
+            let mut decoder = Decoder::new();
+            let mut bytes = [0; 4096];
+            while let Ok(length @ 1..) = output.read(&mut bytes) {
+                for payload in bytes[..length].iter().filter_map(|byte| decoder.push(*byte)) {
+                    if sender.send(payload.expect("every frame is sound").to_vec()).is_err() {
+                        return;
+                    }
+                }
+            }
+        });
+        Self { child, line, payloads, token: 0 }
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.line.write_all(bytes).unwrap();
+        self.line.flush().unwrap();
+    }
+
+    fn wait_for<T>(&mut self, what: &str, mut take: impl FnMut(&[u8]) -> Option<T>) -> T {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let left = end.checked_duration_since(Instant::now()).unwrap_or_else(|| panic!("no {what}"));
+            let payload = self.payloads.recv_timeout(left).unwrap_or_else(|error| panic!("no {what}: {error}"));
+            if let Some(found) = take(&payload) {
+                return found;
+            }
+        }
+    }
+
+    /// Asks until there is an answer: what comes before the line is set up is lost, as on the real one.
+    fn hello(&mut self) -> Hello {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            self.send(&frame::encode(&[Kind::HelloRequest.byte()]).unwrap());
+            let next = Instant::now() + Duration::from_millis(500);
+            while let Ok(payload) = self.payloads.recv_timeout(next.saturating_duration_since(Instant::now())) {
+                if let Ok(hello) = Hello::decode(&payload) {
+                    return hello;
+                }
+            }
+        }
+        panic!("no hello");
+    }
+
+    fn ask(&mut self, request: Request) -> Reply {
+        self.token += 1;
+        let token = self.token;
+        self.send(&RequestFrame { token, request }.to_wire().unwrap());
+        self.wait_for("reply", |payload| {
+            let frame = ReplyFrame::from_payload(payload).ok()?;
+            (frame.token == token).then_some(frame.reply)
+        })
+    }
+
+    fn status(&mut self) -> Status {
+        match self.ask(Request::Status) {
+            Reply::Status(status) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn image() -> PathBuf {
+    std::env::var_os("FLASHABLE_IMAGE").expect("FLASHABLE_IMAGE names the image; `cargo xtask test` sets it").into()
+}
+
+#[test]
+#[ignore = "needs the emulator and the image: `cargo xtask test`"]
+fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
+    let mut device = Emulator::start(&image());
+
+    device.hello();
+    // Noise on the line between two words.
+    device.send(&[0xff, 0x00, 0x13, 0x37, 0x00]);
+    let hello = device.hello();
+    assert_eq!((hello.board.as_str(), hello.protocol, hello.schema_hash), ("stm32f405-rig", PROTOCOL, SCHEMA_HASH));
+    assert_eq!((hello.model_id, hello.reset_cause), ([0; 8], ResetCause::Unknown));
+
+    let status = device.status();
+    assert_eq!(status.state, State::Fault);
+    assert_eq!(status.first_fault, Fault::ClockFailed.number());
+    assert!(!status.faults.contains(Fault::FlashCorrupt), "the seal is right: {:?}", status.faults);
+    assert!(status.damaged_frames >= 1);
+
+    let sample = device.wait_for("telemetry", |payload| Telemetry::from_payload(payload).ok());
+    assert_eq!((sample.state, sample.output_ubar, sample.first_fault), (State::Fault, 0, Fault::ClockFailed.number()));
+    assert_eq!((sample.laser_code, sample.pressure_code), (u16::MAX, u16::MAX), "there is no converter");
+
+    let Reply::Refused(Refusal::Blocked(blockers)) = device.ask(Request::Arm) else { panic!("armed") };
+    for blocker in [Blocker::WrongState, Blocker::FaultLatched, Blocker::LaserNotPlausible, Blocker::PressureNotPlausible] {
+        assert!(blockers.contains(blocker), "{blocker:?} in {blockers:?}");
+    }
+    assert!(matches!(device.ask(Request::Acknowledge), Reply::Refused(Refusal::Blocked(_))));
+    assert!(matches!(device.ask(Request::FaultRecord), Reply::FaultRecord(record) if record.first == Fault::ClockFailed.number()));
+    assert_eq!(device.ask(Request::PreviousFaultRecord), Reply::Refused(Refusal::NoRecord));
+
+    // Settings work; flash that cannot be written is an answer, not an end.
+    assert_eq!(device.ask(Request::SettingSet { number: 1, value: SettingValue::Float(2.5) }), Reply::Done);
+    assert_eq!(device.ask(Request::SettingGet { number: 1 }), Reply::Setting(SettingValue::Float(2.5)));
+    assert_eq!(device.ask(Request::SettingsSave), Reply::Refused(Refusal::Storage));
+    assert_eq!(device.ask(Request::Vent), Reply::Done);
+
+    let status = device.status();
+    assert!(status.faults.contains(Fault::StorageFailed) && status.settings_unsaved);
+    assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ClockFailed.number()));
+    eprintln!("stack never used: {} bytes", status.stack_unused_bytes);
+    assert!(status.stack_unused_bytes > 256, "{} bytes of stack left", status.stack_unused_bytes);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image: `cargo xtask test`"]
+fn an_image_with_one_flipped_bit_knows_it() {
+    let mut bytes = std::fs::read(image()).unwrap();
+    // A letter of its name, which the answer shows and nothing else depends on.
+    let place = bytes.windows(13).position(|window| window == b"stm32f405-rig").expect("the board's name is in the image");
+    bytes[place] ^= 1;
+    let folder = tempfile::tempdir().unwrap();
+    let damaged = folder.path().join("damaged");
+    std::fs::write(&damaged, bytes).unwrap();
+    let mut device = Emulator::start(&damaged);
+    assert_eq!(device.hello().board.as_str(), "rtm32f405-rig");
+    let status = device.status();
+    assert_eq!((status.state, status.first_fault), (State::Fault, Fault::FlashCorrupt.number()));
+}
