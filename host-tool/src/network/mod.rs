@@ -16,7 +16,7 @@
 mod activation;
 mod file;
 mod parameters;
-mod product;
+pub(crate) mod product;
 mod run;
 mod sequence;
 mod step;
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 pub use file::{FORMAT_VERSION, ModelFileError, from_bytes, load, save, to_bytes};
 pub use parameters::{Architecture, LayerLayout, Layout};
-pub use run::{Runner, limit_feature};
+pub use run::{Runner, limit_feature, window_sample};
 pub use sequence::Sequence;
 pub use step::NetworkState;
 

@@ -5,7 +5,10 @@ use std::collections::VecDeque;
 use firmware::estimator::{FrontEnd, FrontEndState};
 use model_export::validate::Invalid;
 
-use super::{Mode, NetworkState, TrainedModel};
+use super::{Mode, Network, NetworkState, Sequence, TrainedModel};
+
+/// Windows that [`TrainedModel::predict`] runs side by side.
+const WINDOW_LANES: usize = 32;
 
 /// Largest value of a feature: the network's inputs are Q1.14 on the microcontroller, and training sees the same limits.
 const FEATURE_MAXIMUM: f32 = 2.0 - 1.0 / 16384.0;
@@ -14,6 +17,13 @@ const FEATURE_MAXIMUM: f32 = 2.0 - 1.0 / 16384.0;
 #[must_use]
 pub fn limit_feature(value: f32) -> f32 {
     value.clamp(-2.0, FEATURE_MAXIMUM)
+}
+
+/// The sample that is step number `step` of the window that ends at sample `end`: before the first sample the input is taken to have
+/// rested where it begins.
+#[must_use]
+pub fn window_sample(end: usize, length: usize, step: usize) -> usize {
+    (end + 1 + step).saturating_sub(length)
 }
 
 /// A model with its state.
@@ -52,6 +62,9 @@ impl TrainedModel {
     /// # Errors
     /// When the front end is out of its domain.
     pub fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+        if let (Mode::Window { length }, Some(network)) = (self.mode, &self.network) {
+            return self.predict_windows(network, length, input, gaps);
+        }
         let mut runner = self.runner()?;
         let mut gaps = gaps.iter().peekable();
         Ok(input
@@ -64,6 +77,39 @@ impl TrainedModel {
                 runner.step(raw)
             })
             .collect())
+    }
+
+    /// The same in window mode, many windows at a time: one by one they would take ten times as long.
+    fn predict_windows(&self, network: &Network, length: usize, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+        let mut runner = self.runner()?;
+        let parameters = network.to_flat();
+        let mut sequence = Sequence::new(&network.architecture(), WINDOW_LANES, length);
+        let width = runner.features.len();
+        let mut predicted = Vec::with_capacity(input.len());
+        let starts = std::iter::once(0).chain(gaps.iter().copied());
+        let ends = gaps.iter().copied().chain(std::iter::once(input.len()));
+        for stretch in starts.zip(ends).map(|(start, end)| &input[start..end]) {
+            runner.reset();
+            let (mut linear, mut features) = (Vec::new(), Vec::new());
+            for &raw in stretch {
+                linear.push(runner.prepare(raw));
+                features.extend_from_slice(&runner.features);
+            }
+            for first in (0..stretch.len()).step_by(WINDOW_LANES) {
+                let filled = first..stretch.len().min(first + WINDOW_LANES);
+                let rows = sequence.features_mut(length);
+                for (lane, end) in filled.clone().enumerate() {
+                    for step in 0..length {
+                        let source = &features[window_sample(end, length, step) * width..][..width];
+                        rows[(step * WINDOW_LANES + lane) * width..][..width].copy_from_slice(source);
+                    }
+                }
+                (0..WINDOW_LANES).for_each(|lane| sequence.reset_lane(lane));
+                let last = &sequence.forward(&parameters)[(length - 1) * WINDOW_LANES..];
+                predicted.extend(filled.zip(last).map(|(end, &correction)| runner.finish(linear[end] + correction)));
+            }
+        }
+        Ok(predicted)
     }
 }
 
@@ -80,11 +126,7 @@ impl Runner<'_> {
 
     /// One sample in input units; gives the output in output units.
     pub fn step(&mut self, raw: f64) -> f64 {
-        #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
-        let raw = raw as f32;
-        let output = self.front_end.step(&mut self.front_end_state, raw, &mut self.features);
-        let mut normalised = output.linear;
-        self.features.iter_mut().for_each(|feature| *feature = limit_feature(*feature));
+        let mut normalised = self.prepare(raw);
         if let (Some(network), Some(state)) = (&self.model.network, &mut self.network_state) {
             normalised += match self.model.mode {
                 Mode::Streaming => network.step(state, &self.features),
@@ -104,6 +146,19 @@ impl Runner<'_> {
                 }
             };
         }
+        self.finish(normalised)
+    }
+
+    /// Runs the front end: the features are ready, its readout in normalised output is the result.
+    fn prepare(&mut self, raw: f64) -> f32 {
+        #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
+        let output = self.front_end.step(&mut self.front_end_state, raw as f32, &mut self.features);
+        self.features.iter_mut().for_each(|feature| *feature = limit_feature(*feature));
+        output.linear
+    }
+
+    /// The stick band, and back to output units.
+    fn finish(&mut self, normalised: f32) -> f64 {
         let band = self.model.front_end.stick_band;
         let stuck = self.stuck.map_or(normalised, |last| hysteresis::stick_band::step(band, normalised, last));
         self.stuck = Some(stuck);

@@ -331,6 +331,21 @@ fn a_window_model_sees_the_last_samples_only_and_rests_before_the_first() {
     // Six samples before the window cannot be seen, but for the difference into the first one.
     assert_eq!(run(&[1.0, 0.0, 2.0, 0.3]), run(&[0.5, 0.3]));
     assert_ne!(run(&[0.5, 0.3]), run(&[0.5, 0.7]), "the difference into the window's first sample");
+    // Side by side or one by one, the windows are the same, over more of them than run side by side and across a gap.
+    let input: Vec<f64> = (0..150).map(|sample| 1.0 + (f64::from(sample) * 0.3).sin()).collect();
+    let mut runner = model.runner().unwrap();
+    let single: Vec<f64> = (0..input.len())
+        .map(|index| {
+            if index == 70 {
+                runner.reset();
+            }
+            runner.step(input[index])
+        })
+        .collect();
+    let batched = model.predict(&input, &[70]).unwrap();
+    assert_eq!(batched.len(), single.len());
+    // Rounding of sums in another order.
+    assert!(batched.iter().zip(&single).all(|(batched, single)| (batched - single).abs() < 1e-5), "{batched:?} {single:?}");
     // At the start the window is filled with the first sample at rest.
     let rested = model.predict(&[0.6; 9], &[]).unwrap();
     assert!(rested.iter().all(|&value| value == rested[0]), "{rested:?}");

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::config::TrainConfig;
 use super::team::Batch;
-use crate::network::{Channel, limit_feature};
+use crate::network::{Channel, limit_feature, window_sample};
 use crate::recording::Recording;
 
 /// One gap-free stretch, normalised.
@@ -245,8 +245,7 @@ impl Walk {
 /// Features of one step of the window that ends at sample `end`.
 #[must_use]
 pub fn window_features(track: &Track, width: usize, end: usize, length: usize, step: usize) -> &[f32] {
-    let sample = (end + 1 + step).saturating_sub(length);
-    &track.features[sample * width..][..width]
+    &track.features[window_sample(end, length, step) * width..][..width]
 }
 
 /// Windows of a fixed length, each with one target at its end, in shuffled order: the paper's training. Before a track's first sample
