@@ -7,7 +7,6 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
 use super::fit::{Milestone, TrainError};
-use super::optimizer::Shard;
 use super::team::TeamState;
 use crate::output;
 
@@ -95,15 +94,16 @@ impl Checkpoint {
             history: self.history.iter().map(|at| (at.steps, at.training_rmse.to_bits(), at.validation_rmse.to_bits())).collect(),
             training_square: self.training_square.to_bits(),
         };
-        let parameters = &self.team.parameters;
+        let team = &self.team;
         let mut parts = vec![
-            ("values".to_owned(), &parameters.values),
-            ("mean".to_owned(), &parameters.mean),
-            ("square".to_owned(), &parameters.square),
-            ("average".to_owned(), &parameters.average),
+            ("values".to_owned(), &team.values),
+            ("mean".to_owned(), &team.mean),
+            ("square".to_owned(), &team.square),
+            ("average".to_owned(), &team.average),
             ("best".to_owned(), &self.best),
         ];
-        parts.extend(self.team.carried.iter().enumerate().map(|(thread, state)| (format!("carried.{thread}"), state)));
+        parts.extend(team.carried.iter().enumerate().map(|(thread, state)| (format!("carried.{thread}"), state)));
+        parts.extend(team.bases.iter().enumerate().map(|(thread, state)| (format!("bases.{thread}"), state)));
         let parts: Vec<_> = parts.into_iter().map(|(name, values)| (name, values.len(), bytes_of(values))).collect();
         let mut views = Vec::with_capacity(parts.len());
         for (name, length, bytes) in &parts {
@@ -131,7 +131,11 @@ impl Checkpoint {
         Ok(Self {
             team: TeamState {
                 steps_made: numbers.steps_made,
-                parameters: Shard { values: read("values")?, mean: read("mean")?, square: read("square")?, average: read("average")? },
+                values: read("values")?,
+                average: read("average")?,
+                mean: read("mean")?,
+                square: read("square")?,
+                bases: (0..numbers.threads).map(|thread| read(&format!("bases.{thread}"))).collect::<Result<_, _>>()?,
                 carried: (0..numbers.threads).map(|thread| read(&format!("carried.{thread}"))).collect::<Result<_, _>>()?,
             },
             best: read("best")?,

@@ -9,14 +9,17 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use super::augment;
+use super::blocks::{Block, shares};
 use super::checkpoint::{Checkpoint, CheckpointPlan};
 use super::config::{FrontEndKind, TrainConfig};
 use super::front_end;
+use super::optimizer::Method;
 use super::quantised;
 use super::split::split;
 use super::team::Team;
-use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks as prepare, window_features};
-use crate::network::{Architecture, Layout, Mode, Network, Provenance, Sequence, TrainedModel};
+use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks as prepare};
+use super::validation::Validation;
+use crate::network::{Architecture, Layout, Mode, Network, Provenance, TrainedModel};
 use crate::recording::Recording;
 
 /// Why training did not happen.
@@ -124,9 +127,11 @@ pub enum Ended {
 /// measured on one core of an AMD EPYC 9004 (AVX-512) with the element-wise work counted apart.
 const NOMINAL_MACS_PER_CPU_S: f64 = 45e9;
 /// CPU time of the element-wise work of one LSTM unit, forward and backward, in s; same conditions.
-const NOMINAL_UNIT_S: f64 = 9e-9;
+const NOMINAL_UNIT_S: f64 = 5e-9;
 /// CPU time that each sample costs whatever the network, in s; same conditions.
 const NOMINAL_SAMPLE_S: f64 = 60e-9;
+/// Multiply-accumulates a CPU second of SOAP's products, which are smaller; same conditions.
+const NOMINAL_SOAP_MACS_PER_CPU_S: f64 = 22e9;
 /// The run is cut off when it used this many times its budget.
 const OVER_BUDGET: f64 = 2.0;
 /// CPU time of one multiply-accumulate of the fixed-point forward pass in s, and of the element-wise work of a unit; same conditions.
@@ -148,7 +153,25 @@ pub fn nominal_step_s(architecture: &Architecture, config: &TrainConfig, quantis
     let forward_and_backward = 3.0 * macs / NOMINAL_MACS_PER_CPU_S + units * NOMINAL_UNIT_S + NOMINAL_SAMPLE_S;
     let fixed = if quantised { macs * NOMINAL_FIXED_MAC_S + units * NOMINAL_FIXED_UNIT_S } else { 0.0 };
     // Adam passes over all parameters once a step.
-    (forward_and_backward + fixed) * (config.lanes * config.chunk) as f64 + Layout::new(architecture).len() as f64 * 1e-9
+    let update = Layout::new(architecture).len() as f64 * 1e-9 + soap_macs_per_step(architecture, config) / NOMINAL_SOAP_MACS_PER_CPU_S;
+    (forward_and_backward + fixed) * (config.lanes * config.chunk) as f64 + update
+}
+
+/// Multiply-accumulates of SOAP's products and factorisations in one optimiser step; none for Adam.
+fn soap_macs_per_step(architecture: &Architecture, config: &TrainConfig) -> f64 {
+    if config.optimizer.method == Method::Adam {
+        return 0.0;
+    }
+    let blocks = shares(&Layout::new(architecture), Method::Soap, 1);
+    let one = |block: &Block| {
+        let (rows, columns) = (block.rows as f64, block.columns as f64);
+        // Each step: two moments and a rotation there and back. Each turn: on either side one product, and a factorisation that makes two
+        // and two thirds as many operations.
+        let step = 3.0 * rows * columns * (rows + columns);
+        let turn = 11.0 / 3.0 * (rows.powi(3) + columns.powi(3));
+        step + turn / config.optimizer.basis_interval as f64
+    };
+    blocks.iter().flatten().map(one).sum()
 }
 
 /// Starting weights: input weights uniform (Glorot), recurrent weights orthogonal, forget gates open, dense small, so that training
@@ -252,120 +275,6 @@ struct Run<'a> {
     feed: Feed,
     seed: u64,
     validation: Validation,
-}
-
-/// Free-running validation in lanes.
-struct Validation {
-    sequence: Sequence,
-    /// Tracks that have validation samples.
-    tracks: Vec<usize>,
-    window: Option<usize>,
-}
-
-/// Lanes of the validation sequence, and its steps at a time.
-const VALIDATION_LANES: usize = 16;
-const VALIDATION_STEPS: usize = 100;
-/// In window mode every sample costs a whole window; while training, each such step of samples validates.
-const WINDOW_VALIDATION_STRIDE: usize = 7;
-
-impl Validation {
-    fn new(architecture: &Architecture, tracks: &[Track], mode: Mode) -> Self {
-        let window = match mode {
-            Mode::Streaming => None,
-            Mode::Window { length } => Some(length),
-        };
-        let steps = window.unwrap_or(VALIDATION_STEPS);
-        let validating = (0..tracks.len()).filter(|&index| tracks[index].training.contains(&false)).collect();
-        Self { sequence: Sequence::new(architecture, VALIDATION_LANES, steps), tracks: validating, window }
-    }
-
-    /// Mean squared error of `linear + target_scale * network` on the validation samples, in normalised output.
-    fn mean_square(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32) -> f64 {
-        match self.window {
-            None => self.streaming(parameters, tracks, target_scale),
-            Some(length) => self.windows(parameters, tracks, target_scale, length),
-        }
-    }
-
-    /// Largest magnitude of each layer's hidden state over all samples, free running.
-    fn largest_hidden(&mut self, parameters: &[f32], tracks: &[Track]) -> Vec<f64> {
-        let all: Vec<usize> = (0..tracks.len()).collect();
-        let mut largest = vec![0.0; self.sequence.architecture().units.len()];
-        self.walk(&all, parameters, tracks, |sequence, _, _| sequence.raise_to_largest_hidden(&mut largest));
-        largest
-    }
-
-    fn streaming(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32) -> f64 {
-        let (mut sum, mut count) = (0.0, 0u64);
-        let validating = self.tracks.clone();
-        self.walk(&validating, parameters, tracks, |sequence, group, start| {
-            for (lane, &index) in group.iter().enumerate() {
-                let track = &tracks[index];
-                for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
-                    let output = sequence.outputs()[(sample - start) * VALIDATION_LANES + lane];
-                    let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
-                    let error = beyond(error, f64::from(track.slack[sample]));
-                    sum += error * error;
-                    count += 1;
-                }
-            }
-        });
-        sum / count.max(1) as f64
-    }
-
-    /// Runs the network freely over whole tracks, side by side; `see` gets each chunk: the sequence, the tracks in its lanes, and the
-    /// sample it starts at.
-    fn walk(&mut self, chosen: &[usize], parameters: &[f32], tracks: &[Track], mut see: impl FnMut(&Sequence, &[usize], usize)) {
-        for group in chosen.chunks(VALIDATION_LANES) {
-            (0..VALIDATION_LANES).for_each(|lane| self.sequence.reset_lane(lane));
-            let longest = group.iter().map(|&index| tracks[index].len()).max().unwrap_or(0);
-            for start in (0..longest).step_by(VALIDATION_STEPS) {
-                let features = self.sequence.features_mut(VALIDATION_STEPS);
-                let width = features.len() / (VALIDATION_STEPS * VALIDATION_LANES);
-                features.fill(0.0);
-                for (lane, &index) in group.iter().enumerate() {
-                    let track = &tracks[index];
-                    for sample in start..track.len().min(start + VALIDATION_STEPS) {
-                        let row = (sample - start) * VALIDATION_LANES + lane;
-                        features[row * width..][..width].copy_from_slice(&track.features[sample * width..][..width]);
-                    }
-                }
-                self.sequence.forward(parameters);
-                see(&self.sequence, group, start);
-                self.sequence.carry();
-            }
-        }
-    }
-
-    fn windows(&mut self, parameters: &[f32], tracks: &[Track], target_scale: f32, length: usize) -> f64 {
-        let mut ends = Vec::new();
-        for &index in &self.tracks {
-            let track = &tracks[index];
-            ends.extend((0..track.len()).step_by(WINDOW_VALIDATION_STRIDE).filter(|&end| !track.training[end]).map(|end| (index, end)));
-        }
-        let mut sum = 0.0;
-        for group in ends.chunks(VALIDATION_LANES) {
-            (0..VALIDATION_LANES).for_each(|lane| self.sequence.reset_lane(lane));
-            let features = self.sequence.features_mut(length);
-            let width = features.len() / (length * VALIDATION_LANES);
-            features.fill(0.0);
-            for (lane, &(index, end)) in group.iter().enumerate() {
-                for step in 0..length {
-                    let source = window_features(&tracks[index], width, end, length, step);
-                    features[(step * VALIDATION_LANES + lane) * width..][..width].copy_from_slice(source);
-                }
-            }
-            let outputs = self.sequence.forward(parameters);
-            for (lane, &(index, end)) in group.iter().enumerate() {
-                let track = &tracks[index];
-                let output = outputs[(length - 1) * VALIDATION_LANES + lane];
-                let error = f64::from(track.output[end] - track.linear[end] - target_scale * output);
-                let error = beyond(error, f64::from(track.slack[end]));
-                sum += error * error;
-            }
-        }
-        sum / ends.len().max(1) as f64
-    }
 }
 
 /// Trains a model on recordings.
@@ -750,8 +659,8 @@ impl Run<'_> {
         found.largest_hidden = self.validation.largest_hidden(&found.best, &self.tracks);
         self.team.quantise(found.largest_hidden.clone());
         let mut state = self.team.state();
-        state.parameters.values.clone_from(&found.best);
-        state.parameters.average.clone_from(&found.best);
+        state.values.clone_from(&found.best);
+        state.average.clone_from(&found.best);
         state.carried.iter_mut().for_each(|carried| carried.fill(0.0));
         self.team.restore(&state);
         self.feed = Feed::new(&self.tracks, self.config, self.seed ^ QUANTISED_SEED);

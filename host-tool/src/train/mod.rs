@@ -4,8 +4,10 @@
 
 pub mod augment;
 mod barrier;
+pub mod blocks;
 pub mod checkpoint;
 pub mod config;
+pub mod eigenbasis;
 mod fit;
 pub mod front_end;
 mod hybrid;
@@ -14,6 +16,7 @@ pub mod quantised;
 pub mod split;
 pub mod team;
 pub mod tracks;
+mod validation;
 
 pub use checkpoint::CheckpointPlan;
 pub use config::{PRESETS, TrainConfig};

@@ -10,6 +10,8 @@ use std::thread::JoinHandle;
 use firmware::estimator::NetworkState;
 
 use super::barrier::Barrier;
+use super::blocks::{Block, gather, scatter, shares};
+use super::eigenbasis::Eigenbasis;
 use super::optimizer::{OptimizerConfig, Shard};
 use super::quantised;
 use super::tracks::beyond;
@@ -77,7 +79,8 @@ struct Shared {
     batch: RwLock<Batch>,
     workers: Vec<Mutex<Worker>>,
     gradients: Vec<RwLock<Vec<f32>>>,
-    ranges: Vec<Range<usize>>,
+    /// What each thread updates.
+    blocks: Vec<Vec<Block>>,
     shards: Vec<RwLock<Shard>>,
     squared_norms: Vec<Mutex<f64>>,
 }
@@ -93,10 +96,9 @@ fn write<T>(lock: &RwLock<T>) -> RwLockWriteGuard<'_, T> {
     lock.write().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Cuts `length` into `parts` pieces whose sizes differ by at most `unit`.
-fn split(length: usize, parts: usize, unit: usize) -> Vec<Range<usize>> {
-    let units = length.div_ceil(unit);
-    let edge = |part: usize| (units * part / parts * unit).min(length);
+/// Cuts `length` into `parts` pieces whose sizes differ by at most one.
+fn split(length: usize, parts: usize) -> Vec<Range<usize>> {
+    let edge = |part: usize| length * part / parts;
     (0..parts).map(|part| edge(part)..edge(part + 1)).collect()
 }
 
@@ -113,8 +115,16 @@ pub struct Team {
 pub struct TeamState {
     /// Optimiser steps made.
     pub steps_made: u64,
-    /// Parameters and optimiser state, whole.
-    pub parameters: Shard,
+    /// Parameters, in the order of [`Layout`].
+    pub values: Vec<f32>,
+    /// Their running average.
+    pub average: Vec<f32>,
+    /// Adam's running mean of the gradient.
+    pub mean: Vec<f32>,
+    /// Adam's running mean of the squared gradient.
+    pub square: Vec<f32>,
+    /// SOAP's coordinates, thread by thread.
+    pub bases: Vec<Vec<f32>>,
     /// Network state of each thread's lanes.
     pub carried: Vec<Vec<f32>>,
 }
@@ -136,8 +146,8 @@ impl Team {
         let layout = Layout::new(architecture);
         assert_eq!(parameters.len(), layout.len(), "parameters of the architecture");
         let threads = threads.clamp(1, lanes.max(1));
-        let ranges = split(parameters.len(), threads, 64);
-        let workers = split(lanes, threads, 1).into_iter().map(|lanes| {
+        let blocks = shares(&layout, optimizer.method, threads);
+        let workers = split(lanes, threads).into_iter().map(|lanes| {
             Mutex::new(Worker {
                 sequence: Sequence::new(architecture, lanes.len(), steps),
                 fixed: vec![NetworkState::default(); lanes.len()],
@@ -154,8 +164,8 @@ impl Team {
             batch: RwLock::new(Batch::new(lanes, steps, architecture.features)),
             workers: workers.collect(),
             gradients: (0..threads).map(|_| RwLock::new(vec![0.0; parameters.len()])).collect(),
-            shards: ranges.iter().map(|range| RwLock::new(Shard::new(&parameters[range.clone()]))).collect(),
-            ranges,
+            shards: blocks.iter().map(|blocks| RwLock::new(Shard::new(optimizer.method, blocks, &gather(blocks, parameters)))).collect(),
+            blocks,
             squared_norms: (0..threads).map(|_| Mutex::new(0.0)).collect(),
         });
         let threads = (1..threads)
@@ -205,13 +215,13 @@ impl Team {
     /// The parameters in the order of [`Layout`].
     #[must_use]
     pub fn parameters(&self) -> Vec<f32> {
-        self.gather(|shard| &shard.values)
+        self.whole(|shard| &shard.values)
     }
 
     /// The running average of the parameters.
     #[must_use]
     pub fn averaged_parameters(&self) -> Vec<f32> {
-        self.gather(|shard| &shard.average)
+        self.whole(|shard| &shard.average)
     }
 
     /// Gradient of the last step, before clipping, summed over the threads.
@@ -224,8 +234,12 @@ impl Team {
         sum
     }
 
-    fn gather(&self, part: impl Fn(&Shard) -> &Vec<f32>) -> Vec<f32> {
-        self.shared.shards.iter().flat_map(|shard| part(&read(shard)).clone()).collect()
+    fn whole(&self, part: impl Fn(&Shard) -> &Vec<f32>) -> Vec<f32> {
+        let mut flat = vec![0.0; Layout::new(&self.architecture).len()];
+        for (shard, blocks) in self.shared.shards.iter().zip(&self.shared.blocks) {
+            scatter(blocks, part(&read(shard)), &mut flat);
+        }
+        flat
     }
 
     /// Everything needed to go on later.
@@ -233,12 +247,11 @@ impl Team {
     pub fn state(&self) -> TeamState {
         TeamState {
             steps_made: self.steps_made,
-            parameters: Shard {
-                values: self.gather(|shard| &shard.values),
-                mean: self.gather(|shard| &shard.mean),
-                square: self.gather(|shard| &shard.square),
-                average: self.gather(|shard| &shard.average),
-            },
+            values: self.whole(|shard| &shard.values),
+            average: self.whole(|shard| &shard.average),
+            mean: self.whole(|shard| &shard.mean),
+            square: self.whole(|shard| &shard.square),
+            bases: self.shared.shards.iter().map(|shard| read(shard).bases.iter().flat_map(Eigenbasis::state).collect()).collect(),
             carried: self.shared.workers.iter().map(|worker| lock(worker).sequence.carried_state()).collect(),
         }
     }
@@ -250,12 +263,16 @@ impl Team {
     pub fn restore(&mut self, state: &TeamState) {
         assert_eq!(state.carried.len(), self.shared.workers.len(), "threads of the checkpoint");
         self.steps_made = state.steps_made;
-        for (shard, range) in self.shared.shards.iter().zip(&self.shared.ranges) {
+        for ((shard, blocks), bases) in self.shared.shards.iter().zip(&self.shared.blocks).zip(&state.bases) {
             let mut shard = write(shard);
-            shard.values.copy_from_slice(&state.parameters.values[range.clone()]);
-            shard.mean.copy_from_slice(&state.parameters.mean[range.clone()]);
-            shard.square.copy_from_slice(&state.parameters.square[range.clone()]);
-            shard.average.copy_from_slice(&state.parameters.average[range.clone()]);
+            shard.values = gather(blocks, &state.values);
+            shard.average = gather(blocks, &state.average);
+            shard.mean = gather(blocks, &state.mean);
+            shard.square = gather(blocks, &state.square);
+            let mut rest = bases.as_slice();
+            for basis in &mut shard.bases {
+                rest = basis.restore(rest);
+            }
         }
         for (worker, carried) in self.shared.workers.iter().zip(&state.carried) {
             lock(worker).sequence.restore_state(carried);
@@ -312,8 +329,8 @@ impl Shared {
         let batch = read(&self.batch);
         let mut worker = lock(&self.workers[index]);
         let worker = &mut *worker;
-        for (shard, range) in self.shards.iter().zip(&self.ranges) {
-            worker.parameters[range.clone()].copy_from_slice(&read(shard).values);
+        for (shard, blocks) in self.shards.iter().zip(&self.blocks) {
+            scatter(blocks, &read(shard).values, &mut worker.parameters);
         }
         let (lanes, width) = (worker.lanes.len(), batch.width);
         let features = worker.sequence.features_mut(batch.steps);
@@ -364,11 +381,10 @@ impl Shared {
 
     /// Sums the thread's part of the gradient over all threads and notes its squared norm.
     fn reduce(&self, index: usize) -> Vec<f32> {
-        let range = self.ranges[index].clone();
-        let mut sum = read(&self.gradients[0])[range.clone()].to_vec();
+        let blocks = &self.blocks[index];
+        let mut sum = gather(blocks, &read(&self.gradients[0]));
         for gradient in &self.gradients[1..] {
-            let gradient = read(gradient);
-            sum.iter_mut().zip(&gradient[range.clone()]).for_each(|(sum, value)| *sum += value);
+            sum.iter_mut().zip(gather(blocks, &read(gradient))).for_each(|(sum, value)| *sum += value);
         }
         let mut squares = [0.0f32; 16];
         let (blocks, rest) = sum.as_chunks::<16>();
