@@ -354,8 +354,10 @@ impl Data<'_> {
         let mut samples = 0;
         for (recording, part) in self.recordings.iter().zip(self.parts) {
             for segment in recording.segments() {
-                // Whole runs only: the operators need their past. A run that is partly for validation stays out.
-                if samples < SEARCH_SAMPLES && part[segment.clone()].iter().all(|part| *part) {
+                // Only the beginning of a run, up to what is for validation: the operators need their past.
+                let length = part[segment.clone()].iter().take_while(|part| **part).count();
+                let segment = segment.start..segment.start + length;
+                if samples < SEARCH_SAMPLES && length > 0 {
                     let scaled = |value: f64, channel: &Channel| (value - f64::from(channel.offset)) / f64::from(channel.scale);
                     let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| scaled(*value, self.input)).collect();
                     samples += input.len();

@@ -1,4 +1,7 @@
-//! What is for training and what for validation: by recording, or by blocks of time when there is only one.
+//! What is for training and what for validation: whole recordings, or where there are few of them the end of each.
+//!
+//! Few recordings are few kinds of motion: which of them was left out would decide what the model learns, and the seed would decide
+//! that.
 
 use rand::seq::SliceRandom as _;
 
@@ -7,6 +10,9 @@ use crate::recording::Recording;
 
 /// Blocks that a single recording is cut into.
 const BLOCKS: usize = 20;
+
+/// Up to this many recordings, each gives its end to the validation.
+const FEW: usize = 10;
 
 /// For every sample of every recording: is it for training? At least one recording (or block) is on each side.
 #[must_use]
@@ -24,6 +30,11 @@ pub fn split(recordings: &[Recording], validation_fraction: f64, seed: u64) -> V
     if let [only] = recordings {
         let training = choose(BLOCKS);
         return vec![(0..only.len()).map(|sample| training[sample * BLOCKS / only.len()]).collect()];
+    }
+    if recordings.len() <= FEW {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of a length")]
+        let kept = |length: usize| ((length as f64 * (1.0 - validation_fraction)).round() as usize).clamp(1, length.max(2) - 1);
+        return recordings.iter().map(|recording| (0..recording.len()).map(|sample| sample < kept(recording.len())).collect()).collect();
     }
     let training = choose(recordings.len());
     recordings.iter().zip(training).map(|(recording, training)| vec![training; recording.len()]).collect()
