@@ -33,13 +33,13 @@ pub const MAX_LINE_BYTES: usize = 920;
 
 /// Where the model in use lives, and how it runs.
 ///
-/// The flash holds blobs; a model that runs needs its bytes to stay where they are while an upload rewrites the flash.
+/// The flash holds blobs. A model may go on reading its own: the device takes it away before the slot can be rewritten.
 pub trait ModelPlace: ModelStep {
     /// What makes the kernel that models here run on, for the self-test. The model in use may be forgotten: a kernel that packs weights
     /// has memory for one model.
     fn kernel(&mut self) -> impl KernelSource;
 
-    /// Copies a blob that passed the self-test and makes it the model in use; `None` leaves no model. Gives `false` if there is no room.
+    /// Makes a blob that passed the self-test the model in use; `None` leaves no model. Gives `false` if there is no room.
     #[must_use]
     fn load(&mut self, blob: Option<&[u8]>) -> bool;
 }
@@ -150,6 +150,8 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         // The kernel's memory belongs to the model in use; the self-test that follows an activation looks again, with that kernel.
         let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, Portable).is_ok());
         if event == Some(Event::ModelChanged) {
+            // The slot of the model before may be rewritten from now on.
+            let _ = self.place.load(None);
             // Only while vented with nothing under way, so the queue is empty; in the fault state the acknowledgement tests again.
             let _ = self.queue.send(Command { token: None, action: Action::Request(supervisor::Event::Retest) });
         }
@@ -168,8 +170,8 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
             command: self.queue.commands.pop_front(),
             telemetry_dropped: self.link.telemetry_dropped(),
         };
-        let mut outputs = self.rig.tick(&mut self.place, inputs);
-        self.background(&mut outputs);
+        let outputs = self.rig.tick(&mut self.place, inputs);
+        self.background(&outputs);
         outputs
     }
 
@@ -190,7 +192,7 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         bytes
     }
 
-    fn background(&mut self, outputs: &mut TickOutputs) {
+    fn background(&mut self, outputs: &TickOutputs) {
         self.beat = self.beat.wrapping_add(1);
         if outputs.self_test_wanted {
             self.self_test();
@@ -199,8 +201,8 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
             self.reported = false;
         }
         self.link.observe(outputs.state, Measured::default());
-        if let Some(answer) = outputs.answer.take() {
-            self.link.answer(answer);
+        if let Some(answer) = &outputs.answer {
+            self.link.answer(answer.clone());
         }
         if let Some(sample) = outputs.telemetry {
             self.link.telemetry(sample);

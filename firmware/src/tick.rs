@@ -425,6 +425,27 @@ pub struct Rig {
     state: TickState,
 }
 
+/// What a tick saw and did, for whoever asks why: more than the outputs tell, and never sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Insight {
+    /// Ticks since the start.
+    pub time_ms: u64,
+    /// What was limited or degraded.
+    pub notices: NoticeSet,
+    /// Set-point in force, in the control law's quantity.
+    pub set_point: f32,
+    /// Number of the playback point in force, counted from one; zero before the first.
+    pub playback_index: u32,
+    /// Measured pressure, if the sensor is believed.
+    pub pressure_bar: Option<f32>,
+    /// Measured displacement, if the laser is believed.
+    pub displacement_mm: Option<f32>,
+    /// The model's estimate.
+    pub estimate_mm: Option<f32>,
+    /// How long ago the host last sent a set-point while running, in ms.
+    pub host_age_ms: u16,
+}
+
 /// What a command left to do in its tick.
 #[derive(Default)]
 struct Pending {
@@ -451,6 +472,22 @@ impl Rig {
     /// The state machine, the fault record and the vent watch.
     pub fn supervisor(&self) -> &SupervisorState {
         &self.state.supervisor
+    }
+
+    /// What the last tick saw and did.
+    pub fn insight(&self) -> Insight {
+        let state = &self.state;
+        let believed = |sensor: &SensorState| sensor.is_believed().then(|| sensor.last_value());
+        Insight {
+            time_ms: state.time_ms,
+            notices: state.notices,
+            set_point: state.set_point,
+            playback_index: state.controller.playback.index(),
+            pressure_bar: believed(&state.pressure),
+            displacement_mm: believed(&state.laser),
+            estimate_mm: state.estimate_mm,
+            host_age_ms: state.host_age_ticks,
+        }
     }
 
     /// Everything the rig does in one millisecond.
