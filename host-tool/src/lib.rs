@@ -2,18 +2,22 @@
 //!
 //! Data flows one way through the modules: [`excitation`] makes input signals, [`plant`] turns them into recordings,
 //! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`model`] is what all models have in common,
-//! [`evaluate`] judges them, [`export`] takes them to the microcontroller, [`link`] speaks to it and [`report`] shows them.
+//! [`evaluate`] judges them, [`export`] takes them to the microcontroller, [`link`] speaks to it
+//! through a [`backend`], [`experiment`] plays excitations to it, [`journal`] keeps what it did and runs it again, and [`report`] shows them.
 
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
 
+pub mod backend;
 pub mod cli;
 pub mod demo;
 pub mod discover;
 pub mod evaluate;
 pub mod excitation;
+pub mod experiment;
 pub mod export;
 pub mod identify;
+pub mod journal;
 pub mod link;
 pub mod model;
 pub mod network;

@@ -308,7 +308,8 @@ impl<T: Transport> Client<T> {
 }
 
 /// A version as people write it.
-pub(crate) fn version([major, minor, patch]: [u16; 3]) -> String {
+#[must_use]
+pub fn version([major, minor, patch]: [u16; 3]) -> String {
     format!("{major}.{minor}.{patch}")
 }
 

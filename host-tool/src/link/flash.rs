@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use firmware::storage::{Flash, Slot};
+use firmware::storage::{Flash, Slot, Store};
+use model_export::link::settings::Settings;
 
 use crate::output;
 
@@ -73,6 +74,29 @@ impl Default for FlashMemory {
 }
 
 impl FlashMemory {
+    /// That of a device with this model active.
+    ///
+    /// # Errors
+    /// When the bytes are no blob or do not fit.
+    pub fn with_model(blob: &[u8]) -> Result<Self> {
+        model_export::blob::decode(blob).map_err(|error| anyhow::anyhow!("is no blob this program knows: {error}"))?;
+        let flash = Self::default();
+        let mut store = Store::new(flash.models, firmware::model::STORE_KIND, firmware::model::STORE_VERSION);
+        store.save(blob).map_err(|error| anyhow::anyhow!("does not fit the device's flash: {error:?}"))?;
+        Ok(Self { models: store.release(), ..flash })
+    }
+
+    /// The same with these settings saved.
+    ///
+    /// # Errors
+    /// Never: settings fit their slot.
+    pub fn with_settings(self, settings: &Settings) -> Result<Self> {
+        let mut store = Store::new(self.settings, firmware::settings::STORE_KIND, firmware::settings::STORE_VERSION);
+        let bytes = firmware::settings::encode(settings).context("settings that cannot be encoded")?;
+        store.save(&bytes).map_err(|error| anyhow::anyhow!("settings do not fit the device's flash: {error:?}"))?;
+        Ok(Self { settings: store.release(), ..self })
+    }
+
     /// The whole flash as one piece: settings A and B, models A and B.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {

@@ -65,23 +65,6 @@ impl ModelPlace for Heap {
 /// The device as this process runs it.
 pub type HostDevice = Device<SlotPair, SlotPair, Heap>;
 
-/// A device over this flash, and what it would find if it started now.
-///
-/// # Errors
-/// When the default settings do not go together with the converter; never, a test holds that.
-pub fn start(flash: &FlashMemory, boot: Boot, retained: Option<Retained>) -> Result<HostDevice, LinkError> {
-    let config = DeviceConfig {
-        firmware: FIRMWARE,
-        board: heapless::String::try_from(boot.board).unwrap_or_default(),
-        reset_cause: boot.reset_cause,
-        retained,
-        facts: FACTS,
-        line_bytes_per_tick: boot.line_bytes_per_tick,
-    };
-    Device::new(config, flash.settings.clone(), flash.models.clone(), Heap::default())
-        .map_err(|inconsistent| LinkError::Rig(format!("the default settings do not go together: {inconsistent:?}")))
-}
-
 /// The firmware library as the processor.
 pub struct InProcess {
     device: Option<HostDevice>,
@@ -115,6 +98,22 @@ impl InProcess {
         }
     }
 
+    /// Starts the device again, with the flash as it is now and what survived the reset.
+    pub(crate) fn start(&mut self, reset_cause: ResetCause, line_bytes_per_tick: u16, board: &str) -> Result<(), LinkError> {
+        self.flash = self.flash();
+        let config = DeviceConfig {
+            firmware: FIRMWARE,
+            board: heapless::String::try_from(board).unwrap_or_default(),
+            reset_cause,
+            retained: self.retained,
+            facts: FACTS,
+            line_bytes_per_tick,
+        };
+        let device = Device::new(config, self.flash.settings.clone(), self.flash.models.clone(), Heap::default());
+        self.device = Some(device.map_err(|number| LinkError::Rig(format!("the default settings do not go together: {number:?}")))?);
+        Ok(())
+    }
+
     /// Does a tick and gives everything that came of it; the bytes for the host go to `to_host`.
     pub(crate) fn step(&mut self, inputs: DeviceInputs, from_host: &[u8], to_host: &mut Vec<u8>) -> Option<TickOutputs> {
         let device = self.device.as_mut()?;
@@ -137,8 +136,7 @@ impl InProcess {
 
 impl Processor for InProcess {
     fn boot(&mut self, boot: Boot) -> Result<Option<Fault>, LinkError> {
-        self.flash = self.flash();
-        self.device = Some(start(&self.flash, boot, self.retained)?);
+        self.start(boot.reset_cause, boot.line_bytes_per_tick, boot.board)?;
         Ok(self.crash.take())
     }
 

@@ -152,8 +152,8 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
     }
 
     /// The observer.
-    pub fn observer(&mut self) -> &mut O {
-        &mut self.observer
+    pub fn observer(&self) -> &O {
+        &self.observer
     }
 
     /// Takes the rig apart.

@@ -10,6 +10,7 @@ mod flash;
 mod hardware;
 mod in_process;
 mod lockstep;
+mod qemu;
 mod serial;
 mod words;
 
@@ -18,14 +19,16 @@ mod tests;
 
 use std::time::Duration;
 
-pub use client::{Account, Client, Gap};
+pub use client::{Account, Client, Gap, version};
 pub use error::LinkError;
 pub use flash::{FlashMemory, SlotPair};
 pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle};
-pub use in_process::{FIRMWARE, InProcess};
+pub(crate) use in_process::device_outputs;
+pub use in_process::{FIRMWARE, HostDevice, InProcess};
 pub use lockstep::{Boot, Lockstep, Observer, Processor, TickRecord, Turn, WATCHDOG_MS};
+pub use qemu::{EMULATOR, Qemu, QemuConfig};
 pub use serial::{BAUD, Serial};
-pub use words::{fault_in_words, in_words, refusal_in_words};
+pub use words::{fault_in_words, in_words, refusal_in_words, state_name};
 
 /// A line to a device.
 pub trait Transport {

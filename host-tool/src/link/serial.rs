@@ -77,3 +77,59 @@ impl Transport for Serial {
         &self.place
     }
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::thread;
+
+    use model_export::link::frame;
+    use model_export::link::hello::Hello;
+    use model_export::link::state::ResetCause;
+
+    use super::super::Client;
+    use super::*;
+
+    /// A port, and what is at its other end.
+    fn pair() -> (Serial, serial2::SerialPort) {
+        let (port, mut device) = serial2::SerialPort::pair().expect("a pair of pseudo-terminals");
+        device.set_read_timeout(Duration::from_secs(5)).expect("a timeout");
+        (Serial { port, place: "pair".to_owned(), opened: Instant::now() }, device)
+    }
+
+    #[test]
+    fn a_device_that_is_pulled_out_is_named() {
+        let (mut port, device) = pair();
+        drop(device);
+        let gone = port.receive(Duration::from_secs(1), &mut Vec::new());
+        assert!(matches!(gone, Err(LinkError::Unplugged { .. })), "{gone:?}");
+    }
+
+    #[test]
+    fn another_device_on_the_port_is_named_and_an_old_firmware_too() {
+        let (port, device) = pair();
+        let chatter = thread::spawn(move || (0..100).all(|_| device.write_all(b"login: \0\r\n").is_ok()));
+        let met = Client::connect(port);
+        assert!(matches!(met, Err(LinkError::Garbage { .. })), "{:?}", met.err());
+        drop(met);
+        let _ = chatter.join();
+
+        let (port, device) = pair();
+        let old = thread::spawn(move || {
+            let mut byte = [0; 64];
+            while device.read(&mut byte).is_ok_and(|count| count == 0) {}
+            let board = heapless::String::try_from("old").unwrap_or_default();
+            let hello = Hello { firmware: [0, 0, 9], protocol: 0, schema_hash: 1, model_id: [0; 8], reset_cause: ResetCause::Pin, board };
+            device.write_all(&frame::encode(&hello.encode()).expect("a frame")).expect("the host listens");
+            device
+        });
+        let met = Client::connect(port);
+        assert!(matches!(&met, Err(LinkError::OldFirmware { firmware, .. }) if firmware == "0.0.9"), "{:?}", met.err());
+        let _ = old.join();
+    }
+
+    #[test]
+    fn a_silent_port_is_no_answer() {
+        let (port, _device) = pair();
+        assert!(matches!(Client::connect(port), Err(LinkError::NoAnswer { .. })));
+    }
+}

@@ -22,7 +22,8 @@ pub fn in_words(table: char, explanation: &Explanation) -> String {
 }
 
 /// Name of a state as it is written everywhere.
-pub(super) fn state_name(state: State) -> &'static str {
+#[must_use]
+pub fn state_name(state: State) -> &'static str {
     match state {
         State::Boot => "boot",
         State::SelfTest => "self-test",

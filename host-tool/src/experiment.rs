@@ -1,0 +1,298 @@
+//! Experiments on a rig: an excitation is sent ahead piece by piece, played back by the device, and the telemetry becomes a recording.
+//!
+//! The settings that a recording needs (control law, playback and telemetry period) are changed for the experiment and set back after it;
+//! nothing is saved. Samples that do not arrive are counted and leave a gap; nothing is filled in.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail, ensure};
+use model_export::link::fault::Blocker;
+use model_export::link::message::{FaultRecord, MAX_CHUNK_POINTS, PlaybackChunk, Refusal, Reply, Request, Status, Telemetry};
+use model_export::link::settings::{SettingValue, by_name};
+use model_export::link::state::State;
+
+use crate::excitation::{ExcitationConfig, Limits};
+use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
+use crate::output;
+use crate::recording::{ExtraColumn, Recording, Signal};
+
+/// Points in the device's buffer before the start: more than a second, so that a busy host is not noticed.
+const POINTS_AHEAD: u32 = 128;
+/// How often a host that has nothing to send says that it is there; a fifth of the default host timeout.
+const KEEP_ALIVE: Duration = Duration::from_millis(50);
+/// How long to wait for the way from one state to the next: boot and self-test.
+const PATIENCE: Duration = Duration::from_secs(12);
+
+/// What an experiment gave.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Samples from the first played point to the last.
+    pub samples: Vec<Telemetry>,
+    /// What did not arrive.
+    pub account: Account,
+    /// Why it ended early.
+    pub fault: Option<FaultRecord>,
+    /// Points of the excitation.
+    pub points: usize,
+}
+
+/// Asks for the status.
+///
+/// # Errors
+/// See [`LinkError`].
+pub fn status(rig: &mut Client<impl Transport>) -> Result<Status, LinkError> {
+    match rig.request(&Request::Status)? {
+        Reply::Status(status) => Ok(status),
+        _ => Err(rig.unexpected(&Request::Status)),
+    }
+}
+
+/// Waits until boot and self-test are over.
+///
+/// # Errors
+/// When they do not end.
+pub fn settle(rig: &mut Client<impl Transport>) -> Result<Status> {
+    wait(rig, "the end of its self-test", |status| !matches!(status.state, State::Boot | State::SelfTest))
+}
+
+/// Waits for a status.
+fn wait(rig: &mut Client<impl Transport>, what: &str, reached: impl Fn(&Status) -> bool) -> Result<Status> {
+    let until = rig.elapsed() + PATIENCE;
+    loop {
+        let status = status(rig)?;
+        if reached(&status) {
+            return Ok(status);
+        }
+        ensure!(rig.elapsed() < until, "the device waits in the state `{}` and does not reach {what}", state_name(status.state));
+        pass(rig, Duration::from_millis(20))?;
+    }
+}
+
+/// Lets time pass while listening.
+fn pass(rig: &mut Client<impl Transport>, time: Duration) -> Result<(), LinkError> {
+    let until = rig.elapsed() + time;
+    while rig.elapsed() < until {
+        rig.listen(until - rig.elapsed())?;
+    }
+    Ok(())
+}
+
+/// Reads a setting by name.
+///
+/// # Errors
+/// See [`LinkError`].
+pub fn setting(rig: &mut Client<impl Transport>, name: &str) -> Result<SettingValue> {
+    let number = by_name(name).with_context(|| format!("there is no setting {name}"))?.number;
+    let request = Request::SettingGet { number };
+    match rig.request(&request)? {
+        Reply::Setting(value) => Ok(value),
+        _ => Err(rig.unexpected(&request).into()),
+    }
+}
+
+/// Settings that an experiment changed, with what they were.
+type Changed = Vec<(u16, SettingValue)>;
+
+/// Changes settings for the time of an experiment.
+fn borrow_settings(rig: &mut Client<impl Transport>, wanted: &[(&str, SettingValue)]) -> Result<Changed> {
+    let mut changed = Vec::new();
+    for (name, value) in wanted {
+        let number = by_name(name).with_context(|| format!("there is no setting {name}"))?.number;
+        let before = setting(rig, name)?;
+        if before != *value {
+            rig.command(&Request::SettingSet { number, value: *value }).with_context(|| format!("{name} cannot be set"))?;
+            changed.push((number, before));
+        }
+    }
+    Ok(changed)
+}
+
+/// Whole milliseconds of a sample period.
+fn period_ms(excitation: &ExcitationConfig) -> Result<u32> {
+    let period_ms = (excitation.sample_period_s * 1e3).round();
+    let whole = (excitation.sample_period_s * 1e3 - period_ms).abs() < 1e-6 && (1.0..=1000.0).contains(&period_ms);
+    ensure!(whole, "sample_period_s is {}: a rig plays whole milliseconds, from 0.001 to 1 s", excitation.sample_period_s);
+    Ok(period_ms as u32)
+}
+
+/// Plays an excitation and records it; the excitation is checked against the device's ceiling first.
+///
+/// A fault on the way ends the experiment and is part of the outcome.
+///
+/// # Errors
+/// When the excitation does not fit the rig, the rig is not ready, or the device is gone.
+pub fn record(rig: &mut Client<impl Transport>, excitation: &ExcitationConfig, limits: &Limits) -> Result<Outcome> {
+    let ready = settle(rig)?;
+    if ready.state != State::Idle {
+        bail!(
+            "the rig is not idle but in the state `{}`{}; `catheter rig ... explain` says what to do",
+            state_name(ready.state),
+            if ready.first_fault == 0 { String::new() } else { format!(" ({})", fault_in_words(ready.first_fault)) }
+        );
+    }
+    let period_ms = period_ms(excitation)?;
+    let SettingValue::Float(ceiling_bar) = setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
+    let limits = Limits { maximum_bar: limits.maximum_bar.min(f64::from(ceiling_bar)), ..*limits };
+    let samples = excitation.sample_within(&limits)?;
+    let points: Vec<f32> = samples.pressure_bar.iter().map(|bar| *bar as f32).collect();
+    let wanted = [
+        ("control.law", SettingValue::Integer(0)),
+        ("playback.period_ms", SettingValue::Integer(period_ms)),
+        ("telemetry.period_ms", SettingValue::Integer(period_ms)),
+    ];
+    let changed = borrow_settings(rig, &wanted)?;
+    let outcome = play(rig, &points, Duration::from_millis(period_ms.into()));
+    // Whatever happened: out of the energised states, and the settings back.
+    let _ = rig.ask(&Request::Disarm);
+    for (number, value) in changed {
+        rig.command(&Request::SettingSet { number, value }).context("the settings cannot be set back")?;
+    }
+    outcome
+}
+
+/// Sends points ahead, starts, and listens until the end.
+fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> Result<Outcome> {
+    rig.command(&Request::PlaybackClear)?;
+    let mut feed = Feed { points, free: u32::MAX, confirmed: 0 };
+    while feed.confirmed < POINTS_AHEAD.min(feed.length()) {
+        let chunk = feed.chunk();
+        feed.take(&rig.request(&Request::Playback(chunk))?);
+    }
+    // Changed settings and a fresh vent make the device ask for a moment.
+    wait(rig, "readiness for arming", |status| status.blockers.is_empty() || blocked_for_long(status))?;
+    rig.command(&Request::Arm)?;
+    rig.command(&Request::Start)?;
+    rig.begin_account();
+    let bar = output::progress(feed.length().into(), "recording");
+    let length = period * feed.length();
+    let until = rig.elapsed() + length + PATIENCE;
+    let mut outcome = Outcome { samples: Vec::new(), account: Account::default(), fault: None, points: points.len() };
+    let mut waiting = None;
+    let mut last_sent = rig.elapsed();
+    let (mut started, mut ended) = (false, false);
+    while !ended {
+        rig.listen(Duration::from_millis(5))?;
+        if let Some(token) = waiting
+            && let Some(reply) = rig.take_reply(token)
+        {
+            feed.take(&reply);
+            waiting = None;
+        }
+        // A reply that does not come was lost; the device confirms again what it has.
+        let due = rig.elapsed() >= last_sent + KEEP_ALIVE;
+        if due || (waiting.is_none() && feed.has_room()) {
+            waiting = Some(rig.send(&Request::Playback(feed.chunk()))?);
+            last_sent = rig.elapsed();
+        }
+        while let Some(sample) = rig.take_telemetry() {
+            bar.set_position(sample.playback_index.into());
+            match sample.state {
+                State::Running => {
+                    started = true;
+                    if sample.playback_index > 0 {
+                        outcome.samples.push(sample);
+                    }
+                }
+                State::Fault => ended = true,
+                // One from before the start may still have been on its way.
+                _ => ended |= started,
+            }
+        }
+        if rig.elapsed() > until {
+            bail!("the experiment should be over and the device does not say so; it vents by itself");
+        }
+    }
+    bar.finish_and_clear();
+    outcome.account = rig.account().clone();
+    let ended_as = status(rig)?;
+    if ended_as.first_fault != 0 {
+        outcome.fault = fault_record(rig)?;
+    }
+    Ok(outcome)
+}
+
+/// What can only go away if somebody does something.
+fn blocked_for_long(status: &Status) -> bool {
+    let passing = [Blocker::LaserNotPlausible, Blocker::PressureNotPlausible, Blocker::VentNotVerified, Blocker::LoopLate];
+    status.blockers.iter().any(|blocker| !passing.contains(&blocker))
+}
+
+/// The fault record of this run, if there is one.
+///
+/// # Errors
+/// When the device is gone.
+pub fn fault_record(rig: &mut Client<impl Transport>) -> Result<Option<FaultRecord>, LinkError> {
+    match rig.ask(&Request::FaultRecord)? {
+        Reply::FaultRecord(record) => Ok(Some(record)),
+        _ => Ok(None),
+    }
+}
+
+/// The points that are still to be sent.
+struct Feed<'a> {
+    points: &'a [f32],
+    /// Index of the next point that the device wants.
+    confirmed: u32,
+    /// Points it has room for.
+    free: u32,
+}
+
+impl Feed<'_> {
+    fn length(&self) -> u32 {
+        u32::try_from(self.points.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Whether a whole chunk, or all that is left, fits.
+    fn has_room(&self) -> bool {
+        let left = self.length() - self.confirmed;
+        left > 0 && self.free >= left.min(MAX_CHUNK_POINTS as u32)
+    }
+
+    /// The next chunk; an empty one says that the host is there.
+    fn chunk(&self) -> PlaybackChunk {
+        let at = self.confirmed as usize;
+        let count = if self.has_room() { (self.points.len() - at).min(MAX_CHUNK_POINTS) } else { 0 };
+        let values_bar = heapless::Vec::from_slice(&self.points[at..at + count]).unwrap_or_default();
+        PlaybackChunk { first_index: self.confirmed, last: count > 0 && at + count == self.points.len(), values_bar }
+    }
+
+    fn take(&mut self, reply: &Reply) {
+        match reply {
+            Reply::Playback { next_index, free } => {
+                self.confirmed = (*next_index).min(self.length());
+                self.free = u32::from(*free);
+            }
+            Reply::Refused(Refusal::PlaybackIndex(index)) => self.confirmed = (*index).min(self.length()),
+            Reply::Refused(Refusal::PlaybackFull(free)) => self.free = u32::from(*free),
+            _ => {}
+        }
+    }
+}
+
+impl Outcome {
+    /// The samples as a recording; those without a believed displacement are left out, which makes a gap.
+    ///
+    /// # Errors
+    /// When nothing is left.
+    pub fn recording(&self, path: &Path) -> Result<Recording> {
+        let rows: Vec<(&Telemetry, f32)> = self.samples.iter().filter_map(|sample| Some((sample, sample.displacement_mm?))).collect();
+        ensure!(!rows.is_empty(), "not one sample arrived; {} were lost on the line", self.account.lost_on_the_line);
+        let start_ms = rows.first().map_or(0, |(sample, _)| sample.time_ms);
+        let start_sequence = rows.first().map_or(0, |(sample, _)| sample.sequence);
+        let time_s = rows.iter().map(|(sample, _)| (sample.time_ms - start_ms) as f64 * 1e-3).collect();
+        let input = rows.iter().map(|(sample, _)| f64::from(sample.command_bar)).collect();
+        let output = rows.iter().map(|(_, displacement_mm)| f64::from(*displacement_mm)).collect();
+        let signals = (Signal::pressure_bar(), Signal::displacement_mm());
+        let mut recording = Recording::new(path, signals.0, signals.1, time_s, input, output)?;
+        let column = |name: &str, value: &dyn Fn(&Telemetry) -> f64| ExtraColumn {
+            name: name.to_owned(),
+            values: rows.iter().map(|(sample, _)| value(sample)).collect(),
+        };
+        recording.extra.push(column("sequence", &|sample| f64::from(sample.sequence.wrapping_sub(start_sequence))));
+        if rows.iter().all(|(sample, _)| sample.pressure_bar.is_some()) {
+            recording.extra.push(column("pressure_measured_bar", &|sample| f64::from(sample.pressure_bar.unwrap_or_default())));
+        }
+        Ok(recording)
+    }
+}
