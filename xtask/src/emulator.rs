@@ -31,3 +31,12 @@ pub fn flashable_image() -> Result<()> {
             .env("FLASHABLE_IMAGE", crate::firmware::image()),
     )
 }
+
+/// The whole device as ARM code against the same device on the desktop, and what becomes of it when something breaks.
+pub fn processor_in_the_loop() -> Result<()> {
+    let image = std::path::absolute(target_folder().join(TARGET).join("release/pil"))?;
+    run(
+        "processor in the loop",
+        cargo().env("CATHETER_PIL_IMAGE", image).args(["test", "-p", "rig-tests", "--test", "processor_in_the_loop"]),
+    )
+}

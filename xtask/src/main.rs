@@ -60,5 +60,6 @@ fn test() -> anyhow::Result<()> {
     firmware::build()?;
     emulator::boots()?;
     emulator::flashable_image()?;
+    emulator::processor_in_the_loop()?;
     demo::runs()
 }

@@ -11,12 +11,17 @@ From nothing to a verified model, one command after the other:
   catheter export model.safetensors --calibration data/train --out model.blob
   catheter evaluate --model model.blob --data data/test --suite
 
+To the rig and back, on a board, in QEMU or in this process:
+  catheter rig --flash rig.flash model upload model.blob --activate
+  catheter rig --flash rig.flash record --excitation staircase.toml --out run.csv
+  catheter replay run.csv --at 3.25
+
 All of it at once, with a report to look at:
   catheter demo --out demo
 
 Exit codes:
   0  done
-  1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector)
+  1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector, a replay that differs)
   2  usage or input: the message says which file, which line and what to do; nothing was half-written";
 
 /// Below the help of `discover`.
@@ -63,6 +68,50 @@ Examples:
   catheter demo
   catheter demo --out demo --seed 7
   catheter demo --quick --out look";
+
+/// Below the help of `rig`.
+pub const RIG: &str = "\
+The rig is a board on a serial port, the firmware as ARM code in QEMU, or the firmware in this process; every command works on all three.
+
+Examples:
+  catheter rig hello
+  catheter rig --backend serial:/dev/ttyUSB0 status
+  catheter rig --backend serial:COM3 explain
+  catheter rig settings get limits.ceiling_bar
+  catheter rig --flash rig.flash settings set limits.ceiling_bar=2.5 laser.required=false --save
+  catheter rig --flash rig.flash settings diff --defaults
+  catheter rig --flash rig.flash model upload model.blob --activate
+  catheter rig --flash rig.flash --plant all-effects record --excitation staircase.toml --out run.csv
+  catheter rig --backend qemu record --excitation staircase.toml --out run.csv --json run.json
+  catheter rig --backend serial:/dev/ttyUSB0 vent
+
+Exit code 1: `vent` saw no low pressure, `record` ended early with a fault.";
+
+/// Below the help of `replay`.
+pub const REPLAY: &str = "\
+Runs every tick of the recording again and compares it; exit code 1 if any output differs.
+
+Examples:
+  catheter replay run.journal
+  catheter replay run.csv --at 3.25
+  catheter replay run.journal --at 3.25 --json why.json";
+
+/// Below the help of `pil`.
+pub const PIL: &str = "\
+Needs QEMU (`cargo xtask setup`) and the image: cargo build --release --target thumbv7em-none-eabihf -p firmware --bin pil
+Exit code 1 if the two logs differ, or the experiment ended early with a fault.
+
+Examples:
+  catheter pil --blob model.blob
+  catheter pil --blob model.blob --plant all-effects --seconds 60 --json pil.json
+  catheter pil --blob model.blob --excitation staircase.toml --out run.csv";
+
+/// Below the help of `explain`.
+pub const EXPLAIN: &str = "\
+Examples:
+  catheter explain E017
+  catheter explain b3
+  catheter explain";
 
 /// Below the help of `completions`.
 pub const COMPLETIONS: &str = "\

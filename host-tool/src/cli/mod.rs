@@ -5,11 +5,15 @@ mod completions;
 mod demo;
 mod discover;
 mod evaluate;
+mod explain;
 mod export;
 mod help;
 mod hide;
 mod identify;
 mod inspect;
+mod pil;
+mod replay;
+mod rig;
 mod simulate;
 mod train;
 
@@ -47,6 +51,14 @@ enum Command {
     Evaluate(evaluate::Arguments),
     Export(export::Arguments),
     Inspect(inspect::Arguments),
+    #[command(after_long_help = help::RIG)]
+    Rig(rig::Arguments),
+    #[command(after_long_help = help::REPLAY)]
+    Replay(replay::Arguments),
+    #[command(after_long_help = help::PIL)]
+    Pil(pil::Arguments),
+    #[command(after_long_help = help::EXPLAIN)]
+    Explain(explain::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
     #[command(after_long_help = help::DISCOVER)]
@@ -105,6 +117,10 @@ pub fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Rig(arguments) => rig::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Pil(arguments) => pil::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Discover(arguments) => discover::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),

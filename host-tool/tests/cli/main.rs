@@ -5,5 +5,6 @@ mod demo;
 mod evaluate;
 mod help;
 mod refusals;
+mod rig;
 mod streams;
 mod support;

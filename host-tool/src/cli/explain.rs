@@ -1,0 +1,79 @@
+//! `catheter explain`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use model_export::link::fault::{Blocker, Explanation, Fault, Notice, explain};
+use serde::Serialize;
+
+use super::Outcome;
+use crate::{output, say};
+
+/// Say what a fault, blocker or notice means and what to do about it.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Its identifier: E017 is a fault, B003 a blocker, N002 a notice; the list of all when absent.
+    identifier: Option<String>,
+    /// Write the result as JSON to this file; folders on the way are created.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
+    json: Option<PathBuf>,
+}
+
+/// What `--json` gets of each.
+#[derive(Serialize)]
+struct Written {
+    identifier: String,
+    name: &'static str,
+    meaning: &'static str,
+    remedy: &'static str,
+}
+
+impl Written {
+    fn new((table, explanation): (char, Explanation)) -> Self {
+        let Explanation { number, name, meaning, remedy } = explanation;
+        Self { identifier: format!("{table}{number:03}"), name, meaning, remedy }
+    }
+}
+
+/// Everything that has a number.
+fn all() -> Vec<(char, Explanation)> {
+    let faults = Fault::ALL.iter().map(|fault| ('E', fault.explanation()));
+    let blockers = Blocker::ALL.iter().map(|blocker| ('B', blocker.explanation()));
+    let notices = Notice::ALL.iter().map(|notice| ('N', notice.explanation()));
+    faults.chain(blockers).chain(notices).collect()
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On an identifier that nothing has.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let entries: Vec<Written> = match &arguments.identifier {
+        None => all().into_iter().map(Written::new).collect(),
+        Some(identifier) => {
+            let table = identifier.trim().chars().next().unwrap_or_default().to_ascii_uppercase();
+            let Some(explanation) = explain(identifier) else {
+                let last = |table| all().iter().filter(|(found, _)| *found == table).map(|(_, entry)| entry.number).max().unwrap_or(0);
+                bail!(
+                    "nothing has the number {identifier}; there are faults E001 to E{:03}, blockers B001 to B{:03} and notices N001 to N{:03}, \
+                     and `catheter explain` lists them all",
+                    last('E'),
+                    last('B'),
+                    last('N')
+                );
+            };
+            vec![Written::new((table, explanation))]
+        }
+    };
+    for entry in &entries {
+        if arguments.identifier.is_some() {
+            say!("{} {}\n\n{}\n{}", entry.identifier, entry.name, entry.meaning, entry.remedy);
+        } else {
+            say!("{}  {:<24} {}", entry.identifier, entry.name, entry.meaning);
+        }
+    }
+    if let Some(path) = &arguments.json {
+        if arguments.identifier.is_some() { output::write_json(path, &entries[0])? } else { output::write_json(path, &entries)? }
+    }
+    Ok(Outcome::Success)
+}

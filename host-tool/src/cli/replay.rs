@@ -1,0 +1,80 @@
+//! `catheter replay`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use serde::Serialize;
+
+use super::Outcome;
+use crate::journal::{Journal, Story, story};
+use crate::{output, say};
+
+/// Run a journal again on this computer, bit for bit, and say why the rig did what it did.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The journal, or the recording beside which it lies.
+    #[arg(value_name = "FILE")]
+    journal: PathBuf,
+    /// Say what was in force at this moment and why, in s after the beginning of the journal.
+    #[arg(long, value_name = "SECONDS")]
+    at: Option<f64>,
+    /// Write the result as JSON to this file; folders on the way are created.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
+    json: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    identical: bool,
+    program: &'a str,
+    backend: &'a str,
+    blob_sha256: Option<String>,
+    #[serde(flatten)]
+    story: &'a Story,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the file is no journal.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let is_recording = arguments.journal.extension().is_some_and(|ending| ending == "csv");
+    let path = if is_recording { arguments.journal.with_extension("journal") } else { arguments.journal.clone() };
+    let journal = Journal::read(&path)?;
+    let told = story(&journal, arguments.at)?;
+    ensure!(
+        arguments.at.is_none_or(|at| at.is_finite() && (0.0..=told.duration_s).contains(&at)),
+        "--at: a moment from 0 to {:.3} s is wanted, the journal is no longer",
+        told.duration_s
+    );
+    let identical = told.replay.is_identical();
+    let header = &journal.header;
+    let blob_sha256 = header.blob_sha256();
+    say!("{}: {:.3} s on the backend `{}`, written by catheter {}", path.display(), told.duration_s, header.backend, header.program);
+    say!("model at the start: {}", blob_sha256.as_deref().unwrap_or("none"));
+    match &told.replay.first_difference {
+        None => say!("{} ticks run again, every output identical to the bit", told.replay.ticks),
+        Some(difference) => say!(
+            "DIFFERENT from tick {} on ({:.3} s)\n  recorded {:?}\n  replayed {:?}",
+            difference.tick,
+            difference.time_s,
+            difference.recorded,
+            difference.replayed
+        ),
+    }
+    for turning in &told.turnings {
+        say!("{:>10.3} s  {} -> {}: {}", turning.time_s, turning.from, turning.to, turning.cause.in_words());
+    }
+    if let Some(moment) = &told.moment {
+        say!("\nAt {:.3} s:", moment.time_s);
+        moment.why.iter().for_each(|sentence| say!("  {sentence}"));
+        let number = |value: Option<f32>, unit: &str| value.map_or("not believed".to_owned(), |value| format!("{value:.4} {unit}"));
+        say!("  measured pressure {}", number(moment.pressure_bar, "bar"));
+        say!("  measured displacement {}", number(moment.displacement_mm, "mm"));
+        say!("  model {}", moment.estimate_mm.map_or("none".to_owned(), |value| format!("{value:.4} mm")));
+    }
+    if let Some(path) = &arguments.json {
+        output::write_json(path, &Written { identical, program: &header.program, backend: &header.backend, blob_sha256, story: &told })?;
+    }
+    Ok(if identical { Outcome::Success } else { Outcome::CheckFailed })
+}

@@ -1,0 +1,131 @@
+//! `catheter rig`: speaks to a board, to the emulator or to a rig in this process.
+
+mod model;
+mod record;
+mod settings;
+mod state;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+use super::Outcome;
+use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
+use crate::experiment;
+use crate::link::{Client, FlashMemory};
+use crate::output;
+use crate::plant::Plant;
+
+/// Speak to a rig: who is there, what state it is in, settings, models, recordings.
+#[derive(Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    which: Which,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Which rig, and what a simulated one is made of.
+#[derive(Args, Clone, Debug)]
+pub struct Which {
+    /// Where the rig is: virtual (in this process), qemu (as ARM code) or serial:PORT.
+    #[arg(long, global = true, default_value = "virtual", value_name = "virtual|qemu|serial:PORT")]
+    backend: Backend,
+    /// What moves the tip of a simulated rig.
+    #[arg(long, global = true, default_value = "pi", value_name = "FILE|pi|all-effects")]
+    plant: String,
+    /// Keep the flash of a simulated rig (settings, models) in this file from command to command; without it every command starts with a
+    /// new device.
+    #[arg(long, global = true, value_name = "FILE")]
+    flash: Option<PathBuf>,
+    /// The image that the emulator runs, if it is not where cargo leaves it.
+    #[arg(long, global = true, value_name = "FILE")]
+    image: Option<PathBuf>,
+    /// Seed of a simulated rig's sensor noise.
+    #[arg(long, global = true, default_value_t = 1, value_name = "N")]
+    seed: u64,
+    /// Write the result as JSON to this file; folders on the way are created.
+    #[arg(long, global = true, value_name = "FILE", value_parser = output::file_argument(""))]
+    json: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Who is there: firmware, board, protocol, model, cause of the last reset. Works with every version of the firmware.
+    Hello,
+    /// The state, what is latched, what would refuse arming, counters.
+    Status,
+    /// What is wrong and what to do: faults with their record, blockers, notices.
+    Explain,
+    /// Go to idle with the dump valve released, and wait until the pressure is gone; exit code 1 if it is not within 1.5 s.
+    Vent,
+    /// Confirm that a fault was read and its cause removed; the device tests itself again.
+    Acknowledge,
+    /// Read, change and save settings.
+    #[command(subcommand)]
+    Settings(settings::Command),
+    /// Upload, activate and roll back models.
+    #[command(subcommand)]
+    Model(model::Command),
+    /// Play an excitation and record what the rig does.
+    Record(record::Arguments),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the rig cannot be reached or refuses.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let which = &arguments.which;
+    if let Command::Record(record) = &arguments.command {
+        record.check(which)?;
+    }
+    let rig = open(which)?;
+    if let Command::Hello = arguments.command {
+        return state::hello(rig, which);
+    }
+    let mut rig = Client::connect(rig)?;
+    if rig.transport().is_simulated() {
+        // It has just been switched on; a board has been for long.
+        experiment::settle(&mut rig)?;
+    }
+    let outcome = match &arguments.command {
+        Command::Hello => Outcome::Success,
+        Command::Status => state::status(&mut rig, which)?,
+        Command::Explain => state::explain(&mut rig, which)?,
+        Command::Vent => state::vent(&mut rig, which)?,
+        Command::Acknowledge => state::acknowledge(&mut rig, which)?,
+        Command::Settings(command) => settings::run(command, &mut rig, which)?,
+        Command::Model(command) => model::run(command, &mut rig, which)?,
+        Command::Record(record) => record::run(record, &mut rig, which)?,
+    };
+    if let (Some(path), Some(flash)) = (&which.flash, rig.transport().flash()?) {
+        flash.write(path)?;
+    }
+    Ok(outcome)
+}
+
+/// Opens the rig.
+fn open(which: &Which) -> Result<Rig> {
+    Rig::open(&which.backend, || {
+        let board = if which.backend == Backend::Qemu { EMULATED_BOARD } else { VIRTUAL_BOARD };
+        let flash = which.flash.as_deref().map_or_else(|| Ok(FlashMemory::default()), FlashMemory::read)?;
+        let mut simulated = Simulated::around(&Plant::named(&which.plant)?, which.seed, flash, board);
+        simulated.image.clone_from(&which.image);
+        Ok(simulated)
+    })
+}
+
+impl Which {
+    /// Writes the JSON result, if one is wanted.
+    fn write(&self, value: &impl Serialize) -> Result<()> {
+        self.json.as_deref().map_or(Ok(()), |path: &Path| output::write_json(path, value))
+    }
+
+    /// What to say when something was kept on a device that ends with this command.
+    fn forgets(&self) -> bool {
+        self.flash.is_none() && !matches!(self.backend, Backend::Serial(_))
+    }
+}

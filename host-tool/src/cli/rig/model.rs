@@ -1,0 +1,103 @@
+//! `catheter rig model`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Subcommand;
+use model_export::blob::{self, crc32};
+use model_export::link::fault::Fault;
+use model_export::link::message::{MAX_CHUNK_BYTES, Reply, Request};
+use model_export::link::state::State;
+use serde::Serialize;
+
+use super::Which;
+use crate::backend::Rig;
+use crate::cli::Outcome;
+use crate::experiment;
+use crate::link::{Client, fault_in_words};
+use crate::{output, say};
+
+/// What to do with models.
+#[derive(Subcommand)]
+pub enum Command {
+    /// Upload a blob into the slot that is not active; the device checks it whole, golden vectors included.
+    Upload {
+        /// The blob that `catheter export` made.
+        #[arg(value_name = "FILE")]
+        blob: PathBuf,
+        /// Activate it at once.
+        #[arg(long)]
+        activate: bool,
+    },
+    /// Make the other whole model the active one; the device tests itself again.
+    Activate,
+    /// Go back to the model before.
+    Rollback,
+}
+
+#[derive(Serialize)]
+struct Written {
+    uploaded_bytes: Option<usize>,
+    activated: bool,
+    model_id: Option<String>,
+}
+
+/// Runs the command.
+pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+    let (uploaded_bytes, activate) = match command {
+        Command::Upload { blob, activate } => (Some(upload(blob, rig)?), activate.then_some(Request::ModelActivate)),
+        Command::Activate => (None, Some(Request::ModelActivate)),
+        Command::Rollback => (None, Some(Request::ModelRollback)),
+    };
+    let activated = activate.is_some();
+    if let Some(request) = activate {
+        self::activate(&request, rig)?;
+    } else {
+        say!("The device still runs the model before; `model activate` changes over.");
+    }
+    if which.forgets() {
+        say!("This device ends with this command; name a file with --flash to keep its models.");
+    }
+    let id = rig.greet_again()?.model_id;
+    let model_id = (id != [0; 8]).then(|| id.iter().map(|byte| format!("{byte:02x}")).collect());
+    which.write(&Written { uploaded_bytes, activated, model_id })?;
+    Ok(Outcome::Success)
+}
+
+/// Sends a blob piece by piece.
+pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<usize> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    blob::decode(&bytes).map_err(|error| anyhow::anyhow!("{}: is no blob this program knows: {error}", path.display()))?;
+    let length = u32::try_from(bytes.len()).context("the blob is too long")?;
+    rig.command(&Request::ModelBegin { length, crc32: crc32(0, &bytes) })?;
+    let bar = output::progress(length.into(), "upload");
+    for (index, piece) in bytes.chunks(MAX_CHUNK_BYTES).enumerate() {
+        let offset = u32::try_from(index * MAX_CHUNK_BYTES).context("the blob is too long")?;
+        let piece = heapless::Vec::from_slice(piece).unwrap_or_default();
+        let request = Request::ModelChunk { offset, bytes: piece };
+        let Reply::Uploaded(next) = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
+        bar.set_position(next.into());
+    }
+    rig.command(&Request::ModelFinish)?;
+    bar.finish_and_clear();
+    say!("Uploaded {} bytes; the device checked them, and the golden vectors came out right.", bytes.len());
+    Ok(bytes.len())
+}
+
+/// Activates and waits for the self-test.
+pub fn activate(request: &Request, rig: &mut Client<Rig>) -> Result<()> {
+    rig.command(request)?;
+    // The new test begins with the next tick.
+    rig.listen(std::time::Duration::from_millis(5))?;
+    let status = experiment::settle(rig)?;
+    if let (State::Fault, Some(fault)) = (status.state, Fault::from_number(status.first_fault)) {
+        bail!(
+            "the device is in the fault state: {}: {} {}",
+            fault_in_words(status.first_fault),
+            fault.explanation().meaning,
+            fault.explanation().remedy
+        );
+    }
+    say!("Activated: the device tested it and uses it.");
+    Ok(())
+}

@@ -1,0 +1,96 @@
+//! `catheter rig record`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde::Serialize;
+
+use super::Which;
+use super::state::RecordWritten;
+use crate::backend::Rig;
+use crate::cli::Outcome;
+use crate::excitation::{self, Limits};
+use crate::experiment;
+use crate::link::{Account, Client};
+use crate::recording;
+use crate::{output, say};
+
+/// What to play and where to leave what came of it.
+#[derive(Args)]
+pub struct Arguments {
+    /// The excitation to play.
+    #[arg(long, value_name = "FILE")]
+    excitation: PathBuf,
+    /// The recording. Beside it a simulated rig leaves its journal, `.journal` instead of `.csv`, for `catheter replay`.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".csv"))]
+    out: PathBuf,
+    /// Refuse an excitation above this, in bar; never above the device's own ceiling.
+    #[arg(long, default_value_t = Limits::default().maximum_bar, value_name = "BAR")]
+    maximum_pressure_bar: f64,
+    /// Refuse an excitation faster than this, in bar/s.
+    #[arg(long, default_value_t = Limits::default().maximum_slew_bar_per_s, value_name = "BAR/S")]
+    maximum_slew_bar_per_s: f64,
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    recording: &'a Path,
+    journal: Option<&'a Path>,
+    samples: usize,
+    points: usize,
+    gaps: usize,
+    account: &'a Account,
+    fault: Option<RecordWritten>,
+    model_id: Option<String>,
+}
+
+impl Arguments {
+    /// Checks everything that can be checked without a rig.
+    pub fn check(&self, which: &Which) -> Result<()> {
+        let outputs: Vec<&Path> = std::iter::once(self.out.as_path()).chain(which.json.as_deref()).collect();
+        output::refuse_overwriting(std::slice::from_ref(&self.excitation), &outputs)?;
+        excitation::read(&self.excitation)?.sample_within(&self.limits()).with_context(|| self.excitation.display().to_string())?;
+        Ok(())
+    }
+
+    fn limits(&self) -> Limits {
+        Limits { maximum_bar: self.maximum_pressure_bar, maximum_slew_bar_per_s: self.maximum_slew_bar_per_s, ..Limits::default() }
+    }
+}
+
+/// Plays, listens, writes.
+pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+    let excitation = excitation::read(&arguments.excitation)?;
+    let outcome = experiment::record(rig, &excitation, &arguments.limits())?;
+    let recording = outcome.recording(&arguments.out)?;
+    recording::write(&arguments.out, &recording)?;
+    let journal = arguments.out.with_extension("journal");
+    let kept = rig.transport().journal().map(|kept| kept.write(&journal)).transpose()?.is_some();
+    let id = rig.hello().model_id;
+    let written = Written {
+        recording: &arguments.out,
+        journal: kept.then_some(journal.as_path()),
+        samples: recording.len(),
+        points: outcome.points,
+        gaps: recording.gaps.len(),
+        account: &outcome.account,
+        fault: outcome.fault.as_ref().map(RecordWritten::new),
+        model_id: (id != [0; 8]).then(|| id.iter().map(|byte| format!("{byte:02x}")).collect()),
+    };
+    say!("{} samples of {} points in {}", written.samples, written.points, arguments.out.display());
+    let Account { dropped_by_device, lost_on_the_line, damaged_frames, .. } = written.account;
+    say!(
+        "{dropped_by_device} samples dropped by the device, {lost_on_the_line} lost on the line, {damaged_frames} damaged frames, {} gaps",
+        written.gaps
+    );
+    if kept {
+        say!("journal in {}; `catheter replay` runs it again", journal.display());
+    }
+    if let Some(record) = &written.fault {
+        say!("The experiment ended early: {}", record.line());
+    }
+    which.write(&written)?;
+    let complete = written.fault.is_none();
+    Ok(if complete { Outcome::Success } else { Outcome::CheckFailed })
+}

@@ -1,0 +1,261 @@
+//! The firmware as ARM code in QEMU against the same firmware in this process: equal to the bit, and safe when something breaks.
+//!
+//! `cargo xtask test` builds the image and names it in `CATHETER_PIL_IMAGE`; without that name the tests say so and pass, since an image
+//! that lies about may be of other sources.
+
+use std::path::Path;
+use std::time::Duration;
+
+use firmware::device::exchange::Sabotage;
+use firmware::storage::Slot;
+use host_tool::experiment;
+use host_tool::journal::{Event, Header, Journal, Recorder, replay};
+use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Processor, Qemu, QemuConfig};
+use host_tool::plant::{Plant, PlantConfig};
+use model_export::link::fault::{Blocker, Fault};
+use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, Request};
+use model_export::link::settings::Settings;
+use model_export::link::state::{ResetCause, State};
+
+type Rig<P> = Client<Lockstep<P, Recorder>>;
+
+/// The image, if `cargo xtask test` has built one.
+fn image() -> Option<QemuConfig> {
+    let Some(image) = std::env::var_os("CATHETER_PIL_IMAGE") else {
+        println!("skipped: needs QEMU and the image, `cargo xtask test` brings both");
+        return None;
+    };
+    let config = QemuConfig::find(Some(Path::new(&image))).expect("the image that CATHETER_PIL_IMAGE names");
+    Some(QemuConfig { hung_after: Duration::from_secs(5), ..config })
+}
+
+fn connected<P: Processor>(processor: P, flash: &FlashMemory) -> Rig<P> {
+    let plant = Plant::new(PlantConfig::default()).unwrap();
+    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+    let recorder = Recorder::new(Header::new("test", "qemu", String::new(), flash));
+    Client::connect(Lockstep::new(processor, hardware, recorder, "the test's rig", "qemu").unwrap()).unwrap()
+}
+
+fn qemu(config: &QemuConfig, flash: &FlashMemory) -> Rig<Qemu> {
+    connected(Qemu::start(config.clone(), flash).unwrap(), flash)
+}
+
+fn host(flash: &FlashMemory) -> Rig<InProcess> {
+    connected(InProcess::new(flash.clone()), flash)
+}
+
+/// Flash with settings for pressure set-points.
+fn set_point_flash() -> FlashMemory {
+    FlashMemory::default().with_settings(&Settings { control_law: 1, ..Settings::default() }).unwrap()
+}
+
+/// Brings a rig to running at 1.5 bar.
+fn run_up<P: Processor>(rig: &mut Rig<P>) {
+    experiment::settle(rig).unwrap();
+    rig.command(&Request::Arm).unwrap();
+    rig.command(&Request::Start).unwrap();
+    for _ in 0..60 {
+        rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 }).unwrap();
+        rig.transport().advance_for(10).unwrap();
+    }
+    assert_eq!(experiment::status(rig).unwrap().state, State::Running);
+    assert!(rig.transport().hardware().pressure_bar() > 1.4);
+}
+
+fn journal<P: Processor>(rig: Rig<P>) -> Journal {
+    rig.into_transport().observer().journal().clone()
+}
+
+/// Both journals have the same events, and the library runs the target's again to the bit.
+fn agree(host: &Journal, target: &Journal) {
+    let difference = (0..host.events.len().max(target.events.len())).find(|at| host.events.get(*at) != target.events.get(*at));
+    if let Some(at) = difference {
+        panic!("event {at}:\n host   {:?}\n target {:?}", host.events.get(at), target.events.get(at));
+    }
+    assert!(replay(target).unwrap().is_identical());
+}
+
+/// A session with everything a host may send, sense and nonsense, from a small generator.
+fn session<P: Processor>(rig: &mut Rig<P>, seed: u32) {
+    experiment::settle(rig).unwrap();
+    let mut random = seed;
+    let mut next = move |below: u32| {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 8) % below
+    };
+    // It begins as a sensible host would, so that the nonsense strikes a rig under pressure.
+    let mut index = 3;
+    rig.send(&Request::Playback(PlaybackChunk { first_index: 0, last: false, values_bar: [0.5, 1.0, 1.5].into_iter().collect() })).unwrap();
+    rig.send(&Request::Arm).unwrap();
+    rig.transport().advance_for(3).unwrap();
+    rig.send(&Request::Start).unwrap();
+    for _ in 0..400 {
+        let value = next(4_000) as f32 * 1e-3 - 0.3;
+        let request = match next(100) {
+            0 => Request::Arm,
+            1 => Request::Start,
+            2 => Request::Stop,
+            3 => Request::Disarm,
+            4 => Request::Vent,
+            5 => Request::Acknowledge,
+            6 => Request::Status,
+            7 => Request::FaultRecord,
+            8 => Request::PlaybackClear,
+            9 => Request::SettingGet { number: u16::try_from(next(100)).unwrap() },
+            10 => Request::SetPoint { quantity: Quantity::Displacement, value },
+            11 => Request::SetPoint { quantity: Quantity::Pressure, value: f32::NAN },
+            12..60 => {
+                let values_bar = [value, value + 0.01, value].into_iter().collect();
+                index += 3;
+                Request::Playback(PlaybackChunk { first_index: index - 3, last: next(9) == 0, values_bar })
+            }
+            _ => Request::SetPoint { quantity: Quantity::Pressure, value },
+        };
+        rig.send(&request).unwrap();
+        if next(50) == 0 {
+            let noise: Vec<u8> = (0..next(30)).map(|_| next(256).to_le_bytes()[0]).collect();
+            host_tool::link::Transport::send(rig.transport(), &noise).unwrap();
+        }
+        rig.transport().advance_for(next(12)).unwrap();
+    }
+}
+
+#[test]
+fn sessions_of_sense_and_nonsense_are_equal_to_the_bit() {
+    let Some(config) = image() else { return };
+    for seed in [11, 12] {
+        let flash = if seed == 11 { set_point_flash() } else { FlashMemory::default() };
+        let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
+        session(&mut target, seed);
+        session(&mut here, seed);
+        let (target, here) = (journal(target), journal(here));
+        agree(&here, &target);
+        let ticks_in = |state| here.events.iter().filter(|event| matches!(event, Event::Tick(tick) if tick.outputs.state == state)).count();
+        let running = ticks_in(State::Running);
+        assert!(running > 200, "seed {seed}: the session was of no use, {running} ticks running");
+    }
+}
+
+#[test]
+fn settings_and_models_survive_in_the_emulated_flash() {
+    let Some(config) = image() else { return };
+    let flash = FlashMemory::default();
+    let mut rig = qemu(&config, &flash);
+    experiment::settle(&mut rig).unwrap();
+    let number = model_export::link::settings::by_name("limits.ceiling_bar").unwrap().number;
+    rig.command(&Request::SettingSet { number, value: model_export::link::settings::SettingValue::Float(2.25) }).unwrap();
+    rig.command(&Request::SettingsSave).unwrap();
+    let kept = rig.transport().processor().read_flash().unwrap();
+    assert_ne!(kept, flash);
+    for value in [
+        experiment::setting(&mut qemu(&config, &kept), "limits.ceiling_bar").unwrap(),
+        experiment::setting(&mut host(&kept), "limits.ceiling_bar").unwrap(),
+    ] {
+        assert_eq!(value, model_export::link::settings::SettingValue::Float(2.25));
+    }
+}
+
+#[test]
+fn a_processor_that_hangs_overflows_its_stack_or_panics_ends_vented_within_50_ms_and_says_why() {
+    let Some(config) = image() else { return };
+    let flash = set_point_flash();
+    for (sabotage, cause, fault) in [
+        (Sabotage::Hang, ResetCause::Watchdog, Fault::WatchdogReset),
+        (Sabotage::StackOverflow, ResetCause::Software, Fault::HardFault),
+        (Sabotage::Panic, ResetCause::Software, Fault::Panicked),
+    ] {
+        let broken = |rig: &mut dyn FnMut(u32) -> (bool, f64)| (1..=50).find(|_| !rig(1).0);
+        let mut target = qemu(&config, &flash);
+        run_up(&mut target);
+        target.transport().sabotage(sabotage);
+        let safe_after_ms = broken(&mut |ticks| {
+            target.transport().advance_for(ticks).unwrap();
+            let hardware = target.transport().hardware();
+            (hardware.is_energised(), hardware.pressure_bar())
+        });
+        assert!(safe_after_ms.is_some_and(|ms| ms <= 50), "{sabotage:?}: energised after 50 ms");
+        target.transport().advance_for(400).unwrap();
+        assert!(target.transport().hardware().pressure_bar() < 0.1);
+        assert!(target.transport().hardware().peak_bar() <= 3.0);
+        let status = experiment::status(&mut target).unwrap();
+        assert_eq!((status.state, status.first_fault, status.reset_cause), (State::Fault, fault.number(), cause), "{sabotage:?}");
+        assert!(matches!(target.ask(&Request::Arm), Ok(Reply::Refused(Refusal::Blocked(set))) if set.contains(Blocker::FaultLatched)));
+
+        // The same in this process, to the bit, the resets included.
+        let mut here = host(&flash);
+        run_up(&mut here);
+        here.transport().sabotage(sabotage);
+        for _ in 1..=safe_after_ms.unwrap_or(0) {
+            here.transport().advance_for(1).unwrap();
+        }
+        here.transport().advance_for(400).unwrap();
+        experiment::status(&mut here).unwrap();
+        here.ask(&Request::Arm).unwrap();
+        agree(&journal(here), &journal(target));
+    }
+}
+
+#[test]
+fn a_lost_host_is_a_fault_within_its_timeout_and_50_ms() {
+    let Some(config) = image() else { return };
+    let mut rig = qemu(&config, &set_point_flash());
+    run_up(&mut rig);
+    rig.transport().advance_for(300).unwrap();
+    assert!(!rig.transport().hardware().is_energised());
+    assert_eq!(experiment::status(&mut rig).unwrap().first_fault, Fault::HostLost.number());
+}
+
+#[test]
+fn hardware_that_breaks_ends_vented_within_50_ms_as_arm_code_too() {
+    let Some(config) = image() else { return };
+    let flash = set_point_flash();
+    for (breakage, allowed) in [
+        (Breakage::EmergencyStop, [Fault::EmergencyStop, Fault::EmergencyStop]),
+        (Breakage::LaserCode(1396), [Fault::LaserRange, Fault::LaserRange]),
+        (Breakage::SupplyFails, [Fault::PressureMismatch, Fault::PressureMismatch]),
+        (Breakage::PressureCode(8190), [Fault::PressureRange, Fault::PressureRange]),
+    ] {
+        let mut rig = qemu(&config, &flash);
+        run_up(&mut rig);
+        rig.transport().hardware().set_breakage(Some(breakage));
+        let mut ticks = 0;
+        while rig.transport().hardware().is_energised() && ticks < 200 {
+            // The host goes on as if nothing had happened.
+            if ticks % 10 == 0 {
+                rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 }).unwrap();
+            }
+            rig.transport().advance_for(1).unwrap();
+            ticks += 1;
+        }
+        assert!(ticks <= 50, "{breakage:?}: {ticks} ms");
+        let first = experiment::status(&mut rig).unwrap().first_fault;
+        assert!(allowed.iter().any(|fault| fault.number() == first), "{breakage:?}: E{first:03}");
+    }
+}
+
+#[test]
+fn damaged_flash_is_a_named_fault_and_nothing_arms() {
+    let Some(config) = image() else { return };
+    // A settings slot whose payload lost a bit.
+    let mut flash = set_point_flash();
+    flash.settings.contents_mut(Slot::A)[520] ^= 1;
+    let mut rig = qemu(&config, &flash);
+    rig.transport().advance_for(400).unwrap();
+    let status = experiment::status(&mut rig).unwrap();
+    assert_eq!((status.state, status.first_fault), (State::Fault, Fault::SettingsInvalid.number()));
+    assert!(matches!(rig.ask(&Request::Arm), Ok(Reply::Refused(Refusal::Blocked(_)))));
+
+    // A model slot whose payload lost a bit; what the payload is does not matter to the slot's own checksum.
+    let mut store =
+        firmware::storage::Store::new(FlashMemory::default().models, firmware::model::STORE_KIND, firmware::model::STORE_VERSION);
+    store.save(&[7; 400]).unwrap();
+    let mut flash = FlashMemory { models: store.release(), ..FlashMemory::default() };
+    flash.models.contents_mut(Slot::A)[700] ^= 1;
+    let (mut rig, mut here) = (qemu(&config, &flash), host(&flash));
+    rig.transport().advance_for(400).unwrap();
+    here.transport().advance_for(400).unwrap();
+    let status = experiment::status(&mut rig).unwrap();
+    assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ModelCorrupt.number()));
+    experiment::status(&mut here).unwrap();
+    agree(&journal(here), &journal(rig));
+}
