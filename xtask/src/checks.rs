@@ -19,5 +19,9 @@ pub fn target_builds() -> Result<()> {
         "target builds",
         cargo().args(["build", "--release", "--target", TARGET, "-p", "hysteresis", "-p", "model-export", "-p", "firmware"]),
     )?;
+    run(
+        "target tests, built only: they need the chip",
+        cargo().args(["test", "--no-run", "--release", "--target", TARGET, "-p", "firmware", "--test", "on_target"]),
+    )?;
     run("target lints", cargo().args(["clippy", "--release", "--target", TARGET, "-p", "firmware", "--", "--deny", "warnings"]))
 }

@@ -77,6 +77,25 @@ pub fn flash() -> Result<()> {
     run("flash", command("probe-rs").args(["run", "--chip", CHIP]).arg(image()))
 }
 
+/// Links the image that only links when no panic is reachable from the tick, and sees that it does not link with one planted.
+pub fn panic_free() -> Result<()> {
+    let link = |extra: &[&str]| {
+        let mut proof = cargo();
+        proof.args(["rustc", "--profile", "proof", "--target", TARGET, "-p", "firmware"]);
+        proof.args(["--features", "panic-free-proof", "--bin", "panic_free", "--"]).args(extra);
+        proof
+    };
+    run("panic-free", &mut link(&[]))?;
+    let planted = ["--cfg", "planted_panic"];
+    eprintln!("\n==> panic-free: with a planted panic, which must not link");
+    let output = link(&planted).output().context("cannot start cargo")?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    if output.status.success() || !said.contains("a_panic_is_reachable_from_the_tick") {
+        bail!("the proof proves nothing: with a planted panic it ended with {} and said\n{said}", output.status);
+    }
+    Ok(())
+}
+
 fn seal(bytes: &mut [u8]) -> Result<u32> {
     let mut hasher = crc32fast::Hasher::new();
     for name in SEALED_SECTIONS {

@@ -29,6 +29,8 @@ enum Chore {
     Bench(bench::Arguments),
     /// Build and seal the flashable image.
     Firmware,
+    /// Prove at link time that no panic is reachable from the tick.
+    PanicFree,
     /// Build, seal and flash the image with a debug probe, then show its logs.
     Flash,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
@@ -41,6 +43,7 @@ fn main() -> ExitCode {
         Chore::Ci => checks::desktop(),
         Chore::Bench(arguments) => bench::bench(&arguments),
         Chore::Firmware => setup::target().and_then(|()| firmware::build()).map(drop),
+        Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
         Chore::Flash => setup::target().and_then(|()| firmware::flash()),
         Chore::Setup => setup::everything(),
     };
@@ -58,6 +61,7 @@ fn test() -> anyhow::Result<()> {
     checks::desktop()?;
     checks::target_builds()?;
     firmware::build()?;
+    firmware::panic_free()?;
     emulator::boots()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;

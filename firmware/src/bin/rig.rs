@@ -63,17 +63,15 @@ mod image {
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
         use firmware::board::chip::pac::{Interrupt, PWR};
-        use firmware::board::chip::pins::{DumpPin, StopPin};
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
+        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
         use firmware::board::clock::Source;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue};
         use firmware::board::flash::InternalFlash;
         use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::link::{Link, LinkConfig};
-        use firmware::seam::PwmValve;
         use firmware::tick::{BootReport, Rig, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
 
@@ -82,9 +80,6 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardHands = Hands<Sampler, AnalogueDrive, PwmValve<PulseDrive>, DumpPin, StopPin, watchdog::Timer, Cycles, crash::Keeper>;
-
-        type BoardTask = TickTask<'static, BoardHands>;
         type BoardFlash = InternalFlash<Controller>;
         type BoardBackground = Background<'static, BoardFlash, BoardFlash>;
 

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
-use heapless::spsc::Queue;
+use heapless::spsc::{Consumer, Producer, Queue};
 use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 
@@ -14,6 +14,27 @@ pub type CommandQueue = Queue<Command, 5>;
 pub type AnswerQueue = Queue<Answer, 5>;
 /// Telemetry samples on their way to the link, which has a queue of its own.
 pub type TelemetryQueue = Queue<Telemetry, 4>;
+
+/// Takes the oldest item.
+///
+/// A queue of no places would divide by zero. There is none, but its ends carry their length as a number that the compiler must believe
+/// anything of, and the tick must be shown not to panic.
+pub fn take<T>(queue: &mut Consumer<'_, T>) -> Option<T> {
+    if queue.capacity().wrapping_add(1) == 0 { None } else { queue.dequeue() }
+}
+
+/// Puts an item behind the others; gives it back if there is no room. See [`take`].
+///
+/// # Errors
+/// The item.
+pub fn put<T>(queue: &mut Producer<'_, T>, item: T) -> Result<(), T> {
+    if queue.capacity().wrapping_add(1) == 0 { Err(item) } else { queue.enqueue(item) }
+}
+
+/// Whether there is room for one more. See [`take`].
+pub fn has_room<T>(queue: &Producer<'_, T>) -> bool {
+    queue.capacity().wrapping_add(1) != 0 && queue.ready()
+}
 
 /// The shared words. Every one is independent of the others, so no order between them matters.
 #[derive(Debug, Default)]

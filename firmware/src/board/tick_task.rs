@@ -6,7 +6,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::message::Telemetry;
 
-use super::exchange::Exchange;
+use super::exchange::{self, Exchange};
 use super::periods::PeriodClock;
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::retain::{Retained, SEALED_BYTES};
@@ -112,7 +112,7 @@ where
             background_beat: self.exchange.beat(),
             vent: self.exchange.take_vent(),
             // No answer may be lost, so a command waits for its answer's place.
-            command: if self.queues.answers.ready() { self.queues.commands.dequeue() } else { None },
+            command: if exchange::has_room(&self.queues.answers) { exchange::take(&mut self.queues.commands) } else { None },
             telemetry_dropped: self.exchange.telemetry_dropped(),
         };
         let outputs = self.rig.tick(model, inputs);
@@ -136,10 +136,10 @@ where
         self.tests_itself = outputs.self_test_wanted;
         if let Some(answer) = outputs.answer {
             // The place was seen to be free above.
-            let _ = self.queues.answers.enqueue(answer);
+            let _ = exchange::put(&mut self.queues.answers, answer);
         }
         if let Some(sample) = outputs.telemetry
-            && self.queues.telemetry.enqueue(sample).is_err()
+            && exchange::put(&mut self.queues.telemetry, sample).is_err()
         {
             self.exchange.drop_telemetry();
         }

@@ -17,3 +17,21 @@ pub mod supply;
 pub mod watchdog;
 
 pub use stm32f4::stm32f405 as pac;
+
+use crate::board::tick_task::{Hands, TickTask};
+use crate::seam::PwmValve;
+
+/// The tick's task with the board's hands.
+pub type BoardTask = TickTask<
+    'static,
+    Hands<
+        sampling::Sampler,
+        drives::AnalogueDrive,
+        PwmValve<drives::PulseDrive>,
+        pins::DumpPin,
+        pins::StopPin,
+        watchdog::Timer,
+        sampling::Cycles,
+        crash::Keeper,
+    >,
+>;

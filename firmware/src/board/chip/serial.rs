@@ -7,6 +7,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{Interrupt, RCC, USART1};
 
 use crate::board::background::Line;
+use crate::board::exchange;
 use crate::board::hardware::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
 
 /// Bytes from the line.
@@ -51,10 +52,10 @@ impl Port {
         if status.rxne().bit_is_set() || status.ore().bit_is_set() {
             // Reading status and then data clears both flags. Damaged and lost bytes end in a wrong checksum, a full queue as well.
             let [byte, _] = self.registers.dr().read().dr().bits().to_le_bytes();
-            let _ = self.received.enqueue(byte);
+            let _ = exchange::put(&mut self.received, byte);
         }
         while self.registers.sr().read().txe().bit_is_set() {
-            let Some(byte) = self.to_send.dequeue() else { break };
+            let Some(byte) = exchange::take(&mut self.to_send) else { break };
             // SAFETY: eight bits of data.
             self.registers.dr().write(|w| unsafe { w.bits(u16::from(byte)) });
         }
