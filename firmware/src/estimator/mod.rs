@@ -4,6 +4,7 @@
 //! describes them. Parameters are immutable and borrow the blob; [`EstimatorState`] is all that changes, so a copy of it is a snapshot.
 
 mod arithmetic;
+mod cost;
 mod front_end;
 mod network;
 mod packed;
@@ -17,6 +18,7 @@ use model_export::schema::{self, MAX_FEATURES, MAX_WIDTH, MAX_WINDOW_VALUES, Mod
 use model_export::validate::Invalid;
 
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
+pub use cost::step_instructions;
 pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_NORMALISED};
 pub use network::{Kernel, KernelSource, Layer, LayerState, Network, NetworkState, NoTrace, Portable, Trace, UnitTrace};
 pub use packed::{MAX_PACKED_WORDS, Packed};

@@ -1,4 +1,4 @@
-//! The emulated machine: the work file in its flash, and a timer that counts instructions.
+//! The emulated machine: the work file in its flash, a timer that counts instructions, and the stack.
 //!
 //! QEMU runs with `-icount shift=0,sleep=off`: each instruction then takes one nanosecond of the machine's time, whatever the host does.
 //! The general-purpose timers of its STM32F405 count that time at 1 GHz, not at the clock of a real chip, so that timer 2 counts
@@ -66,5 +66,39 @@ impl Counter {
             }
         };
         self.count(count).0
+    }
+}
+
+/// The stack below the caller, filled with a pattern to see how far down it gets used.
+pub struct Stack {
+    top: usize,
+}
+
+impl Stack {
+    /// Bytes that are painted.
+    const PAINTED: usize = 12 * 1024;
+    /// Left alone, for the frames of the functions here.
+    const OWN: usize = 128;
+    const PATTERN: u32 = 0xa5c3_5a3c;
+
+    /// Fills the stack from here on down.
+    #[inline(always)]
+    pub fn paint() -> Self {
+        let top = cortex_m::register::msp::read() as usize & !3;
+        for address in (top - Self::PAINTED..top - Self::OWN).step_by(4) {
+            // SAFETY: memory below the stack pointer belongs to nobody; the image leaves more than this free, and no interrupt is enabled.
+            unsafe { (address as *mut u32).write_volatile(Self::PATTERN) };
+        }
+        Self { top }
+    }
+
+    /// Bytes below the place of painting that have been used since.
+    pub fn used(&self) -> usize {
+        let untouched = (self.top - Self::PAINTED..self.top).step_by(4).take_while(|address| {
+            // SAFETY: reads what `paint` has written, or what lay there before.
+            let word = unsafe { (*address as *const u32).read_volatile() };
+            word == Self::PATTERN
+        });
+        Self::PAINTED - 4 * untouched.count()
     }
 }

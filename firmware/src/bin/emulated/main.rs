@@ -6,7 +6,7 @@
 //! ```text
 //! offset  bytes  what, little-endian
 //!      0      4  magic, "WORK"
-//!      4      4  task: 1 sweep, 2 golden, 3 cost
+//!      4      4  task: 1 sweep, 2 golden, 3 cost, 4 tick
 //!      8      4  number of steps
 //!     12      4  seed
 //!     16      4  number of blobs
@@ -20,6 +20,8 @@
 mod machine;
 #[cfg(target_os = "none")]
 mod tasks;
+#[cfg(target_os = "none")]
+mod tick;
 
 #[cfg(target_os = "none")]
 mod target {
@@ -27,15 +29,20 @@ mod target {
 
     use cortex_m_rt::entry;
     use cortex_m_semihosting::{debug, hprintln};
+    use firmware::estimator::MAX_PACKED_WORDS;
+    use firmware::parity::RandomNetwork;
 
     use crate::machine;
     use crate::tasks;
 
     #[entry]
     fn main() -> ! {
+        // The attribute makes these exclusive references; as values they would pass through the stack, which is too small for them.
+        static mut PACKED: [u32; MAX_PACKED_WORDS] = [0; MAX_PACKED_WORDS];
+        static mut RANDOM: RandomNetwork = RandomNetwork::new();
         match machine::work().and_then(tasks::Work::read) {
             None => hprintln!("ready"),
-            Some(work) => work.run(),
+            Some(work) => work.run(PACKED, RANDOM),
         }
         debug::exit(debug::EXIT_SUCCESS);
         loop {

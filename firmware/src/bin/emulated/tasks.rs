@@ -1,11 +1,12 @@
 //! What the image does with a work file.
 
 use cortex_m_semihosting::hprintln;
-use firmware::estimator::{Estimator, EstimatorState, Kernel, KernelSource, MAX_PACKED_WORDS, Network, Portable};
+use firmware::estimator::{Estimator, EstimatorState, Kernel, KernelSource, Network, Portable};
 use firmware::parity::{Excitation, RandomNetwork, estimator_digest, network_digest, shapes};
 use model_export::blob;
 
 use crate::machine::Counter;
+use crate::tick::count_ticks;
 
 /// A work file, read.
 pub struct Work {
@@ -43,23 +44,22 @@ impl Work {
         Some(Self { task: word(1)?, steps: word(2)? as usize, seed: word(3)?, blobs })
     }
 
-    /// Does the task.
-    pub fn run(self) {
-        let memory = cortex_m::singleton!(: [u32; MAX_PACKED_WORDS] = [u32::MAX; MAX_PACKED_WORDS]);
-        let Some(memory) = memory else { return };
+    /// Does the task, with memory for packed weights and for random networks.
+    pub fn run(self, memory: &mut [u32], random: &mut RandomNetwork) {
+        // What lies there before must not matter.
+        memory.fill(u32::MAX);
         match self.task {
-            1 => self.sweep(memory),
+            1 => self.sweep(memory, random),
             2 => self.golden(memory),
             3 => self.cost(memory),
+            4 => self.tick(memory),
             task => hprintln!("error: no task {}", task),
         }
         hprintln!("done");
     }
 
     /// Random networks of every shape: the packed kernel's digest of each, and whether the portable kernel gives the same here.
-    fn sweep(&self, memory: &mut [u32]) {
-        let random = cortex_m::singleton!(: RandomNetwork = RandomNetwork::new());
-        let Some(random) = random else { return };
+    fn sweep(&self, memory: &mut [u32], random: &mut RandomNetwork) {
         random.fill_pool(self.seed);
         for (seed, (inputs, units)) in (0..).zip(shapes()) {
             random.draw(seed, inputs, &units);
@@ -104,13 +104,17 @@ impl Work {
         }
     }
 
+    /// Each blob in the tick.
+    fn tick(self, memory: &mut [u32]) {
+        let counter = checked_counter();
+        for bytes in self.blobs {
+            count_ticks(&counter, bytes, memory, self.seed, self.steps);
+        }
+    }
+
     /// Each blob's instructions per step, least and most, with the packed kernel, then with the portable one.
     fn cost(self, memory: &mut [u32]) {
-        let counter = Counter::start();
-        let own = counter.count_loop(1000).wrapping_sub(2000);
-        if counter.count_loop(123_456).wrapping_sub(own) != 246_912 {
-            hprintln!("error: the counter does not count instructions; is -icount shift=0 missing?");
-        }
+        let counter = checked_counter();
         for bytes in self.blobs {
             let Ok(blob) = blob::decode(bytes) else {
                 hprintln!("error: a blob does not decode");
@@ -126,6 +130,15 @@ impl Work {
             hprintln!("{} {} {} {}", packed_least, packed_most, portable_least, portable_most);
         }
     }
+}
+
+/// Two loops of different lengths must differ by their instructions.
+fn checked_counter() -> Counter {
+    let counter = Counter::start();
+    if counter.count_loop(123_456).wrapping_sub(counter.count_loop(1000)) != 2 * (123_456 - 1000) {
+        hprintln!("error: the counter does not count instructions; is -icount shift=0 missing?");
+    }
+    counter
 }
 
 fn count_steps<K: Kernel>(counter: &Counter, estimator: &Estimator<'_, K>, range: [f32; 2], seed: u32, steps: usize) -> [u32; 2] {
