@@ -22,6 +22,11 @@ pub fn boots() -> Result<()> {
     Ok(())
 }
 
+/// The tests of parity and counts; plain `cargo test` leaves them out, as it does those below.
+pub fn tests() -> Result<()> {
+    run("emulator", cargo().args(["test", "--package", "rig-tests", "--test", "emulator", "--", "--ignored"]))
+}
+
 /// The flashable image boots in the emulator, finds no crystal and says so.
 pub fn flashable_image() -> Result<()> {
     run(

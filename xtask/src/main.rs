@@ -63,6 +63,7 @@ fn test() -> anyhow::Result<()> {
     firmware::build()?;
     firmware::panic_free()?;
     emulator::boots()?;
+    emulator::tests()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
     demo::runs()

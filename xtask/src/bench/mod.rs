@@ -1,8 +1,10 @@
-//! The headline measurements, as tables ready for the README and as JSON: accuracy over fresh seeds, measured recordings, training speed.
+//! The headline measurements, as tables ready for the README and as JSON: accuracy over fresh seeds, measured recordings, training speed,
+//! the firmware's instructions and memory.
 //!
 //! Nothing of ours is linked in: every figure comes from running the built commands, as a user would.
 
 mod accuracy;
+mod firmware;
 mod jumps;
 mod measured;
 mod table;
@@ -21,7 +23,7 @@ use crate::process::{cargo, command, run, shown, target_folder};
 pub struct Arguments {
     /// Which measurements; all of them when none is named.
     what: Vec<What>,
-    /// Write the results as JSON to this file.
+    /// Write the results as JSON to this file. With `firmware` alone it holds the firmware's figures and nothing else.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Seeds per figure. They are 9001, 9002 and so on, used nowhere else in the project.
@@ -33,6 +35,9 @@ pub struct Arguments {
     /// Folder with the measured sets `piezo-picma` and `friction-damper-backlash`; docs/your-own-recordings.md says where to get them.
     #[arg(long, value_name = "FOLDER")]
     recordings: Option<PathBuf>,
+    /// Record the firmware's instruction counts as those that the tests compare with.
+    #[arg(long)]
+    bless: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -45,6 +50,8 @@ enum What {
     Jumps,
     /// Training throughput, beside PyTorch where python3 has it.
     Training,
+    /// Instructions per step and tick counted in the emulator, flash, RAM and stack; error of the quantised networks.
+    Firmware,
 }
 
 /// First of the seeds that figures are reported with.
@@ -53,6 +60,10 @@ const FIRST_REPORTING_SEED: u64 = 9001;
 /// Runs the measurements asked for and prints their tables.
 pub fn bench(arguments: &Arguments) -> Result<()> {
     let wanted = |what| arguments.what.is_empty() || arguments.what.contains(&what);
+    if arguments.what == [What::Firmware] {
+        let figures = firmware::measure(arguments.bless)?;
+        return arguments.json.as_ref().map_or(Ok(()), |path| write_json(path, &figures));
+    }
     run("build", cargo().args(["build", "--release", "--package", "host-tool", "--bin", "catheter", "--example", "training_throughput"]))?;
     let mut results = Map::new();
     results.insert("machine".to_owned(), machine());
@@ -75,6 +86,9 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
     }
     if wanted(What::Jumps) {
         results.insert("jumps".to_owned(), jumps::measure(arguments)?);
+    }
+    if wanted(What::Firmware) {
+        results.insert("firmware".to_owned(), firmware::measure(arguments.bless)?);
     }
     if wanted(What::Accuracy) {
         results.insert("accuracy".to_owned(), accuracy::measure(arguments)?);
