@@ -1,1 +1,7 @@
 //! Helpers shared by the tests that need more than one package.
+
+pub mod emulator;
+pub mod figures;
+pub mod models;
+pub mod sizes;
+pub mod snapshot;

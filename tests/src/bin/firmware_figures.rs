@@ -1,0 +1,84 @@
+//! Measures the firmware's figures in the emulator: a table for people, JSON for tools. `cargo xtask bench firmware` runs this.
+//!
+//! Arguments: `--json FILE` writes the figures there, `--bless` renews the record that the tests compare with.
+
+use std::process::ExitCode;
+
+use rig_tests::emulator::{image, image_path};
+use rig_tests::figures::{Cost, LIVELY, configurations, costs, mean_quantisation_error, tick_costs, worst_tick};
+use rig_tests::{sizes, snapshot};
+use serde_json::json;
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let (mut json_path, mut bless) = (None, false);
+    while let Some(argument) = arguments.next() {
+        match (argument.as_str(), arguments.len()) {
+            ("--bless", _) => bless = true,
+            ("--json", 1..) => json_path = arguments.next(),
+            _ => {
+                eprintln!("error: {argument}: only `--json FILE` and `--bless` are understood");
+                return ExitCode::FAILURE;
+            }
+        }
+    }
+    let (costs, ticks) = (costs(&configurations()), tick_costs("hybrid"));
+    let flashable = image_path("rig");
+    let sizes = sizes::of(&if flashable.is_file() { flashable } else { image("emulated") });
+    let stack_bytes = ticks.iter().map(|cost| cost.stack_bytes).max();
+    print_steps(&costs);
+    println!(
+        "whole 1 kHz tick with a step of the hybrid in it, worst case: {} instructions, {} of 168,000",
+        worst_tick(&ticks),
+        percent(worst_tick(&ticks))
+    );
+    println!(
+        "image: {} bytes of flash, {} bytes of RAM; stack of a tick: {} bytes",
+        sizes.flash_bytes,
+        sizes.ram_bytes,
+        stack_bytes.unwrap_or(0)
+    );
+    println!("\nMean squared error against f64, ten random 2x64 tanh networks, 200 steps:\n");
+    println!("| weights | hidden states | output | variance of the states |\n| --- | --- | --- | --- |");
+    for (name, gain) in [("as PyTorch draws them", 1.0), ("three times that", LIVELY)] {
+        let error = mean_quantisation_error(gain);
+        println!("| {name} | {:.1e} | {:.1e} | {:.1e} |", error.hidden, error.output, error.hidden_variance);
+    }
+
+    let most = |name: &str| costs.iter().find(|cost| cost.name == name).map(|cost| cost.packed[1]);
+    let figures = json!({
+        "instructions_per_step": {
+            "2x64-tanh": most("2x64-tanh"),
+            "2x64-relu": most("2x64-relu"),
+            "1x32-relu": most("1x32-relu"),
+            "hybrid": most("hybrid"),
+        },
+        "tick_worst_instructions": worst_tick(&ticks),
+        "flash_bytes": sizes.flash_bytes,
+        "ram_bytes": sizes.ram_bytes,
+        "stack_bytes": stack_bytes,
+    });
+    let record = snapshot::record(&costs, &ticks);
+    let files = [(json_path.map(Into::into), figures), (bless.then(snapshot::path), record)];
+    for (path, value) in files {
+        let Some(path) = path else { continue };
+        if let Err(error) = std::fs::write(&path, format!("{value:#}\n")) {
+            eprintln!("error: cannot write {}: {error}", path.display());
+            return ExitCode::FAILURE;
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+fn percent(instructions: u32) -> String {
+    format!("{:.0} %", f64::from(instructions) / 1680.0)
+}
+
+fn print_steps(costs: &[Cost]) {
+    println!("Instructions of a step, most of 400, counted by QEMU:\n");
+    println!("| model | fast kernel | portable kernel |\n| --- | --- | --- |");
+    for cost in costs {
+        println!("| {} | {} | {} |", cost.name, cost.packed[1], cost.portable);
+    }
+    println!();
+}
