@@ -76,21 +76,15 @@ impl Work<'_> {
     }
 }
 
-/// Where an image of the firmware is, once it is built.
-#[must_use]
-pub fn image_path(name: &str) -> PathBuf {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder));
-    target.join(TARGET).join("release").join(name)
-}
-
 /// A built image of the firmware.
 ///
 /// # Panics
 /// When it is not there, with the command to type.
 #[must_use]
 pub fn image(name: &str) -> PathBuf {
-    let path = image_path(name);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder));
+    let path = target.join(TARGET).join("release").join(name);
     let hint = "build it with `cargo build --release --target thumbv7em-none-eabihf -p firmware`, or run `cargo xtask test`";
     assert!(path.is_file(), "the image {} is missing; {hint}", path.display());
     path

@@ -3,5 +3,4 @@
 pub mod emulator;
 pub mod figures;
 pub mod models;
-pub mod sizes;
 pub mod snapshot;

@@ -4,9 +4,8 @@
 
 use std::process::ExitCode;
 
-use rig_tests::emulator::{image, image_path};
 use rig_tests::figures::{Cost, LIVELY, configurations, costs, mean_quantisation_error, tick_costs, worst_tick};
-use rig_tests::{sizes, snapshot};
+use rig_tests::snapshot;
 use serde_json::json;
 
 fn main() -> ExitCode {
@@ -23,8 +22,6 @@ fn main() -> ExitCode {
         }
     }
     let (costs, ticks) = (costs(&configurations()), tick_costs("hybrid"));
-    let flashable = image_path("rig");
-    let sizes = sizes::of(&if flashable.is_file() { flashable } else { image("emulated") });
     let stack_bytes = ticks.iter().map(|cost| cost.stack_bytes).max();
     print_steps(&costs);
     println!(
@@ -32,12 +29,7 @@ fn main() -> ExitCode {
         worst_tick(&ticks),
         percent(worst_tick(&ticks))
     );
-    println!(
-        "image: {} bytes of flash, {} bytes of RAM; stack of a tick: {} bytes",
-        sizes.flash_bytes,
-        sizes.ram_bytes,
-        stack_bytes.unwrap_or(0)
-    );
+    println!("stack of a tick: {} bytes", stack_bytes.unwrap_or(0));
     println!("\nMean squared error against f64, ten random 2x64 tanh networks, 200 steps:\n");
     println!("| weights | hidden states | output | variance of the states |\n| --- | --- | --- | --- |");
     for (name, gain) in [("as PyTorch draws them", 1.0), ("three times that", LIVELY)] {
@@ -54,9 +46,6 @@ fn main() -> ExitCode {
             "hybrid": most("hybrid"),
         },
         "tick_worst_instructions": worst_tick(&ticks),
-        "flash_bytes": sizes.flash_bytes,
-        "ram_bytes": sizes.ram_bytes,
-        "stack_bytes": stack_bytes,
     });
     let record = snapshot::record(&costs, &ticks);
     let files = [(json_path.map(Into::into), figures), (bless.then(snapshot::path), record)];

@@ -76,7 +76,7 @@ pub struct Stack {
 
 impl Stack {
     /// Bytes that are painted.
-    const PAINTED: usize = 12 * 1024;
+    const PAINTED: usize = 4 * 1024;
     /// Left alone, for the frames of the functions here.
     const OWN: usize = 128;
     const PATTERN: u32 = 0xa5c3_5a3c;
