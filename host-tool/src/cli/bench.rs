@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use super::{Common, Outcome};
 use crate::discover::corpus::{self, CorpusConfig};
-use crate::rig::Excitation;
+use crate::rig::{Excitation, Generator};
 
 /// Measure how well the tool does; for developers.
 #[derive(clap::Args)]
@@ -36,6 +36,9 @@ struct Discover {
     /// What the rig is told to do.
     #[arg(long, value_enum, default_value = "paper")]
     excitation: Excitation,
+    /// The virtual rig.
+    #[arg(long, value_enum, default_value = "physics")]
+    rig: Generator,
     /// Print every case.
     #[arg(long)]
     verbose: bool,
@@ -56,12 +59,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         noise: discover.noise,
         coloured_noise: discover.coloured,
         excitation: discover.excitation,
+        generator: discover.rig,
         threads: discover.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
     };
     let results = corpus::run(&config, |case| {
         if discover.verbose {
             crate::say!(
-                "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.4} {:.4} floor {:.4} {:.2} s  [{}] 2nd {}",
+                "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.5} {:.5} floor {:.5} left {:.3} {:.2} s  [{}] 2nd {}",
                 if corpus::right(case) { "" } else { "***" },
                 case.hidden.join("+"),
                 case.seed,
@@ -71,6 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 case.rmse[0],
                 case.rmse[1],
                 case.rmse[2],
+                case.unexplained,
                 case.seconds,
                 case.form,
                 case.runner_up,
@@ -79,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     })?;
     crate::output::print_bytes(corpus::summary(&results).as_bytes());
     if let Some(path) = &discover.common.json {
-        crate::output::write_json(path, &results)?;
+        crate::output::write_json(path, &serde_json::json!({ "rows": corpus::rows(&results), "cases": results }))?;
     }
     Ok(Outcome::Success)
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::{Common, Outcome};
-use crate::rig::{self, CaseConfig, Excitation};
+use crate::rig::{self, CaseConfig, Excitation, Generator};
 
 /// Hide an effect in the recordings of a virtual rig, the truth in a file of its own.
 ///
@@ -25,6 +25,9 @@ pub struct Arguments {
     /// What the rig is told to do.
     #[arg(long, value_enum, default_value = "paper")]
     excitation: Excitation,
+    /// The virtual rig.
+    #[arg(long, value_enum, default_value = "physics")]
+    rig: Generator,
     /// Folder to write to.
     #[arg(long, value_name = "DIR", value_parser = crate::output::folder_argument())]
     out: PathBuf,
@@ -48,6 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         noise: arguments.noise,
         coloured_noise: arguments.coloured,
         excitation: arguments.excitation,
+        generator: arguments.rig,
     };
     let case = rig::hide(&config)?;
     rig::write(&arguments.out, &case)?;

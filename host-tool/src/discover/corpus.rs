@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::{DiscoverConfig, Verdict, discover};
-use crate::rig::{self, ALIENS, CaseConfig, EFFECTS, Excitation, RigError};
+use super::{DiscoverConfig, Effect, Verdict, discover};
+use crate::rig::{self, CaseConfig, EFFECTS, Excitation, Generator, RigError};
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub struct CorpusConfig {
     pub coloured_noise: bool,
     /// Session.
     pub excitation: Excitation,
+    /// The rig.
+    pub generator: Generator,
     /// Threads inside a case.
     pub threads: usize,
 }
@@ -44,6 +46,10 @@ pub struct CaseResult {
     pub gap_closed: f64,
     /// RMSE before, after and the floor, mm.
     pub rmse: [f64; 3],
+    /// Share of the mean square above the noise that is left on the samples worked with.
+    pub unexplained: f64,
+    /// Relative errors of the parameters that the rig and the catalogue both have, `effect.parameter_unit`.
+    pub errors: BTreeMap<String, f64>,
     /// Time, s.
     pub seconds: f64,
 }
@@ -59,7 +65,7 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
         match name.as_str() {
             "none" => names.push(Vec::new()),
             "effects" => names.extend(EFFECTS.iter().map(|name| vec![(*name).to_owned()])),
-            "aliens" => names.extend(ALIENS.iter().map(|name| vec![(*name).to_owned()])),
+            "aliens" => names.extend(config.generator.aliens().iter().map(|name| vec![(*name).to_owned()])),
             "pairs" => names.push(vec!["pairs".to_owned()]),
             other => names.push(other.split('+').map(str::to_owned).collect()),
         }
@@ -73,6 +79,7 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
                 noise: config.noise,
                 coloured_noise: config.coloured_noise,
                 excitation: config.excitation,
+                generator: config.generator,
             })?;
             let begin = Instant::now();
             let settings = DiscoverConfig { threads: config.threads, ..DiscoverConfig::default() };
@@ -86,6 +93,8 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
                 runner_up: finding.discovery.runner_up.as_ref().map(|second| second.name.clone()).unwrap_or_default(),
                 gap_closed: finding.discovery.gap_closed,
                 rmse: [finding.discovery.rmse_before, finding.discovery.rmse_after, finding.discovery.noise_floor],
+                unexplained: finding.discovery.unexplained,
+                errors: errors(&case.truth.parameters, &finding.discovery.effects),
                 seconds: begin.elapsed().as_secs_f64(),
             };
             each(&result);
@@ -107,7 +116,7 @@ fn pair(seed: u64) -> Vec<String> {
 /// Whether a case was answered as it should be.
 #[must_use]
 pub fn right(result: &CaseResult) -> bool {
-    let alien = result.hidden.iter().any(|name| ALIENS.contains(&name.as_str()));
+    let alien = result.hidden.iter().any(|name| name.starts_with("alien-"));
     match result.hidden.len() {
         0 => result.verdict == Verdict::None,
         _ if alien => matches!(result.verdict, Verdict::Unknown | Verdict::Ambiguous),
@@ -116,9 +125,47 @@ pub fn right(result: &CaseResult) -> bool {
     }
 }
 
-/// The confusion matrix in words: for every hidden effect how many were right, the median gap closed and what was said instead.
+/// Relative errors of the parameters that both sides have.
+fn errors(truth: &BTreeMap<String, f64>, found: &[Effect]) -> BTreeMap<String, f64> {
+    let mut errors = BTreeMap::new();
+    for effect in found {
+        for (name, value) in &effect.parameters {
+            let key = format!("{}.{name}", effect.name);
+            if let Some(truth) = truth.get(&key) {
+                errors.insert(key, (value / truth - 1.0).abs());
+            }
+        }
+    }
+    errors
+}
+
+/// What came of all cases with the same thing hidden.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Row {
+    /// Cases.
+    pub cases: usize,
+    /// Of these answered right.
+    pub right: usize,
+    /// Of these with the hidden effect at least named first.
+    pub first: usize,
+    /// Median share of the gap closed.
+    pub gap_closed: f64,
+    /// Median time, s.
+    pub seconds: f64,
+    /// What was answered, verdict and effects, and how often: a line of the confusion matrix.
+    pub answers: BTreeMap<String, usize>,
+    /// Median relative error of each parameter.
+    pub errors: BTreeMap<String, f64>,
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// One row for everything that was hidden.
 #[must_use]
-pub fn summary(results: &[CaseResult]) -> String {
+pub fn rows(results: &[CaseResult]) -> BTreeMap<String, Row> {
     let mut by_name: BTreeMap<String, Vec<&CaseResult>> = BTreeMap::new();
     for result in results {
         let name = match result.hidden.len() {
@@ -128,29 +175,48 @@ pub fn summary(results: &[CaseResult]) -> String {
         };
         by_name.entry(name).or_default().push(result);
     }
-    let mut text = format!("{:<28}{:>9}{:>8}{:>8}  instead\n", "hidden", "right", "gap", "s");
-    for (name, cases) in &by_name {
-        let good = cases.iter().filter(|case| right(case)).count();
-        let middle = |mut values: Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        let gap = middle(cases.iter().map(|case| case.gap_closed).collect());
-        let seconds = middle(cases.iter().map(|case| case.seconds).collect());
-        let mut instead: BTreeMap<String, usize> = BTreeMap::new();
-        for case in cases.iter().filter(|case| !right(case)) {
-            let verdict = format!("{:?}", case.verdict).to_lowercase();
-            *instead.entry(format!("{verdict} {}", case.found.join("+"))).or_default() += 1;
-        }
-        let instead: Vec<String> = instead.iter().map(|(what, count)| format!("{count} x {what}")).collect();
-        text += &format!("{name:<28}{:>9}{gap:>8.3}{seconds:>8.2}  {}\n", format!("{good}/{}", cases.len()), instead.join(", "));
+    by_name
+        .into_iter()
+        .map(|(name, cases)| {
+            let mut row = Row {
+                cases: cases.len(),
+                right: cases.iter().filter(|case| right(case)).count(),
+                first: cases.iter().filter(|case| case.found.first() == case.hidden.first()).count(),
+                gap_closed: median(cases.iter().map(|case| case.gap_closed).collect()),
+                seconds: median(cases.iter().map(|case| case.seconds).collect()),
+                ..Row::default()
+            };
+            let mut errors: BTreeMap<&String, Vec<f64>> = BTreeMap::new();
+            for case in &cases {
+                let verdict = format!("{:?}", case.verdict).to_lowercase();
+                *row.answers.entry(format!("{verdict} {}", case.found.join("+")).trim_end().to_owned()).or_default() += 1;
+                for (key, error) in &case.errors {
+                    errors.entry(key).or_default().push(*error);
+                }
+            }
+            row.errors = errors.into_iter().map(|(key, values)| (key.clone(), median(values))).collect();
+            (name, row)
+        })
+        .collect()
+}
+
+/// The rows as text: for everything hidden how many were right, the median gap closed, and what was said instead.
+#[must_use]
+pub fn summary(results: &[CaseResult]) -> String {
+    let rows = rows(results);
+    let mut text = format!("{:<28}{:>9}{:>8}{:>8}  answers\n", "hidden", "right", "gap", "s");
+    for (name, row) in &rows {
+        let answers: Vec<String> = row.answers.iter().map(|(what, count)| format!("{count} x {what}")).collect();
+        let right = format!("{}/{}", row.right, row.cases);
+        text += &format!("{name:<28}{right:>9}{:>8.3}{:>8.2}  {}\n", row.gap_closed, row.seconds, answers.join(", "));
     }
-    let single: Vec<&CaseResult> =
-        results.iter().filter(|case| case.hidden.len() == 1 && !ALIENS.contains(&case.hidden[0].as_str())).collect();
-    if !single.is_empty() {
-        let top = single.iter().filter(|case| case.found.first() == case.hidden.first()).count();
-        let good = single.iter().filter(|case| right(case)).count();
-        text += &format!("single effects: {good}/{} right, {top} of them at least first\n", single.len());
+    let single = rows.iter().filter(|(name, _)| !name.starts_with('(') && !name.starts_with("alien-"));
+    let (cases, right, first) = single.fold((0, 0, 0), |sum, (_, row)| (sum.0 + row.cases, sum.1 + row.right, sum.2 + row.first));
+    if cases > 0 {
+        text += &format!("single effects: {right}/{cases} right, {first} of them at least first\n");
+    }
+    for (key, error) in rows.values().flat_map(|row| &row.errors) {
+        text += &format!("  median error of {key}: {:.1} %\n", 100.0 * error);
     }
     text
 }

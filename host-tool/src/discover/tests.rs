@@ -1,14 +1,14 @@
 //! What discovery promises: it names what was hidden, keeps quiet when nothing was, and repeats itself.
 
 use super::*;
-use crate::rig::{self, Case, CaseConfig, Excitation};
+use crate::rig::{self, Case, CaseConfig};
 
 /// Seeds of these tests; tuning used 100 to 199, figures are reported on 1000 and above.
 const SEED: u64 = 500;
 
 fn case(effects: &[&str], seed: u64, noise: f64) -> Case {
     let effects = effects.iter().map(|name| (*name).to_owned()).collect();
-    rig::hide(&CaseConfig { effects, seed, noise, coloured_noise: false, excitation: Excitation::Paper }).expect("a case")
+    rig::hide(&CaseConfig { effects, seed, noise, ..CaseConfig::default() }).expect("a case")
 }
 
 fn found(case: &Case) -> Discovery {

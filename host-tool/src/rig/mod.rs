@@ -7,6 +7,7 @@
 mod command;
 mod draw;
 mod muscle;
+mod rival;
 mod stages;
 
 use std::path::{Path, PathBuf};
@@ -25,6 +26,16 @@ use stages::{Moment, STEP_S};
 /// Integration steps per sample: 50 Hz.
 const STEPS_PER_SAMPLE: usize = 200;
 
+/// Which of the two virtual rigs makes the recordings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Generator {
+    /// Physics at 10 kHz.
+    #[default]
+    Physics,
+    /// Discrete laws at 1 kHz, other forms and strengths.
+    Rival,
+}
+
 /// What to hide and how.
 #[derive(Clone, Debug)]
 pub struct CaseConfig {
@@ -38,6 +49,33 @@ pub struct CaseConfig {
     pub coloured_noise: bool,
     /// Kind of session.
     pub excitation: Excitation,
+    /// The rig.
+    pub generator: Generator,
+}
+
+impl Default for CaseConfig {
+    /// Nothing hidden in the paper's session with half a percent of white noise.
+    fn default() -> Self {
+        Self {
+            effects: Vec::new(),
+            seed: 1,
+            noise: 0.005,
+            coloured_noise: false,
+            excitation: Excitation::Paper,
+            generator: Generator::Physics,
+        }
+    }
+}
+
+impl Generator {
+    /// Effects that this rig hides and no catalogue has.
+    #[must_use]
+    pub fn aliens(self) -> &'static [&'static str] {
+        match self {
+            Self::Physics => &ALIENS,
+            Self::Rival => &rival::ALIENS,
+        }
+    }
 }
 
 /// What was hidden.
@@ -98,8 +136,8 @@ pub enum RigError {
 /// When an effect's name is not known.
 pub fn hide(config: &CaseConfig) -> Result<Case, RigError> {
     for name in &config.effects {
-        if !EFFECTS.contains(&name.as_str()) && !ALIENS.contains(&name.as_str()) {
-            let known: Vec<&str> = EFFECTS.iter().chain(ALIENS.iter()).copied().collect();
+        if !EFFECTS.contains(&name.as_str()) && !config.generator.aliens().contains(&name.as_str()) {
+            let known: Vec<&str> = EFFECTS.iter().chain(config.generator.aliens()).copied().collect();
             return Err(RigError::UnknownEffect { name: name.clone(), known: known.join(", ") });
         }
     }
@@ -110,6 +148,9 @@ pub fn hide(config: &CaseConfig) -> Result<Case, RigError> {
     command_draws.set_stream(2);
     let mut noise_draws = plant_draws.clone();
     noise_draws.set_stream(3);
+    if config.generator == Generator::Rival {
+        return hide_in_rival(config, plant_draws, effect_draws, command_draws, noise_draws);
+    }
 
     let commands = command::session(config.excitation, &mut command_draws);
     let kept = command::kept_out(config.excitation, &mut command_draws);
@@ -149,6 +190,48 @@ pub fn hide(config: &CaseConfig) -> Result<Case, RigError> {
         slack_bar: chain.muscle.slack_bar.clone(),
         pull_mm_per_bar: chain.muscle.pull_mm_per_bar.clone(),
         continuous: chain.continuous,
+    };
+    Ok(Case { recordings, kept_out, truth })
+}
+
+/// A case of the second rig.
+fn hide_in_rival(
+    config: &CaseConfig,
+    mut plant: ChaCha8Rng,
+    mut effects: ChaCha8Rng,
+    mut command: ChaCha8Rng,
+    mut noise: ChaCha8Rng,
+) -> Result<Case, RigError> {
+    let commands = rival::commands(config.excitation, &mut command);
+    let kept = rival::kept_out();
+    let mut rig = rival::Rival::new(&config.effects, commands.len(), &mut plant, &mut effects);
+    let raw: Vec<(PathBuf, rival::Raw)> = commands
+        .iter()
+        .chain(&kept)
+        .enumerate()
+        .map(|(index, (name, shape))| (PathBuf::from(format!("{name}.csv")), rig.record(index, shape)))
+        .collect();
+    // Wild readings are no part of the range.
+    let mut all: Vec<f64> = raw.iter().flat_map(|(_, recording)| recording.2.iter().copied()).collect();
+    all.sort_by(f64::total_cmp);
+    let noise_mm = config.noise * (all[all.len() - 1 - all.len() / 50] - all[all.len() / 50]);
+    let mut recordings = Vec::new();
+    for (path, (time_s, input, mut output)) in raw {
+        add_noise(&mut output, noise_mm, config.coloured_noise, &mut noise);
+        recordings.push(Recording::new(&path, Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)?);
+    }
+    let kept_out = recordings.split_off(commands.len());
+    let truth = Truth {
+        effects: config.effects.clone(),
+        alien: config.effects.iter().any(|name| rival::ALIENS.contains(&name.as_str())),
+        parameters: rig.values,
+        sensor_side: Vec::new(),
+        seed: config.seed,
+        noise_mm,
+        coloured_noise: config.coloured_noise,
+        slack_bar: rig.thresholds,
+        pull_mm_per_bar: rig.weights,
+        continuous: rig.carries,
     };
     Ok(Case { recordings, kept_out, truth })
 }

@@ -4,7 +4,7 @@ use super::*;
 
 fn case(effects: &[&str], seed: u64, noise: f64) -> Case {
     let effects = effects.iter().map(|name| (*name).to_owned()).collect();
-    hide(&CaseConfig { effects, seed, noise, coloured_noise: false, excitation: Excitation::Paper }).expect("a case")
+    hide(&CaseConfig { effects, seed, noise, ..CaseConfig::default() }).expect("a case")
 }
 
 #[test]
@@ -38,7 +38,7 @@ fn every_effect_changes_the_recordings_by_more_than_half_a_percent_of_range() {
 #[test]
 fn the_noise_has_the_size_asked_for() {
     for coloured_noise in [false, true] {
-        let config = |noise| CaseConfig { effects: Vec::new(), seed: 5, noise, coloured_noise, excitation: Excitation::Rich };
+        let config = |noise| CaseConfig { seed: 5, noise, coloured_noise, excitation: Excitation::Rich, ..CaseConfig::default() };
         let (clean, noisy) = (hide(&config(0.0)).expect("a case"), hide(&config(0.005)).expect("a case"));
         let mut sum = 0.0;
         let mut count = 0.0;
@@ -54,8 +54,27 @@ fn the_noise_has_the_size_asked_for() {
 
 #[test]
 fn an_unknown_name_is_refused() {
-    let config =
-        CaseConfig { effects: vec!["magnetism".into()], seed: 1, noise: 0.0, coloured_noise: false, excitation: Excitation::Paper };
+    let config = CaseConfig { effects: vec!["magnetism".into()], ..CaseConfig::default() };
     let message = hide(&config).expect_err("no such effect").to_string();
     assert!(message.contains("magnetism") && message.contains("creep"), "{message}");
+}
+
+#[test]
+fn every_effect_of_the_second_rig_changes_its_recordings_too() {
+    let make = |effects: Vec<String>| {
+        hide(&CaseConfig { effects, seed: 11, noise: 0.0, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case")
+    };
+    let plain = make(Vec::new());
+    let top = plain.recordings.iter().flat_map(|run| &run.output).copied().fold(0.0, f64::max);
+    for name in EFFECTS.iter().chain(Generator::Rival.aliens()) {
+        let hidden = make(vec![(*name).to_owned()]);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (before, after) in plain.recordings.iter().zip(&hidden.recordings) {
+            assert!(after.output.iter().all(|value| value.is_finite()), "{name} made a value that is not finite");
+            sum += before.output.iter().zip(&after.output).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
+            count += before.output.len() as f64;
+        }
+        let share = (sum / count).sqrt() / top;
+        assert!((0.004..0.6).contains(&share), "{name} changes the output by {share:.5} of range");
+    }
 }
