@@ -1,4 +1,4 @@
-//! `gain-drift`: the gain wanders with the session's time, towards a limit.
+//! `gain-drift`: the gain wanders with the session's time, towards a limit or as a smooth curve.
 
 use std::collections::BTreeMap;
 
@@ -6,9 +6,10 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&WarmUp];
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &Curve];
 
 struct WarmUp;
+struct Curve;
 
 impl Form for WarmUp {
     fn name(&self) -> &'static str {
@@ -37,5 +38,37 @@ impl Form for WarmUp {
     }
     fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("drift".to_owned(), weights[0])])
+    }
+}
+
+impl Form for Curve {
+    fn name(&self) -> &'static str {
+        "gain-drift"
+    }
+    fn form(&self) -> &'static str {
+        "quadratic in the session's time"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![]]
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        for power in 1..=2 {
+            columns.push(true, |sample| sum[sample] * (run.session_s[sample] / 600.0).powi(power));
+        }
+    }
+    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("drift_in_600_s".to_owned(), weights.iter().sum())])
     }
 }

@@ -76,6 +76,13 @@ fn fit_of_steps(session: &Session, residual: &[Vec<f64>], signal: impl Fn(&Run) 
     if cross > 0.0 && energy > 0.0 { cross * cross / (energy * own) } else { 0.0 }
 }
 
+/// The `count` points of a grid with the highest scores, best first.
+fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64>) -> f64, count: usize) -> Vec<Vec<f64>> {
+    let mut scored: Vec<(f64, Vec<f64>)> = grid.map(|point| (score(&point), point)).collect();
+    scored.sort_by(|x, y| y.0.total_cmp(&x.0));
+    scored.into_iter().take(count).map(|entry| entry.1).collect()
+}
+
 /// Values from `low` to `high` at equal ratios.
 fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()

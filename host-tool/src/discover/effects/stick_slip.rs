@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::{fit_of_steps, ladder};
+use super::{best_starts, fit_of_steps, ladder};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&StickBand, &Breakaway];
@@ -59,29 +59,32 @@ fn tip(sum: &[f64], band: f64, remaining: f64, slide_per_s: f64, period_s: f64) 
 
 /// Starts whose jumps look most like those of the residual.
 fn likely(session: &Session, residual: &[Vec<f64>], speeds: &[f64], with_speed: bool) -> Vec<Vec<f64>> {
-    let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
-    for band in ladder(0.006, 0.2, 60) {
-        for share in [-0.7, -0.45, -0.2, 0.0, 0.2, 0.45, 0.7] {
-            for &speed in speeds {
-                let score = fit_of_steps(session, residual, |run| {
-                    let sum: Vec<f64> = run.output.iter().zip(&residual[run.index]).map(|(output, residual)| output - residual).collect();
-                    let (from, behind) = tip(&sum, band, band * share, speed, run.period_s);
-                    (0..sum.len()).map(|sample| sum[from[sample]] + behind[sample] - sum[sample]).collect()
-                });
-                let mut parameters = vec![band, share];
-                if with_speed {
-                    parameters.push(speed);
-                }
-                all.push((score, parameters));
-            }
-        }
-    }
-    all.sort_by(|x, y| y.0.total_cmp(&x.0));
-    all.into_iter().take(8).map(|entry| entry.1).collect()
+    let sums: Vec<Vec<f64>> = session
+        .runs
+        .iter()
+        .zip(residual)
+        .map(|(run, residual)| run.output.iter().zip(residual).map(|(output, residual)| output - residual).collect())
+        .collect();
+    let grid = ladder(0.004, 0.2, 90).into_iter().flat_map(|travel| {
+        [0.6, 0.8, 1.05, 1.3, 1.7, 2.4, 4.0].into_iter().flat_map(move |wider| {
+            speeds.iter().map(move |&speed| if with_speed { vec![travel * wider, travel, speed] } else { vec![travel * wider, travel] })
+        })
+    });
+    let score = |parameters: &Vec<f64>| {
+        fit_of_steps(session, residual, |run| {
+            let sum = &sums[run.index];
+            let speed = parameters.get(2).copied().unwrap_or(f64::MAX);
+            let (from, behind) = tip(sum, parameters[0], parameters[0] - parameters[1], speed, run.period_s);
+            (0..sum.len()).map(|sample| sum[from[sample]] + behind[sample] - sum[sample]).collect()
+        })
+    };
+    best_starts(grid, score, 10)
 }
 
-const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Output, low: 1e-3, high: 0.3, logarithmic: true };
-const REMAINING: Parameter = Parameter { name: "remaining_share", quantity: Quantity::Ratio, low: -0.95, high: 0.98, logarithmic: false };
+/// Pull at which the tip breaks away.
+const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Output, low: 1e-3, high: 0.5, logarithmic: true };
+/// How far it jumps then: short of the pull, or beyond it. As with the valve, an error in it adds up along the stairs.
+const TRAVEL: Parameter = Parameter { name: "travel", quantity: Quantity::Output, low: 1e-3, high: 0.5, logarithmic: true };
 
 impl Form for StickBand {
     fn name(&self) -> &'static str {
@@ -94,7 +97,7 @@ impl Form for StickBand {
         Place::Tip
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[BAND, REMAINING]
+        &[BAND, TRAVEL]
     }
     fn weights(&self) -> usize {
         1
@@ -103,13 +106,13 @@ impl Form for StickBand {
         likely(session, residual, &[f64::MAX], false)
     }
     fn step(&self) -> f64 {
-        0.05
+        0.02
     }
     fn needs_sum(&self) -> bool {
         true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        stick(sum, parameters[0], parameters[0] * parameters[1], f64::MAX, run.period_s, columns);
+        stick(sum, parameters[0], parameters[0] - parameters[1], f64::MAX, run.period_s, columns);
     }
     fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("remaining_weight".to_owned(), weights[0])])
@@ -127,22 +130,22 @@ impl Form for Breakaway {
         Place::Tip
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[BAND, REMAINING, Parameter { name: "sticking_speed", quantity: Quantity::OutputRate, low: 1e-3, high: 10.0, logarithmic: true }]
+        &[BAND, TRAVEL, Parameter { name: "sticking_speed", quantity: Quantity::OutputRate, low: 1e-3, high: 10.0, logarithmic: true }]
     }
     fn weights(&self) -> usize {
         1
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        likely(session, residual, &[0.01, 0.05, 0.3], true)
+        likely(session, residual, &[0.02, 0.1, 0.4], true)
     }
     fn step(&self) -> f64 {
-        0.05
+        0.02
     }
     fn needs_sum(&self) -> bool {
         true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        stick(sum, parameters[0], parameters[0] * parameters[1], parameters[2], run.period_s, columns);
+        stick(sum, parameters[0], parameters[0] - parameters[1], parameters[2], run.period_s, columns);
     }
     fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("remaining_weight".to_owned(), weights[0])])
