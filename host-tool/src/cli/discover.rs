@@ -1,14 +1,14 @@
 //! `catheter discover`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
 use super::{Common, Data, Outcome};
 use crate::discover::file::{DiscoveredModel, EffectEntry, Origin};
-use crate::discover::{self, DiscoverConfig, Finding, Verdict};
+use crate::discover::{self, DiscoverConfig, Discovery, Finding, Start};
 use crate::recording::{self, Recording};
-use crate::{output, say};
+use crate::{model, output, report, say};
 
 /// Find the physical effect that the simulation lacks, name it, add it to the model and show the gap shrink.
 ///
@@ -18,6 +18,10 @@ use crate::{output, say};
 pub struct Arguments {
     #[command(flatten)]
     data: Data,
+    /// The simulation model to start from; without it, play operators are fitted to the recordings. The figures before are then this
+    /// model's; effects that `discover` once wrote into it are kept and what is found comes on top.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Recordings that take no part in any choice: CSV files or folders; may be repeated.
     #[arg(long, num_args = 1.., value_name = "PATH")]
     holdout: Vec<PathBuf>,
@@ -33,34 +37,65 @@ pub struct Arguments {
 /// # Errors
 /// On bad input or when the result cannot be written.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let outputs: Vec<PathBuf> =
+        ["model.toml", "runner_up.toml", "discovery.json", "report.html"].map(|name| arguments.out.join(name)).into();
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
     let columns = arguments.data.columns.as_deref();
     let recordings = recording::load(&arguments.data.data, columns)?;
     let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load(&arguments.holdout, columns)? };
+    let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(|recording| recording.path.clone()).collect();
+    read.extend(arguments.model.clone());
+    output::refuse_overwriting(&read, &outputs)?;
+    let start = arguments.model.as_deref().map(|path| start_from(path, &recordings, &kept)).transpose()?;
     let mut config = DiscoverConfig { seed: arguments.common.seed, ..DiscoverConfig::default() };
     if let Some(threads) = arguments.common.threads {
         config.threads = threads;
     }
-    let finding = discover::discover(&recordings, &kept, &config)?;
-    let model = model_of(&finding, &recordings);
-    let text = model.encode().context("cannot encode the model as TOML")?;
-    output::write_atomic(&arguments.out.join("model.toml"), text.as_bytes())?;
-    output::write_json(&arguments.out.join("discovery.json"), &finding.discovery)?;
-    if let Some(path) = &arguments.common.json {
-        output::write_json(path, &finding.discovery)?;
+    let bar = output::progress(5, "discover");
+    let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| {
+        bar.set_message(stage.to_owned());
+        bar.inc(1);
+    })?;
+    bar.finish_and_clear();
+    let discovery = &finding.discovery;
+    let model = model_of(&finding, &finding.after, discovery, &recordings);
+    write_model(&arguments.out.join("model.toml"), &model)?;
+    if let Some(second) = &finding.second {
+        write_model(&arguments.out.join("runner_up.toml"), &model_of(&finding, second, discovery, &recordings))?;
     }
-    tell(&finding, &model, arguments);
+    output::write_json(&arguments.out.join("discovery.json"), discovery)?;
+    let page = report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
+    output::write_atomic(&arguments.out.join("report.html"), page.as_bytes())?;
+    if let Some(path) = &arguments.common.json {
+        output::write_json(path, discovery)?;
+    }
+    tell(discovery, &model, arguments);
     Ok(Outcome::Success)
 }
 
-/// The file of what was found.
-fn model_of(finding: &Finding, recordings: &[Recording]) -> DiscoveredModel {
-    let discovery = &finding.discovery;
-    let effects = finding
-        .after
+/// Lets a given model predict every recording.
+fn start_from(path: &Path, recordings: &[Recording], kept: &[Recording]) -> Result<Start> {
+    let predictor = model::load(path)?;
+    let mut predictions = Vec::new();
+    for recording in recordings.iter().chain(kept) {
+        model::check(predictor.description(), recording, false)?;
+        predictions.push(predictor.predict(&recording.input, &recording.gaps)?);
+    }
+    Ok(Start { predictions, discovered: DiscoveredModel::read(path).ok() })
+}
+
+fn write_model(path: &Path, model: &DiscoveredModel) -> Result<()> {
+    let text = model.encode().context("cannot encode the model as TOML")?;
+    output::write_atomic(path, text.as_bytes())
+}
+
+/// The file of a model that was found.
+fn model_of(finding: &Finding, model: &discover::Model, discovery: &Discovery, recordings: &[Recording]) -> DiscoveredModel {
+    let effects = model
         .slots
         .iter()
         .map(|slot| {
-            let named = discovery.effects.iter().find(|effect| effect.name == slot.form.name());
+            let named = discovery.effects.iter().find(|effect| effect.name == slot.form.name() && effect.form == slot.form.form());
             EffectEntry {
                 name: slot.form.name().to_owned(),
                 form: slot.form.form().to_owned(),
@@ -84,28 +119,14 @@ fn model_of(finding: &Finding, recordings: &[Recording]) -> DiscoveredModel {
         rmse_before: discovery.rmse_before,
     };
     let signals = (recordings[0].input_signal.clone(), recordings[0].output_signal.clone());
-    DiscoveredModel::new(&finding.after, &finding.session, signals, origin, effects)
+    DiscoveredModel::new(model, &finding.session, signals, origin, effects)
 }
 
 /// Says what was found.
-fn tell(finding: &Finding, model: &DiscoveredModel, arguments: &Arguments) {
-    let discovery = &finding.discovery;
+fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
     let unit = &model.output.unit;
     say!("{}", discovery.summary);
-    match discovery.verdict {
-        Verdict::None => say!("Nothing is missing: the model leaves no more than the noise."),
-        Verdict::Unknown => {
-            say!("Something is missing, and it is none of the effects in the catalogue (or more than them).");
-        }
-        Verdict::Ambiguous => {
-            let second = discovery.runner_up.as_ref().map_or("another", |second| second.name.as_str());
-            say!("Missing is {} or {second}: these recordings cannot tell them apart.", discovery.effects[0].name);
-        }
-        Verdict::Named => {
-            let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
-            say!("Missing is {}.", names.join(" and "));
-        }
-    }
+    say!("{}", report::discovery::headline(discovery));
     for effect in &discovery.effects {
         say!("  {} ({}), confidence {:.2}", effect.name, effect.form, effect.confidence);
         for (name, value) in &effect.parameters {
@@ -118,6 +139,10 @@ fn tell(finding: &Finding, model: &DiscoveredModel, arguments: &Arguments) {
     if let Some(second) = &discovery.runner_up {
         let words = if second.separable { "told apart by these recordings" } else { "not told apart by these recordings" };
         say!("Second best: {}, {words}.", second.name);
+        if !second.separable {
+            let (first, second) = (arguments.out.join("model.toml"), arguments.out.join("runner_up.toml"));
+            say!("The experiment that would: catheter plan-experiment --models {} {} --out next.toml", first.display(), second.display());
+        }
     }
     if discovery.excluded_samples > 0 {
         say!("{} samples were left out as outliers.", discovery.excluded_samples);
@@ -130,5 +155,5 @@ fn tell(finding: &Finding, model: &DiscoveredModel, arguments: &Arguments) {
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
-    say!("Model in {}", arguments.out.join("model.toml").display());
+    say!("Model in {}, report in {}", arguments.out.join("model.toml").display(), arguments.out.join("report.html").display());
 }

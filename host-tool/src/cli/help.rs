@@ -26,11 +26,22 @@ Exit codes:
 
 /// Below the help of `discover`.
 pub const DISCOVER: &str = "\
-Leaves DIR/model.toml, the model with the effect, and DIR/discovery.json.
+Leaves DIR/model.toml (the model with the effect), DIR/runner_up.toml (with the second best effect instead), DIR/discovery.json and
+DIR/report.html. Exit code 0 whatever the verdict.
 
 Examples:
   catheter discover --data session --holdout other --out result
+  catheter discover --model physics.toml --data session --out result --json result.json
   catheter evaluate --model result/model.toml --data other";
+
+/// Below the help of `plan-experiment`.
+pub const PLAN_EXPERIMENT: &str = "\
+Leaves the excitation as TOML. Play it, add the recording to the session and run `discover` again.
+
+Examples:
+  catheter plan-experiment --models result/model.toml result/runner_up.toml --out next.toml
+  catheter plan-experiment --models result/model.toml result/runner_up.toml --maximum-slew-bar-per-s 8 --out next.toml
+  catheter simulate next.toml --out played";
 
 /// Below the help of `hide`.
 pub const HIDE: &str = "\

@@ -12,6 +12,7 @@ mod hide;
 mod identify;
 mod inspect;
 mod pil;
+mod plan_experiment;
 mod replay;
 mod rig;
 mod simulate;
@@ -63,6 +64,8 @@ enum Command {
     Demo(demo::Arguments),
     #[command(after_long_help = help::DISCOVER)]
     Discover(discover::Arguments),
+    #[command(after_long_help = help::PLAN_EXPERIMENT)]
+    PlanExperiment(plan_experiment::Arguments),
     #[command(after_long_help = help::HIDE)]
     Hide(hide::Arguments),
     #[command(hide = true)]
@@ -123,6 +126,7 @@ pub fn main() -> ExitCode {
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Discover(arguments) => discover::run(&arguments),
+        Command::PlanExperiment(arguments) => plan_experiment::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::catalogue;
+use super::catalogue::{self, Quantity};
 use super::model::{Model, Slot};
 use super::session::{Role, Run, Session};
 use crate::recording::Signal;
@@ -78,6 +78,9 @@ pub struct DiscoveredModel {
     /// Whether the operators are stops instead of plays.
     #[serde(default)]
     pub stops: bool,
+    /// Turning points of the input that the operators remember from the session, normalised; empty when recordings begin fresh.
+    #[serde(default)]
+    pub memory: Vec<f64>,
     /// Thresholds of the operators, normalised.
     pub thresholds: Vec<f64>,
     /// Weights of the operators, normalised.
@@ -128,6 +131,7 @@ impl DiscoveredModel {
             session_s: session.length_s,
             session_recordings: session.runs.len(),
             stops: model.stops,
+            memory: if model.carry { session.memory() } else { Vec::new() },
             thresholds: model.thresholds.clone(),
             weights: model.base[1..].to_vec(),
             constant: model.base[0],
@@ -189,7 +193,29 @@ impl DiscoveredModel {
             slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
-        Ok(Model { thresholds: self.thresholds.clone(), carry: false, stops: self.stops, slots, base })
+        Ok(Model { thresholds: self.thresholds.clone(), carry: !self.memory.is_empty(), stops: self.stops, slots, base })
+    }
+
+    /// The effects of the file in the normalised units of another session.
+    ///
+    /// # Errors
+    /// When an effect of the file is not known.
+    pub fn slots_in(&self, session: &Session) -> Result<Vec<Slot>, String> {
+        let input = self.input_scale / session.input_scale;
+        let output = (self.output_scale / session.output_scale).abs();
+        let mut slots = self.build()?.slots;
+        for slot in &mut slots {
+            for (value, parameter) in slot.parameters.iter_mut().zip(slot.form.parameters()) {
+                let factor = match parameter.quantity {
+                    Quantity::Input | Quantity::InputRate => input,
+                    Quantity::Output | Quantity::OutputRate => output,
+                    Quantity::PerInput => 1.0 / input,
+                    Quantity::Time | Quantity::Frequency | Quantity::Ratio => 1.0,
+                };
+                *value = (*value * factor).clamp(parameter.low, parameter.high);
+            }
+        }
+        Ok(slots)
     }
 
     /// Output for every input sample, from rest, in the units of the file.
@@ -205,6 +231,7 @@ impl DiscoveredModel {
         let run = Run {
             name: String::new(),
             index: self.session_recordings,
+            source: (0, 0),
             period_s: self.sample_period_s,
             input: input.iter().map(|value| (value - self.input_offset) / self.input_scale).collect(),
             output: vec![0.0; input.len()],
@@ -213,7 +240,7 @@ impl DiscoveredModel {
             role: vec![Role::Kept; input.len()],
             keep: vec![true; input.len()],
             rest: Vec::new(),
-            history: Vec::new(),
+            history: self.memory.clone(),
         };
         Ok(model.predict(&run).into_iter().map(|value| value * self.output_scale).collect())
     }

@@ -7,28 +7,32 @@
 
 pub mod catalogue;
 pub mod corpus;
+mod diagnosis;
 pub mod effects;
 pub mod file;
 mod least_squares;
 mod mask;
 mod model;
 mod noise;
+pub mod plan;
+mod rounds;
 mod search;
 mod session;
-mod whereabouts;
+mod verdict;
+pub mod whereabouts;
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 
+pub use diagnosis::{Correlation, LoopArea, Residual, Share};
 pub use model::{Model, Slot};
 pub use session::{Role, Run, Session, SessionError};
 pub use whereabouts::Disagreement;
 
-use crate::recording::Recording;
-use catalogue::Form;
-use search::Fitted;
+use crate::recording::{ExtraColumn, Recording};
+use catalogue::Place;
+use rounds::Bench;
 
 /// How to discover.
 #[derive(Clone, Debug)]
@@ -113,6 +117,8 @@ pub struct Discovery {
     pub noise_floor: f64,
     /// Share of the gap closed, `(before - after) / (before - floor)`, 0 to 1.
     pub gap_closed: f64,
+    /// Share of the mean square above the noise that stays unexplained on the samples worked with, 0 to 1.
+    pub unexplained: f64,
     /// Every effect tried alone, best first.
     pub candidates: Vec<Candidate>,
     /// Where the model without effects and the measurement disagree.
@@ -120,6 +126,16 @@ pub struct Discovery {
     pub disagreements: Vec<Disagreement>,
     /// The same in a sentence.
     pub summary: String,
+    /// What opens the loops of the model without effects.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub loop_area: Option<LoopArea>,
+    /// How far from noise the residual is without the effects.
+    pub residual_before: Residual,
+    /// The same with them.
+    pub residual_after: Residual,
+    /// What happens between command and measured pressure, where the recordings have both: effects named there; empty when none is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pressure_path: Option<Vec<String>>,
     /// Samples left out as outliers.
     pub excluded_samples: usize,
     /// Names of the kept-out recordings.
@@ -136,59 +152,18 @@ pub struct Finding {
     pub before: Model,
     /// The model with them.
     pub after: Model,
+    /// The model with the second best effect instead, where there is one.
+    pub second: Option<Model>,
+    /// What the simulation without effects predicts for every run, normalised: the given model's word, or `before`'s.
+    pub simulated: Vec<Vec<f64>>,
 }
 
-/// Least share of the mean square that the first effect takes away.
-const LEAST_GAIN: f64 = 0.012;
-/// Least share of the original excess over the noise that a further effect takes away.
-const LEAST_FURTHER_SHARE: f64 = 0.02;
-/// Least share of the remaining excess over the noise that a further effect takes away.
-const LEAST_FURTHER_GAIN: f64 = 0.2;
-/// Blocked deviations that an improvement must reach.
-const LEAST_DEVIATIONS: f64 = 3.0;
-/// What a parameter must bring, as a share of the mean square, when effects compete.
-const PRICE: f64 = 0.012;
-
-/// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
-fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let mut results: Vec<Option<T>> = items.iter().map(|_| None).collect();
-    let chunks = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.clamp(1, items.len().max(1)))
-            .map(|_| {
-                scope.spawn(|| {
-                    let mut done = Vec::new();
-                    loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(item) = items.get(index) else { break done };
-                        done.push((index, work(item)));
-                    }
-                })
-            })
-            .collect();
-        workers.into_iter().map(|worker| worker.join()).collect::<Vec<_>>()
-    });
-    for chunk in chunks {
-        match chunk {
-            Ok(done) => done.into_iter().for_each(|(index, value)| results[index] = Some(value)),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-    }
-    results.into_iter().flatten().collect()
-}
-
-/// How many deviations the blocked mean of `before - after` lies above zero.
-fn deviations(before: &[f64], after: &[f64]) -> f64 {
-    let differences: Vec<f64> = before.iter().zip(after).map(|(x, y)| x - y).collect();
-    let n = differences.len() as f64;
-    let mean = differences.iter().sum::<f64>() / n;
-    // Neighbouring blocks share their errors: the variance of the mean takes lags up to three blocks (Newey and West 1987).
-    let mut variance = differences.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
-    for lag in 1..=3_usize {
-        let covariance: f64 = differences.windows(lag + 1).map(|pair| (pair[0] - mean) * (pair[lag] - mean)).sum::<f64>() / n;
-        variance += 2.0 * (1.0 - lag as f64 / 4.0) * covariance;
-    }
-    mean / (variance.max(1e-30) / n).sqrt()
+/// Where to start from: a simulation model that somebody already has.
+pub struct Start {
+    /// Its predictions, one for each recording and then each kept one, in output units.
+    pub predictions: Vec<Vec<f64>>,
+    /// The file, when discovery wrote it: its effects are kept, and what is found comes on top.
+    pub discovered: Option<file::DiscoveredModel>,
 }
 
 /// Upper tail of the normal distribution.
@@ -201,115 +176,159 @@ fn tail(deviations: f64) -> f64 {
     if deviations >= 0.0 { upper } else { 1.0 - upper }
 }
 
-/// A candidate with its test.
-#[derive(Clone)]
-struct Tried {
-    fitted: Fitted,
-    form: &'static dyn Form,
-    deviations: f64,
-}
-
-impl Tried {
-    /// What it is judged by: the logarithm of the mean square that remains and the price of its parameters.
-    fn judgement(&self) -> f64 {
-        self.fitted.select.max(1e-30).ln() + PRICE * self.fitted.model.cost() as f64
-    }
-}
-
-/// Everything the selection works with.
-struct Bench<'a> {
-    session: &'a Session,
-    forms: Vec<&'static dyn Form>,
-    threads: usize,
-}
-
-impl Bench<'_> {
-    fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
-        let residual = model.residuals(self.session);
-        noise::blocks(self.session, &residual, |run, sample| self.session.runs[run].role[sample] == Role::Select)
-    }
-
-    /// Every form on top of `base`, best first.
-    fn round(&self, base: &Model) -> Vec<Tried> {
-        let residual = base.residuals(self.session);
-        let before = self.selecting_blocks(base);
-        let forms: Vec<&'static dyn Form> =
-            self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
-        let fitted = in_parallel(&forms, self.threads, |form| {
-            search::fit_form(base, *form, self.session, &residual).map(|fitted| {
-                let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
-                Tried { fitted, form: *form, deviations }
-            })
-        });
-        let mut tried: Vec<Tried> = fitted.into_iter().flatten().collect();
-        tried.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
-        tried
-    }
-
-    /// The best few, polished together with what is already there; best first.
-    fn polished(&self, tried: &[Tried], effort: usize) -> Vec<Tried> {
-        let mut names: Vec<&str> = Vec::new();
-        let mut best: Vec<&Tried> = Vec::new();
-        for one in tried {
-            // Two forms of an effect at most, four effects at most.
-            if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < 5 {
-                names.push(one.form.name());
-                best.push(one);
-            }
-        }
-        let mut polished = in_parallel(&best, self.threads, |one| {
-            let mut fitted = search::polish(&one.fitted.model, self.session, effort);
-            // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
-            let mut turned = fitted.model.clone();
-            turned.carry = !turned.carry;
-            if turned.fit(self.session, model::Scope::Both).1 < 0.98 * fitted.select {
-                let turned = search::polish(&turned, self.session, effort);
-                if turned.select < fitted.select {
-                    fitted = turned;
-                }
-            }
-            let fitted = if fitted.select < one.fitted.select * 1.001 { fitted } else { one.fitted.clone() };
-            Tried { fitted, form: one.form, deviations: one.deviations }
-        });
-        polished.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
-        polished
-    }
-}
-
 /// Finds what the model lacks in `recordings`; `kept` take no part in any choice (some of `recordings` are set apart when empty).
 ///
 /// # Errors
 /// When there is too little to learn from.
 pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverConfig) -> Result<Finding, SessionError> {
-    let mut session = Session::new(recordings, kept)?;
-    let zero: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
-    mask::outliers(&mut session, &zero, false);
-    let mut before = baseline(&session);
-    let residual = before.residuals(&session);
-    mask::outliers(&mut session, &residual, true);
-    // A second look: the first fit was pulled about by what it is to find.
-    before.fit(&session, model::Scope::Fit);
-    let residual = before.residuals(&session);
-    mask::outliers(&mut session, &residual, true);
-    let (_, mut select) = before.fit(&session, model::Scope::Both);
-    let bench = Bench { session: &session, forms: catalogue::forms(), threads: config.threads };
+    discover_from(recordings, kept, None, config, &|_| {})
+}
 
+/// As [`discover`], from a given simulation model; `watch` hears of every stage as it begins.
+///
+/// # Errors
+/// When there is too little to learn from.
+pub fn discover_from(
+    recordings: &[Recording],
+    kept: &[Recording],
+    start: Option<&Start>,
+    config: &DiscoverConfig,
+    watch: &dyn Fn(&str),
+) -> Result<Finding, SessionError> {
+    watch("baseline");
+    let pressure_path = match measured_pressure(recordings) {
+        Some(path) => Some(effects_of_the_pressure(&path, config)?),
+        None => None,
+    };
+    let mut session = Session::new(recordings, kept)?;
+    let mut before = prepare(&mut session);
+    let given = start.map(|start| session.normalised(&start.predictions));
     let mut model = before.clone();
+    if let Some(file) = start.and_then(|start| start.discovered.as_ref()) {
+        model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
+    }
+    let owned = model.slots.len();
+    let search = search_effects(&session, model, pressure_path.as_deref(), config, watch);
+    watch("figures");
+    let mut after = search.model;
+    // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
+    for run in &mut session.runs {
+        run.keep.fill(true);
+    }
+    let residual = after.residuals(&session);
+    mask::outliers(&mut session, &residual, true);
+    after.fit_all(&session);
+    before.fit_all(&session);
+    let loop_area = diagnosis::loop_area(&session, &before);
+    let simulated = given.unwrap_or_else(|| session.runs.iter().map(|run| before.predict(run)).collect());
+    let residual_before: Vec<Vec<f64>> = session
+        .runs
+        .iter()
+        .zip(&simulated)
+        .map(|(run, simulated)| run.output.iter().zip(simulated).map(|(y, p)| y - p).collect())
+        .collect();
+    let mut discovery = verdict::judge(&session, &residual_before, &after, &search.found, owned);
+    discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
+    discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
+    discovery.loop_area = loop_area;
+    discovery.residual_before = diagnosis::examine(&session, &residual_before);
+    discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
+    discovery.pressure_path = pressure_path;
+    let second = search.second.map(|mut second| {
+        second.fit_all(&session);
+        second
+    });
+    Ok(Finding { discovery, session, before, after, second, simulated })
+}
+
+/// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.
+fn prepare(session: &mut Session) -> Model {
+    let zero: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
+    mask::outliers(session, &zero, false);
+    let mut before = baseline(session);
+    for _ in 0..2 {
+        let residual = before.residuals(session);
+        mask::outliers(session, &residual, true);
+        before.fit(session, model::Scope::Fit);
+    }
+    before.fit(session, model::Scope::Both);
+    before
+}
+
+/// The recordings with the measured pressure as their output, when all have one.
+fn measured_pressure(recordings: &[Recording]) -> Option<Vec<Recording>> {
+    let column = |recording: &Recording| -> Option<ExtraColumn> {
+        recording.extra.iter().find(|column| column.name == "pressure_measured_bar").cloned()
+    };
+    recordings.iter().map(|recording| column(recording).map(|column| Recording { output: column.values, ..recording.clone() })).collect()
+}
+
+/// Names of what happens between command and measured pressure: valve, supply and tube.
+fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) -> Result<Vec<String>, SessionError> {
+    let mut session = Session::new(recordings, &[])?;
+    let before = prepare(&mut session);
+    let mut forms = catalogue::forms();
+    forms.retain(|form| form.place() <= Place::Tube);
+    let bench = Bench { session: &session, forms, threads: config.threads };
+    let found = find(&bench, before, 1, &|_| {});
+    Ok(found.found.order.into_iter().map(str::to_owned).collect())
+}
+
+/// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
+const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
+
+/// What the search hands on to the verdict.
+struct Found {
+    /// Names in the order in which they came in.
+    order: Vec<&'static str>,
+    candidates: Vec<Candidate>,
+    runner_up: Option<RunnerUp>,
+    /// Whether the second explains as much with as few parameters.
+    twins: bool,
+    /// How many deviations the first lies above the second.
+    apart: f64,
+}
+
+/// The model that was found, and what goes with it.
+struct Outcome {
+    model: Model,
+    second: Option<Model>,
+    found: Found,
+}
+
+fn search_effects(
+    session: &Session,
+    model: Model,
+    pressure_path: Option<&[String]>,
+    config: &DiscoverConfig,
+    watch: &dyn Fn(&str),
+) -> Outcome {
+    let mut forms = catalogue::forms();
+    if let Some(named) = pressure_path {
+        forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
+    }
+    find(&Bench { session, forms, threads: config.threads }, model, config.most_effects, watch)
+}
+
+/// Adds effects to `model` one at a time, as long as they pay; those that it has already stay.
+fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+    let session = bench.session;
+    let owned: Vec<&'static str> = model.slots.iter().map(|slot| slot.form.name()).collect();
+    let (_, mut select) = model.fit(session, model::Scope::Both);
     let first_select = select;
-    let mut candidates: Vec<Candidate> = Vec::new();
-    let mut runner_up = None;
-    let mut order: Vec<&'static str> = Vec::new();
-    let mut twins = false;
-    for round in 0..config.most_effects {
-        let floor_square = noise::floor(&session, &model.residuals(&session)).powi(2);
+    let mut found = Found { order: Vec::new(), candidates: Vec::new(), runner_up: None, twins: false, apart: 0.0 };
+    let mut second_model = None;
+    for round in 0..most_effects {
+        let floor_square = noise::floor(session, &model.residuals(session)).powi(2);
         if round > 0 && select < 1.1 * floor_square {
             break;
         }
+        watch(["every effect", "a second effect", "a third effect"][round.min(2)]);
         let tried = bench.round(&model);
         if round == 0 {
             for one in &tried {
-                if !candidates.iter().any(|candidate| candidate.name == one.form.name()) {
-                    candidates.push(Candidate {
+                if !found.candidates.iter().any(|candidate| candidate.name == one.form.name()) {
+                    found.candidates.push(Candidate {
                         name: one.form.name().to_owned(),
                         score: 1.0 - one.fitted.select / select,
                         p_value: tail(one.deviations),
@@ -322,64 +341,58 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
         let gain = 1.0 - chosen.fitted.select / select;
         let excess = (first_select - floor_square).max(0.05 * floor_square);
         let enough = if round == 0 {
-            gain >= LEAST_GAIN
+            gain >= rounds::LEAST_GAIN
         } else {
             let taken = select - chosen.fitted.select;
-            taken >= LEAST_FURTHER_SHARE * excess && taken >= LEAST_FURTHER_GAIN * (select - floor_square) && gain >= 2.0 * LEAST_GAIN
+            taken >= rounds::LEAST_FURTHER_SHARE * excess
+                && taken >= rounds::LEAST_FURTHER_GAIN * (select - floor_square)
+                && gain >= 2.0 * rounds::LEAST_GAIN
         };
-        let deviations = deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
-        if !enough || deviations < LEAST_DEVIATIONS {
+        let deviations = rounds::deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
+        if !enough || deviations < rounds::LEAST_DEVIATIONS {
             break;
         }
         if round == 0 {
-            runner_up = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name()).map(|second| {
-                let apart = self::deviations(&bench.selecting_blocks(&second.fitted.model), &bench.selecting_blocks(&chosen.fitted.model));
-                twins = second.fitted.model.cost() <= chosen.fitted.model.cost() && second.fitted.select < 1.005 * chosen.fitted.select;
+            let second = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name());
+            found.runner_up = second.map(|second| {
+                found.apart =
+                    rounds::deviations(&bench.selecting_blocks(&second.fitted.model), &bench.selecting_blocks(&chosen.fitted.model));
+                found.twins =
+                    second.fitted.model.cost() <= chosen.fitted.model.cost() && second.fitted.select < 1.005 * chosen.fitted.select;
                 RunnerUp {
                     name: second.form.name().to_owned(),
-                    separable: apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select,
+                    separable: found.apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select,
                 }
             });
+            second_model = second.map(|second| second.fitted.model.clone());
         }
         model = chosen.fitted.model.clone();
         select = chosen.fitted.select;
-        order.push(chosen.form.name());
+        found.order.push(chosen.form.name());
         // What came in earlier leaves when it no longer pays.
-        loop {
+        while model.slots.len() > owned.len() + 1 {
             let mut left = None;
-            for slot in 0..model.slots.len() {
-                if model.slots.len() < 2 {
-                    break;
-                }
-                let fewer = search::polish(&model.without(slot), &session, 20);
-                if fewer.select < select * (1.0 + LEAST_GAIN) || fewer.select - select < LEAST_FURTHER_SHARE * excess {
+            for slot in (0..model.slots.len()).filter(|&slot| !owned.contains(&model.slots[slot].form.name())) {
+                let fewer = search::polish(&model.without(slot), session, 20);
+                if fewer.select < select * (1.0 + rounds::LEAST_GAIN) || fewer.select - select < rounds::LEAST_FURTHER_SHARE * excess {
                     left = Some((slot, fewer));
                     break;
                 }
             }
             let Some((slot, fewer)) = left else { break };
             let name = model.slots[slot].form.name();
-            order.retain(|other| *other != name);
+            found.order.retain(|other| *other != name);
             model = fewer.model;
             select = fewer.select;
         }
     }
-    let final_fit = search::polish(&model, &session, 40);
-    let mut after = if final_fit.select <= select * 1.001 { final_fit.model } else { model };
-    drop(bench);
-    // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
-    for run in &mut session.runs {
-        run.keep.fill(true);
+    if !model.slots.is_empty() {
+        let last = search::polish(&model, session, 40);
+        if last.select <= select * 1.001 {
+            model = last.model;
+        }
     }
-    let residual = after.residuals(&session);
-    mask::outliers(&mut session, &residual, true);
-    let excluded: usize = session.runs.iter().map(|run| run.keep.iter().filter(|keep| !**keep).count()).sum();
-    after.fit_all(&session);
-    before.fit_all(&session);
-    let mut discovery = judge(&session, &before, &after, &order, candidates, runner_up, twins, excluded);
-    discovery.disagreements = whereabouts::disagreements(&session, &before.residuals(&session), config.seed);
-    discovery.summary = whereabouts::sentence(&discovery.disagreements);
-    Ok(Finding { discovery, session, before, after })
+    Outcome { model, second: second_model, found }
 }
 
 /// The baseline that fits better: operators that begin fresh in every recording, or ones that remember.
@@ -396,22 +409,6 @@ fn baseline(session: &Session) -> Model {
     if carried_square < 0.98 * fresh_square { carried } else { fresh }
 }
 
-/// Root mean square over kept-out samples, or over all others when none is kept; masked samples count if `all`.
-fn rmse(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
-    let any_kept = session.count(Role::Kept) > 0;
-    let mut sum = 0.0;
-    let mut count = 0.0_f64;
-    for (run, residual) in session.runs.iter().zip(residual) {
-        for (sample, value) in residual.iter().enumerate() {
-            if (run.role[sample] == Role::Kept || !any_kept) && (all || run.keep[sample]) {
-                sum += value * value;
-                count += 1.0;
-            }
-        }
-    }
-    (sum / count.max(1.0)).sqrt()
-}
-
 /// Correlation of neighbouring residuals.
 fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let (mut square, mut product) = (1e-30, 0.0);
@@ -424,100 +421,6 @@ fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
         }
     }
     (product / square).clamp(0.0, 0.98)
-}
-
-/// The verdict and the figures.
-#[expect(clippy::too_many_arguments, reason = "called once, with everything the search has found")]
-fn judge(
-    session: &Session,
-    before: &Model,
-    after: &Model,
-    order: &[&'static str],
-    candidates: Vec<Candidate>,
-    runner_up: Option<RunnerUp>,
-    twins: bool,
-    excluded: usize,
-) -> Discovery {
-    let (residual_before, residual_after) = (before.residuals(session), after.residuals(session));
-    let floor = noise::floor(session, &residual_after);
-    let scale = session.output_scale.abs();
-    let with_outliers = excluded * 2000 > session.runs.iter().map(|run| run.input.len()).sum::<usize>();
-    let rmse_before = rmse(session, &residual_before, with_outliers);
-    let rmse_after = rmse(session, &residual_after, false);
-    // The verdict rests on the samples that were worked with; kept-out ones only report.
-    let worked = |residual: &[Vec<f64>], all: bool| {
-        let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
-            residual.iter().enumerate().filter(move |&(at, _)| run.role[at] != Role::Kept && (all || run.keep[at])).map(|(_, value)| value)
-        });
-        let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
-        (sum / count.max(1.0)).sqrt()
-    };
-    let (was, is) = (worked(&residual_before, with_outliers), worked(&residual_after, false));
-    let stands_out = is > 1.15 * floor;
-    let unexplained = if was > 1.02 * floor { ((is - floor) / (was - floor)).clamp(0.0, 1.0) } else { 0.0 };
-    let mut effects: Vec<Effect> = Vec::new();
-    let deviations = search::parameter_deviations(after, session, neighbour_correlation(session, &residual_after));
-    for name in order {
-        let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
-        let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
-        let mut parameters: BTreeMap<String, f64> =
-            slot.form.parameters().iter().zip(&slot.parameters).map(|(parameter, &value)| parameter.tell(value, session)).collect();
-        parameters.extend(slot.form.tell(&slot.weights, session));
-        let intervals = slot
-            .form
-            .parameters()
-            .iter()
-            .zip(&slot.parameters)
-            .zip(&deviations[before..])
-            .filter(|(_, deviation)| **deviation > 0.0)
-            .map(|((parameter, &value), deviation)| {
-                let (name, low) = parameter.tell((value - 1.96 * deviation).max(parameter.low), session);
-                (name, [low, parameter.tell((value + 1.96 * deviation).min(parameter.high), session).1])
-            })
-            .collect();
-        effects.push(Effect {
-            name: (*name).to_owned(),
-            form: slot.form.form().to_owned(),
-            confidence: (1.0 - unexplained).clamp(0.0, 1.0),
-            parameters,
-            intervals,
-        });
-    }
-    if with_outliers {
-        let share = excluded as f64 / session.runs.iter().map(|run| run.input.len()).sum::<usize>() as f64;
-        effects.push(Effect {
-            name: "outliers".to_owned(),
-            form: "samples that no motion could have caused".to_owned(),
-            confidence: 0.99,
-            parameters: BTreeMap::from([("share".to_owned(), share)]),
-            intervals: BTreeMap::new(),
-        });
-    }
-    let verdict = if stands_out && (unexplained > 0.10 || effects.is_empty()) {
-        Verdict::Unknown
-    } else if effects.is_empty() {
-        Verdict::None
-    } else if twins && runner_up.as_ref().is_some_and(|second| !second.separable) && effects.len() == 1 {
-        Verdict::Ambiguous
-    } else {
-        Verdict::Named
-    };
-    let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).map(|run| run.name.clone()).collect();
-    let (noise_floor, gap) = (floor * scale, rmse_before - floor);
-    Discovery {
-        verdict,
-        effects,
-        runner_up,
-        rmse_before: rmse_before * scale,
-        rmse_after: rmse_after * scale,
-        noise_floor,
-        gap_closed: if gap > 0.0 { ((rmse_before - rmse_after) / gap).clamp(0.0, 1.0) } else { 0.0 },
-        candidates,
-        disagreements: Vec::new(),
-        summary: String::new(),
-        excluded_samples: excluded,
-        kept_out,
-    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::least_squares::Gram;
 use super::session::{Role, Run, Session};
 
 /// Number of play operators.
-pub const OPERATORS: usize = 18;
+pub const OPERATORS: usize = 24;
 
 /// One effect in the model.
 #[derive(Clone)]
@@ -57,7 +57,11 @@ impl Model {
     /// The Prandtl-Ishlinskii model alone, thresholds denser near zero.
     #[must_use]
     pub fn baseline(carry: bool, stops: bool) -> Self {
-        let thresholds: Vec<f64> = (0..OPERATORS).map(|index| 0.62 * (index as f64 / (OPERATORS - 1) as f64).powf(1.6)).collect();
+        // Beyond half the span an operator moves on the way to a new peak only: few are enough there.
+        const WIDE: [f64; 6] = [0.66, 0.72, 0.78, 0.84, 0.9, 0.96];
+        const DENSE: usize = OPERATORS - WIDE.len();
+        let dense = (0..DENSE).map(|index| 0.6 * (index as f64 / (DENSE - 1) as f64).powf(1.5));
+        let thresholds: Vec<f64> = dense.chain(WIDE).collect();
         Self { thresholds, carry, stops, slots: Vec::new(), base: vec![0.0; OPERATORS + 1] }
     }
 

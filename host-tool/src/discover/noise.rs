@@ -6,7 +6,8 @@ use super::session::{Role, Session};
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
-/// correlation of neighbours (an AR(1) law). Without a hundred samples of rest the fast part has to do, which misses coloured noise.
+/// correlation of neighbours (an AR(1) law). Without a hundred samples of rest, or where something moves during it, the fast part has to
+/// do, which misses coloured noise.
 #[must_use]
 pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut sum = 0.0;
@@ -15,6 +16,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut freedom = 0.0;
     let mut lengths = 0.0;
     let mut stretches = 0.0;
+    let mut slow = SlowMotion::new(session.runs[0].period_s);
     for (run, residual) in session.runs.iter().zip(residual) {
         for rest in &run.rest {
             let values: Vec<f64> = rest.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
@@ -28,6 +30,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
             let slope = values.iter().enumerate().map(|(at, value)| (at as f64 - centre) * value).sum::<f64>() / (n * (n * n - 1.0) / 12.0);
             let flat: Vec<f64> = values.iter().enumerate().map(|(at, value)| value - mean - slope * (at as f64 - centre)).collect();
             sum += flat.iter().map(|value| value * value).sum::<f64>();
+            slow.add(&flat);
             neighbours += flat.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
             count += n;
             freedom += n - 2.0;
@@ -35,10 +38,13 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
             stretches += 1.0;
         }
     }
-    if count < 100.0 {
+    let fast = || {
         let mut floors: Vec<f64> = residual.iter().map(|values| fast_noise(values)).collect();
         floors.sort_by(f64::total_cmp);
-        return floors[floors.len() / 2];
+        floors[floors.len() / 2]
+    };
+    if count < 100.0 || (slow.is_there() && (sum / count).sqrt() > 2.0 * fast()) {
+        return fast();
     }
     let correlation = (neighbours / sum.max(1e-30)).clamp(0.0, 0.9);
     let mean_length = lengths / stretches;
@@ -48,6 +54,33 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
     (sum / freedom * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
+}
+
+/// Motion during rest that is too slow for a sensor's noise: a rhythm, a hand, a valve that hunts. It must not pass for noise, or the
+/// very effect that is sought would raise the floor above itself.
+struct SlowMotion {
+    lags: Vec<usize>,
+    products: Vec<f64>,
+    energy: f64,
+}
+
+impl SlowMotion {
+    /// Looks at delays of 0.15 to 0.5 s; a sensor's filter is faster.
+    fn new(period_s: f64) -> Self {
+        let lags: Vec<usize> = (0..8).map(|step| ((0.15 + 0.05 * f64::from(step)) / period_s).round().max(1.0) as usize).collect();
+        Self { products: vec![0.0; lags.len()], lags, energy: 1e-30 }
+    }
+
+    fn add(&mut self, flat: &[f64]) {
+        self.energy += flat.iter().map(|value| value * value).sum::<f64>();
+        for (product, &lag) in self.products.iter_mut().zip(&self.lags) {
+            *product += flat.iter().zip(flat.iter().skip(lag)).map(|(x, y)| x * y).sum::<f64>();
+        }
+    }
+
+    fn is_there(&self) -> bool {
+        self.products.iter().any(|product| (product / self.energy).abs() > 0.5)
+    }
 }
 
 /// Mean squares of blocks of about one second, over the samples for which `wanted` holds.

@@ -23,6 +23,8 @@ pub struct Run {
     pub name: String,
     /// Number in the session, by start.
     pub index: usize,
+    /// Which recording it is, of those given and then of those kept, and its first sample there.
+    pub source: (usize, usize),
     /// Sample period, s.
     pub period_s: f64,
     /// Input over the session's input span.
@@ -89,6 +91,12 @@ pub enum SessionError {
     StillOutput {
         /// Its value.
         value: f64,
+    },
+    /// The given model has an effect that is not known.
+    #[error("the model to start from cannot be used: {problem}")]
+    Model {
+        /// Why.
+        problem: String,
     },
     /// Different sample periods.
     #[error("{path} is sampled every {found_s} s, the others every {expected_s} s; resample it first")]
@@ -171,6 +179,7 @@ impl Session {
                 runs.push(Run {
                     name: if segments.len() > 1 { format!("{name} from sample {}", segment.start) } else { name.clone() },
                     index: 0,
+                    source: (position, segment.start),
                     period_s: recording.sample_period_s,
                     keep: vec![true; input.len()],
                     role: vec![role; input.len()],
@@ -249,6 +258,25 @@ impl Session {
                 };
             }
         }
+    }
+
+    /// The given predictions, one for each recording and then each kept one, in output units, as one for each run, normalised.
+    #[must_use]
+    pub fn normalised(&self, predictions: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let of = |run: &Run| {
+            let (recording, first) = run.source;
+            predictions[recording][first..first + run.input.len()].iter().map(|value| value / self.output_scale).collect()
+        };
+        self.runs.iter().map(of).collect()
+    }
+
+    /// Turning points of the input that operators still remember when the session is over.
+    #[must_use]
+    pub fn memory(&self) -> Vec<f64> {
+        let Some(last) = self.runs.last() else { return Vec::new() };
+        let mut history = last.history.clone();
+        remember(&mut history, &last.input);
+        history
     }
 
     /// Number of samples with this role that count.

@@ -235,19 +235,20 @@ pub fn dots(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &
 #[must_use]
 pub fn bars(caption: Caption<'_>, x_label: &str, width: f64, rows: &[(String, f64)]) -> Svg {
     const ROW: f64 = 26.0;
-    const NAMES: f64 = 160.0;
+    // Eight pixels a letter of a bold name.
+    let names = 10.0 + rows.iter().map(|row| 8.0 * row.0.chars().count() as f64).fold(150.0, f64::max);
     let bottom = 8.0 + ROW * rows.len() as f64;
     let mut svg = Svg::new(width, bottom + BOTTOM, caption.title, caption.description);
-    let axis = Axis::over(rows.iter().map(|row| row.1).chain([0.0]), 0.0, NAMES, width - 60.0);
+    let axis = Axis::over(rows.iter().map(|row| row.1).chain([0.0]), 0.0, names, width - 60.0);
     for tick in axis.ticks(6) {
         svg.line("grid", (axis.at(tick.value), 4.0), (axis.at(tick.value), bottom));
         svg.text("tick", (axis.at(tick.value), bottom + 17.0), Anchor::Middle, &tick.label);
     }
     svg.line("axis", (axis.at(0.0), 4.0), (axis.at(0.0), bottom));
-    svg.text("label", (0.5 * (NAMES + width - 60.0), bottom + 37.0), Anchor::Middle, x_label);
+    svg.text("label", (0.5 * (names + width - 60.0), bottom + 37.0), Anchor::Middle, x_label);
     for (index, (name, value)) in rows.iter().enumerate() {
         let top = 8.0 + ROW * index as f64;
-        svg.text("name", (NAMES - 10.0, top + 14.0), Anchor::End, name);
+        svg.text("name", (names - 10.0, top + 14.0), Anchor::End, name);
         let (from, to) = (axis.at(0.0), axis.at(if value.is_finite() { *value } else { 0.0 }));
         svg.rectangle("bar", (from.min(to), top + 2.0), ((to - from).abs(), ROW - 8.0), None, &format!("{name}: {}", number(*value, 3)));
         svg.text("figure", (from.max(to) + 6.0, top + 14.0), Anchor::Start, &number(*value, 3));

@@ -7,6 +7,7 @@ mod axis;
 pub mod chart;
 mod decimate;
 pub mod demo;
+pub mod discovery;
 mod page;
 mod primer;
 mod sections;

@@ -2,6 +2,7 @@
 
 mod contract;
 mod demo;
+mod discover;
 mod evaluate;
 mod help;
 mod refusals;

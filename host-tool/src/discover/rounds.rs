@@ -1,0 +1,144 @@
+//! One round of the search: every form on top of what is there, the best few polished, and the test whether the best one pays.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::catalogue::Form;
+use super::model::{Model, Scope};
+use super::noise;
+use super::search::{self, Fitted};
+use super::session::{Role, Session};
+
+/// Least share of the mean square that the first effect takes away.
+pub const LEAST_GAIN: f64 = 0.012;
+/// Least share of the original excess over the noise that a further effect takes away.
+pub const LEAST_FURTHER_SHARE: f64 = 0.02;
+/// Least share of the remaining excess over the noise that a further effect takes away.
+pub const LEAST_FURTHER_GAIN: f64 = 0.2;
+/// Blocked deviations that an improvement must reach.
+pub const LEAST_DEVIATIONS: f64 = 3.0;
+/// What a parameter must bring, as a share of the mean square, when effects compete.
+pub const PRICE: f64 = 0.012;
+
+/// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
+pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let mut results: Vec<Option<T>> = items.iter().map(|_| None).collect();
+    let chunks = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.clamp(1, items.len().max(1)))
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut done = Vec::new();
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(item) = items.get(index) else { break done };
+                        done.push((index, work(item)));
+                    }
+                })
+            })
+            .collect();
+        workers.into_iter().map(|worker| worker.join()).collect::<Vec<_>>()
+    });
+    for chunk in chunks {
+        match chunk {
+            Ok(done) => done.into_iter().for_each(|(index, value)| results[index] = Some(value)),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    }
+    results.into_iter().flatten().collect()
+}
+
+/// How many deviations the blocked mean of `before - after` lies above zero.
+pub fn deviations(before: &[f64], after: &[f64]) -> f64 {
+    let differences: Vec<f64> = before.iter().zip(after).map(|(x, y)| x - y).collect();
+    let n = differences.len() as f64;
+    let mean = differences.iter().sum::<f64>() / n;
+    // Neighbouring blocks share their errors: the variance of the mean takes lags up to three blocks (Newey and West 1987).
+    let mut variance = differences.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
+    for lag in 1..=3_usize {
+        let covariance: f64 = differences.windows(lag + 1).map(|pair| (pair[0] - mean) * (pair[lag] - mean)).sum::<f64>() / n;
+        variance += 2.0 * (1.0 - lag as f64 / 4.0) * covariance;
+    }
+    mean / (variance.max(1e-30) / n).sqrt()
+}
+
+/// A candidate with its test.
+#[derive(Clone)]
+pub struct Tried {
+    /// The model with it.
+    pub fitted: Fitted,
+    /// Its form.
+    pub form: &'static dyn Form,
+    /// How many deviations its gain on the selecting blocks lies above zero.
+    pub deviations: f64,
+}
+
+impl Tried {
+    /// What it is judged by: the logarithm of the mean square that remains and the price of its parameters.
+    fn judgement(&self) -> f64 {
+        self.fitted.select.max(1e-30).ln() + PRICE * self.fitted.model.cost() as f64
+    }
+}
+
+/// Everything the selection works with.
+pub struct Bench<'a> {
+    /// The recordings.
+    pub session: &'a Session,
+    /// Forms that take part.
+    pub forms: Vec<&'static dyn Form>,
+    /// Worker threads.
+    pub threads: usize,
+}
+
+impl Bench<'_> {
+    /// Mean squares of the selecting blocks.
+    pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
+        let residual = model.residuals(self.session);
+        noise::blocks(self.session, &residual, |run, sample| self.session.runs[run].role[sample] == Role::Select)
+    }
+
+    /// Every form on top of `base`, best first.
+    pub fn round(&self, base: &Model) -> Vec<Tried> {
+        let residual = base.residuals(self.session);
+        let before = self.selecting_blocks(base);
+        let forms: Vec<&'static dyn Form> =
+            self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
+        let fitted = in_parallel(&forms, self.threads, |form| {
+            search::fit_form(base, *form, self.session, &residual).map(|fitted| {
+                let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
+                Tried { fitted, form: *form, deviations }
+            })
+        });
+        let mut tried: Vec<Tried> = fitted.into_iter().flatten().collect();
+        tried.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+        tried
+    }
+
+    /// The best few, polished together with what is already there; best first.
+    pub fn polished(&self, tried: &[Tried], effort: usize) -> Vec<Tried> {
+        let mut names: Vec<&str> = Vec::new();
+        let mut best: Vec<&Tried> = Vec::new();
+        for one in tried {
+            // Two forms of an effect at most, four effects at most.
+            if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < 5 {
+                names.push(one.form.name());
+                best.push(one);
+            }
+        }
+        let mut polished = in_parallel(&best, self.threads, |one| {
+            let mut fitted = search::polish(&one.fitted.model, self.session, effort);
+            // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
+            let mut turned = fitted.model.clone();
+            turned.carry = !turned.carry;
+            if turned.fit(self.session, Scope::Both).1 < 0.98 * fitted.select {
+                let turned = search::polish(&turned, self.session, effort);
+                if turned.select < fitted.select {
+                    fitted = turned;
+                }
+            }
+            let fitted = if fitted.select < one.fitted.select * 1.001 { fitted } else { one.fitted.clone() };
+            Tried { fitted, form: one.form, deviations: one.deviations }
+        });
+        polished.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+        polished
+    }
+}

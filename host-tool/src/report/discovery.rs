@@ -1,0 +1,282 @@
+//! The report of a discovery: the verdict, where the disagreement lies, every effect that was tried, and the gap before and after.
+
+use super::chart::{Caption, HeatMap, Panel, Series, bars, heat, loops, panels};
+use super::page::{Cell, Page, Width};
+use super::text::{count, number, percent};
+use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, whereabouts};
+use crate::recording::Signal;
+
+/// Most recordings drawn.
+const MOST_RECORDINGS: usize = 3;
+
+/// The verdict in a few words.
+#[must_use]
+pub fn headline(discovery: &Discovery) -> String {
+    let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+    match discovery.verdict {
+        Verdict::None => "Nothing is missing: the model leaves no more than the noise.".to_owned(),
+        Verdict::Unknown if names.is_empty() => "Something is missing, and it is none of the effects in the catalogue.".to_owned(),
+        Verdict::Unknown => {
+            format!("Something is missing that the catalogue does not explain; {} explains a part of it.", names.join(" and "))
+        }
+        Verdict::Ambiguous => {
+            let second = discovery.runner_up.as_ref().map_or("another effect", |second| second.name.as_str());
+            format!("Missing is {} or {second}: these recordings cannot tell them apart.", names.join(" and "))
+        }
+        Verdict::Named => format!("Missing is {}.", names.join(" and ")),
+    }
+}
+
+/// The page.
+#[must_use]
+pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
+    let discovery = &finding.discovery;
+    let unit = &output.unit;
+    let mut page = Page::new("Which effect does the simulation lack?", &headline(discovery));
+    page.section("The verdict");
+    let gap = percent(Some(discovery.gap_closed));
+    page.tiles(&[
+        (format!("{} {unit}", number(discovery.rmse_before, 3)), "RMSE of the simulation as it was".into(), None),
+        (format!("{} {unit}", number(discovery.rmse_after, 3)), "RMSE with what was found".into(), None),
+        (format!("{} {unit}", number(discovery.noise_floor, 3)), "noise".into(), None),
+        (gap, "of the gap closed".into(), None),
+    ]);
+    let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
+    page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    if let Some(second) = &discovery.runner_up {
+        let words = if second.separable { "these recordings tell them apart" } else { "these recordings do **not** tell them apart" };
+        page.paragraph(&format!("The second best explanation is **{}**; {words}.", second.name));
+    }
+    effects(&mut page, discovery);
+    page.section("Where simulation and measurement disagree");
+    page.paragraph(&discovery.summary);
+    disagreements(&mut page, finding, input, output);
+    page.section("What was tried");
+    candidates(&mut page, discovery);
+    page.section("Before and after");
+    before_and_after(&mut page, finding, input, output);
+    page.section("What is left");
+    residuals(&mut page, discovery);
+    page.finish(&format!("Made by catheter {}. All figures are in the JSON result (--json).", env!("CARGO_PKG_VERSION")))
+}
+
+fn effects(page: &mut Page, discovery: &Discovery) {
+    if discovery.effects.is_empty() {
+        return;
+    }
+    let mut rows = Vec::new();
+    for effect in &discovery.effects {
+        for (name, value) in &effect.parameters {
+            let interval = effect.intervals.get(name);
+            let interval = interval.map_or_else(String::new, |[low, high]| format!("{} to {}", number(*low, 3), number(*high, 3)));
+            rows.push(vec![
+                Cell::Text(format!("{} ({})", effect.name, effect.form)),
+                Cell::Text(name.clone()),
+                Cell::Figure(number(*value, 4)),
+                Cell::Figure(interval),
+                Cell::Figure(number(effect.confidence, 2)),
+            ]);
+        }
+    }
+    page.table(
+        "What was found. The unit ends the parameter\u{2019}s name; the interval holds the value with 95 % confidence, if the form is right.",
+        &["effect", "parameter", "value", "interval", "confidence"],
+        &rows,
+        None,
+    );
+}
+
+fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Signal) {
+    let discovery = &finding.discovery;
+    let rows: Vec<Vec<Cell>> = discovery
+        .disagreements
+        .iter()
+        .take(14)
+        .map(|one| {
+            vec![
+                Cell::Text(one.axis.clone()),
+                Cell::Text(one.region.clone()),
+                Cell::Figure(percent(Some(one.share))),
+                Cell::Figure(percent(Some(one.even_share))),
+                Cell::Figure(number(one.p_value, 2)),
+            ]
+        })
+        .collect();
+    if !rows.is_empty() {
+        page.table(
+            "Regions that hold more of the disagreement than their share of the samples, at a false discovery rate of 5 %.",
+            &["along", "region", "of the disagreement", "of the samples", "p"],
+            &rows,
+            None,
+        );
+    }
+    let session = &finding.session;
+    let unit = &output.unit;
+    let (levels, before) = whereabouts::map(session, &residual(finding, &finding.simulated));
+    let after_prediction: Vec<Vec<f64>> = session.runs.iter().map(|run| finding.after.predict(run)).collect();
+    let (_, after) = whereabouts::map(session, &residual(finding, &after_prediction));
+    let columns: Vec<String> = levels.iter().map(|level| number(*level, 2)).collect();
+    let highest = before.iter().flat_map(|row| &row.1).copied().filter(|value| value.is_finite()).fold(0.0, f64::max);
+    let low = (0.5 * discovery.noise_floor).max(1e-3 * highest).max(1e-12);
+    page.figure(
+        heat(
+            Caption {
+                title: "Disagreement by level and rate of the input",
+                description: "Root mean square of the residual for levels of the input and for falling and rising input, before and after.",
+            },
+            (&format!("{} / {}", input.quantity, input.unit), "direction", unit),
+            1120.0,
+            (low, highest.max(4.0 * low)),
+            &[
+                HeatMap { heading: "as it was".into(), columns: columns.clone(), rows: before },
+                HeatMap { heading: "with what was found".into(), columns, rows: after },
+            ],
+        ),
+        Width::Full,
+        "Root mean square of the disagreement by level of the input (across) and its direction and rate (up: falling fast at the bottom, rising \
+         fast at the top). Grey: hardly any samples.",
+    );
+    if let Some(area) = &discovery.loop_area {
+        let row = |name: &str, share: &Share, time_s: Option<f64>| {
+            vec![
+                Cell::Text(name.to_owned()),
+                Cell::Figure(percent(Some(share.value))),
+                Cell::Figure(format!("{} to {}", percent(Some(share.low)), percent(Some(share.high)))),
+                Cell::Figure(time_s.map_or_else(String::new, |time_s| number(time_s, 3))),
+            ]
+        };
+        page.table(
+            "What opens the loops: their area split into transport delay, lag and what remains at any speed.",
+            &["part", "of the area", "95 % interval", "time / s"],
+            &[
+                row("transport delay", &area.dead_time, Some(area.dead_time_s)),
+                row("lag", &area.lag, Some(area.lag_s)),
+                row("true hysteresis", &area.hysteresis, None),
+            ],
+            None,
+        );
+    }
+}
+
+fn candidates(page: &mut Page, discovery: &Discovery) {
+    page.how_to_read(
+        "Every effect of the catalogue was added to the simulation alone and fitted to one half of the recordings. A bar says how much of \
+         the mean square it takes away **on the other half**; noise takes nothing away, and a bar may be negative. Effects that act alike have \
+         bars of like length: the search then prefers the one with fewer parameters.",
+    );
+    let mut shown: Vec<(String, f64)> =
+        discovery.candidates.iter().map(|candidate| (candidate.name.clone(), 100.0 * candidate.score.max(-0.2))).collect();
+    shown.sort_by(|x, y| y.1.total_cmp(&x.1));
+    page.figure(
+        bars(
+            Caption {
+                title: "Effects tried alone",
+                description: "Share of the mean square that each effect takes away on recordings it was not fitted to.",
+            },
+            "share of the mean square taken away / %",
+            760.0,
+            &shown,
+        ),
+        Width::Full,
+        "",
+    );
+}
+
+/// Measured less predicted.
+fn residual(finding: &Finding, prediction: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    finding.session.runs.iter().zip(prediction).map(|(run, p)| run.output.iter().zip(p).map(|(y, p)| y - p).collect()).collect()
+}
+
+fn before_and_after(page: &mut Page, finding: &Finding, input: &Signal, output: &Signal) {
+    let session = &finding.session;
+    let square = |run: &&Run| -> f64 {
+        run.output.iter().zip(&finding.simulated[run.index]).map(|(y, p)| (y - p).powi(2)).sum::<f64>() / run.output.len() as f64
+    };
+    let mut chosen: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).collect();
+    if chosen.is_empty() {
+        chosen = session.runs.iter().collect();
+    }
+    chosen.sort_by(|x, y| square(y).total_cmp(&square(x)));
+    chosen.truncate(MOST_RECORDINGS);
+    let unit = &output.unit;
+    for run in chosen {
+        let scale = session.output_scale;
+        let scaled = |values: &[f64]| -> Vec<f64> { values.iter().map(|value| value * scale).collect() };
+        let inputs: Vec<f64> = run.input.iter().map(|value| value * session.input_scale + session.input_offset).collect();
+        let measured = scaled(&run.output);
+        let was = scaled(&finding.simulated[run.index]);
+        let is = scaled(&finding.after.predict(run));
+        let error = |predicted: &[f64]| -> Vec<f64> { predicted.iter().zip(&measured).map(|(p, y)| p - y).collect() };
+        page.heading(&run.name);
+        let description = format!("Measured output, the simulation as it was and with what was found, recording {}.", run.name);
+        let lines = |x: &[f64]| {
+            vec![
+                Series::new("measured", "measured", x, &measured),
+                Series::new("as it was", "one", x, &was),
+                Series::new("with what was found", "model", x, &is),
+            ]
+        };
+        page.begin_row();
+        page.figure(
+            panels(
+                Caption { title: &format!("{}: output over time and error", run.name), description: &description },
+                "time / s",
+                760.0,
+                &[
+                    Panel { label: format!("{} / {unit}", output.quantity), series: lines(&run.time_s), height: 206.0, zero: false },
+                    Panel {
+                        label: format!("error / {unit}"),
+                        series: vec![Series::new("", "one", &run.time_s, &error(&was)), Series::new("", "error", &run.time_s, &error(&is))],
+                        height: 110.0,
+                        zero: true,
+                    },
+                ],
+            ),
+            Width::TwoThirds,
+            "",
+        );
+        page.figure(
+            loops(
+                Caption { title: &format!("{}: loops", run.name), description: &description },
+                &format!("{} / {}", input.quantity, input.unit),
+                &format!("{} / {unit}", output.quantity),
+                (372.0, 406.0),
+                &lines(&inputs),
+            ),
+            Width::Third,
+            "",
+        );
+        page.end_row();
+    }
+}
+
+fn residuals(page: &mut Page, discovery: &Discovery) {
+    let with = |correlation: &Correlation| {
+        Cell::Figure(format!(
+            "{} at {} s (p {})",
+            number(correlation.value, 2),
+            number(correlation.lag_s, 2),
+            number(correlation.p_value, 2)
+        ))
+    };
+    let row = |name: &str, residual: &Residual| {
+        vec![
+            Cell::Text(name.to_owned()),
+            Cell::Figure(number(residual.neighbours, 2)),
+            with(&residual.with_input),
+            with(&residual.with_rate),
+            with(&residual.with_model),
+        ]
+    };
+    page.table(
+        "A residual that is noise has no memory and goes with nothing. Correlations are the largest over delays of up to a second either way.",
+        &["residual", "neighbouring samples", "with the input", "with its rate", "with the model"],
+        &[row("as it was", &discovery.residual_before), row("with what was found", &discovery.residual_after)],
+        None,
+    );
+    page.paragraph(&format!(
+        "{} of the disagreement above the noise stays unexplained on the recordings that were worked with; {} samples were left out as outliers.",
+        percent(Some(discovery.unexplained)),
+        count(discovery.excluded_samples)
+    ));
+}
