@@ -16,9 +16,9 @@ use model_export::link::hello::MAX_BOARD_NAME;
 use model_export::link::message::FaultRecord;
 use model_export::link::state::ResetCause;
 
-use crate::estimator::{KernelSource, Portable};
+use crate::estimator::Portable;
 use crate::link::{CommandSink, Event, Link, LinkConfig, Measured};
-use crate::model::examine;
+use crate::model::{ModelFacts, examine};
 use crate::retain::Retained;
 use crate::seam::RawSample;
 use crate::self_test::{Report, SelfTest};
@@ -35,13 +35,14 @@ pub const MAX_LINE_BYTES: usize = 920;
 ///
 /// The flash holds blobs. A model may go on reading its own: the device takes it away before the slot can be rewritten.
 pub trait ModelPlace: ModelStep {
-    /// What makes the kernel that models here run on, for the self-test. The model in use may be forgotten: a kernel that packs weights
-    /// has memory for one model.
-    fn kernel(&mut self) -> impl KernelSource;
+    /// Checks a blob of the flash as the self-test does, and makes it the model in use if it passes. The model before is forgotten in any case.
+    ///
+    /// # Errors
+    /// The fault to raise.
+    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault>;
 
-    /// Makes a blob that passed the self-test the model in use; `None` leaves no model. Gives `false` if there is no room.
-    #[must_use]
-    fn load(&mut self, blob: Option<&[u8]>) -> bool;
+    /// Leaves no model.
+    fn forget(&mut self);
 }
 
 /// What a device is told when it starts.
@@ -151,7 +152,7 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, Portable).is_ok());
         if event == Some(Event::ModelChanged) {
             // The slot of the model before may be rewritten from now on.
-            let _ = self.place.load(None);
+            self.place.forget();
             // Only while vented with nothing under way, so the queue is empty; in the fault state the acknowledgement tests again.
             let _ = self.queue.send(Command { token: None, action: Action::Request(supervisor::Event::Retest) });
         }
@@ -217,13 +218,12 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         let report = match self.report {
             Some(report) => report,
             None => {
-                let blob = self.link.model_blob();
-                let test = SelfTest { program: &[], program_crc32: 0, clock: None, model: blob };
-                let mut report = test.run(self.place.kernel());
-                let fits = self.place.load(blob.filter(|_| report.model.is_some()));
-                if !fits {
-                    report.model = None;
-                    report.faults.insert(Fault::ModelUnsupported);
+                let test = SelfTest { program: &[], program_crc32: 0, clock: None, model: None };
+                let mut report = test.run(Portable);
+                match self.link.model_blob().map(|blob| self.place.admit(blob)) {
+                    Some(Ok(facts)) => report.model = Some(facts),
+                    Some(Err(fault)) => report.faults.insert(fault),
+                    None => self.place.forget(),
                 }
                 self.link.set_model(report.model);
                 report

@@ -3,8 +3,8 @@
 use firmware::calibration::ConverterConfig;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
 use firmware::device::{Device, DeviceConfig, DeviceInputs, ModelPlace};
-use firmware::estimator::{KernelSource, Portable};
-use firmware::model::RunningModel;
+use firmware::estimator::Portable;
+use firmware::model::{ModelFacts, RunningModel};
 use firmware::retain::Retained;
 use firmware::tick::{ModelStep, RigFacts, TickOutputs};
 use model_export::link::fault::Fault;
@@ -28,7 +28,7 @@ self_cell::self_cell! {
     }
 }
 
-type Running<'a> = Option<RunningModel<'a, Portable>>;
+type Running<'a> = RunningModel<'a, Portable>;
 
 /// The model in use, in a copy of its own.
 pub struct Heap {
@@ -37,28 +37,33 @@ pub struct Heap {
 
 impl Default for Heap {
     fn default() -> Self {
-        Self { loaded: Loaded::new(Vec::new(), |_| None) }
+        Self { loaded: Loaded::new(Vec::new(), |_| RunningModel::default()) }
     }
 }
 
 impl ModelStep for Heap {
     fn step(&mut self, pressure_bar: f32) -> f32 {
-        self.loaded.with_dependent_mut(|_, running| running.as_mut().map_or(f32::NAN, |model| model.step(pressure_bar)))
+        self.loaded.with_dependent_mut(|_, running| running.step(pressure_bar))
     }
 
     fn reset(&mut self) {
-        self.loaded.with_dependent_mut(|_, running| running.iter_mut().for_each(ModelStep::reset));
+        self.loaded.with_dependent_mut(|_, running| running.reset());
     }
 }
 
 impl ModelPlace for Heap {
-    fn kernel(&mut self) -> impl KernelSource {
-        Portable
+    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+        let mut admitted = Err(Fault::ModelCorrupt);
+        self.loaded = Loaded::new(blob.to_vec(), |bytes| {
+            let mut running = RunningModel::default();
+            admitted = running.admit(bytes, Portable);
+            running
+        });
+        admitted
     }
 
-    fn load(&mut self, blob: Option<&[u8]>) -> bool {
-        self.loaded = Loaded::new(blob.unwrap_or_default().to_vec(), |bytes| RunningModel::load(bytes, Portable).ok());
-        blob.is_none() || self.loaded.borrow_dependent().is_some()
+    fn forget(&mut self) {
+        *self = Self::default();
     }
 }
 

@@ -19,6 +19,9 @@ mod uart;
 
 #[cfg(target_os = "none")]
 mod target {
+    use core::mem::MaybeUninit;
+    use core::ptr;
+
     use cortex_m_rt::entry;
     use firmware::calibration::ConverterConfig;
     use firmware::device::exchange::{DeviceOutputs, FromDevice, FromHost, Sabotage};
@@ -28,13 +31,15 @@ mod target {
     use model_export::link::state::ResetCause;
 
     use crate::crash;
-    use crate::flash::Memory;
+    use crate::flash::{Memory, SlotPair};
     use crate::hardware::Hardware;
     use crate::place::Buffer;
     use crate::uart::Uart;
 
     /// The board's converter: two conversions of 12 bits summed, 3.3 V reference.
     const FACTS: RigFacts = RigFacts { converter: ConverterConfig { full_scale_code: 8190, full_scale_v: 3.3 } };
+
+    type Emulated = Device<SlotPair, SlotPair, Buffer>;
 
     #[entry]
     fn main() -> ! {
@@ -55,9 +60,7 @@ mod target {
         let board = heapless::String::try_from("qemu").unwrap_or_default();
         let config = DeviceConfig { firmware: firmware::VERSION, board, reset_cause, retained, facts: FACTS, line_bytes_per_tick };
         let memory = Memory::open();
-        let Ok(mut device) = Device::new(config, memory.settings(), memory.models(), Buffer::take()) else {
-            panic!("the default settings do not go together");
-        };
+        let device = settle(config, &memory);
         loop {
             // An empty frame only wakes the emulator.
             let Some(FromHost::Inputs { inputs, link_bytes, sabotage }) = FromHost::decode(&hardware.read()) else { continue };
@@ -74,6 +77,17 @@ mod target {
             hardware.write(&FromDevice::Outputs(seen(&outputs, link_bytes)).encode());
             link.write(&bytes);
         }
+    }
+
+    /// The device in memory of its own: with the model's state it is too long for the stack.
+    #[inline(never)]
+    fn settle(config: DeviceConfig, memory: &Memory) -> &'static mut Emulated {
+        static mut PLACE: MaybeUninit<Emulated> = MaybeUninit::uninit();
+        let Ok(device) = Device::new(config, memory.settings(), memory.models(), Buffer::take()) else {
+            panic!("the default settings do not go together");
+        };
+        // SAFETY: called once a start, and nothing else names the place.
+        unsafe { (*ptr::addr_of_mut!(PLACE)).write(device) }
     }
 
     fn seen(outputs: &TickOutputs, link_bytes: u16) -> DeviceOutputs {

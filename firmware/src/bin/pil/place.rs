@@ -5,16 +5,17 @@ use core::slice;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use firmware::device::ModelPlace;
-use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Packed};
-use firmware::model::RunningModel;
+use firmware::estimator::{MAX_PACKED_WORDS, Packed};
+use firmware::model::{ModelFacts, RunningModel};
 use firmware::tick::ModelStep;
+use model_export::link::fault::Fault;
 
 static mut WORDS: [u32; MAX_PACKED_WORDS] = [0; MAX_PACKED_WORDS];
 static TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// The buffer and what runs from it.
 pub struct Buffer {
-    running: Option<RunningModel<'static, Packed<'static>>>,
+    running: RunningModel<'static, Packed<'static>>,
 }
 
 impl Buffer {
@@ -23,40 +24,32 @@ impl Buffer {
         if TAKEN.swap(true, Ordering::Relaxed) {
             panic!("there is one buffer");
         }
-        Self { running: None }
-    }
-
-    /// The buffer, after the model that borrowed it has been forgotten.
-    fn words(&mut self) -> &'static mut [u32] {
-        self.running = None;
-        // SAFETY: `take` gave out one `Buffer`, and its model, the only one that keeps a borrow, has just been dropped. A self-test's kernel
-        // ends before the next call: it lives no longer than `SelfTest::run`.
-        unsafe { slice::from_raw_parts_mut(ptr::addr_of_mut!(WORDS).cast::<u32>(), MAX_PACKED_WORDS) }
+        Self { running: RunningModel::default() }
     }
 }
 
 impl ModelStep for Buffer {
     fn step(&mut self, pressure_bar: f32) -> f32 {
-        self.running.as_mut().map_or(f32::NAN, |model| model.step(pressure_bar))
+        self.running.step(pressure_bar)
     }
 
     fn reset(&mut self) {
-        self.running.iter_mut().for_each(ModelStep::reset);
+        self.running.reset();
     }
 }
 
 impl ModelPlace for Buffer {
-    fn kernel(&mut self) -> impl KernelSource {
-        self.words()
+    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+        // Nothing may borrow the buffer while it is written.
+        self.running.forget();
+        // SAFETY: `take` gave out one `Buffer`, and its model, the only borrower of the words, has just been forgotten.
+        let words = unsafe { slice::from_raw_parts_mut(ptr::addr_of_mut!(WORDS).cast::<u32>(), MAX_PACKED_WORDS) };
+        // SAFETY: the flash's blobs lie in the flash memory, which is always there; the device forgets its model before its slot is rewritten.
+        let blob: &'static [u8] = unsafe { slice::from_raw_parts(blob.as_ptr(), blob.len()) };
+        self.running.admit(blob, words)
     }
 
-    fn load(&mut self, blob: Option<&[u8]>) -> bool {
-        let words = self.words();
-        let Some(blob) = blob else { return true };
-        // SAFETY: a blob that passed the self-test lies in the flash memory, which is always there; the device forgets its model before its slot is
-        // rewritten.
-        let blob: &'static [u8] = unsafe { slice::from_raw_parts(blob.as_ptr(), blob.len()) };
-        self.running = RunningModel::load(blob, words).ok();
-        self.running.is_some()
+    fn forget(&mut self) {
+        self.running.forget();
     }
 }
