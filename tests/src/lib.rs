@@ -2,5 +2,6 @@
 
 pub mod emulator;
 pub mod figures;
+pub mod hybrid;
 pub mod models;
 pub mod snapshot;

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use firmware::device::exchange::Sabotage;
 use firmware::storage::Slot;
+use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment;
 use host_tool::journal::{Event, Header, Journal, Recorder, replay};
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Processor, Qemu, QemuConfig};
@@ -137,6 +138,27 @@ fn sessions_of_sense_and_nonsense_are_equal_to_the_bit() {
 }
 
 #[test]
+fn an_experiment_with_the_model_in_the_tick_is_equal_to_the_bit_on_both_kernels() {
+    let Some(config) = image() else { return };
+    // The largest network that a blob may hold needs the most memory, stack included.
+    for units in [&[16][..], &[64, 64]] {
+        let settings = Settings { mismatch_displacement_mm: 0.0, ..Settings::default() };
+        let flash = FlashMemory::with_model(&rig_tests::hybrid::exported(units)).unwrap().with_settings(&settings).unwrap();
+        let signal = Signal::DescendingSine { amplitude_bar: 1.2, frequency_hz: 0.8, decay_per_s: 0.05, offset_bar: 0.0 };
+        let segments = vec![Segment { duration_s: 3.0, signal }];
+        let excitation = ExcitationConfig { sample_period_s: 0.02, noise_bar: 0.0, seed: 1, segments };
+        let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
+        let outcome = experiment::record(&mut target, &excitation, &Limits::default()).unwrap();
+        experiment::record(&mut here, &excitation, &Limits::default()).unwrap();
+        assert!(outcome.fault.is_none() && outcome.samples.len() == 150, "{units:?}: {:?}", outcome.fault);
+        let estimates: Vec<f32> = outcome.samples.iter().filter_map(|sample| sample.estimate_mm).collect();
+        let (low, high) = estimates.iter().fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(*value), high.max(*value)));
+        assert!(estimates.len() == 150 && high - low > 5.0, "{units:?}: {} estimates from {low} to {high} mm", estimates.len());
+        agree(&journal(here), &journal(target));
+    }
+}
+
+#[test]
 fn settings_and_models_survive_in_the_emulated_flash() {
     let Some(config) = image() else { return };
     let flash = FlashMemory::default();
@@ -243,6 +265,17 @@ fn damaged_flash_is_a_named_fault_and_nothing_arms() {
     rig.transport().advance_for(400).unwrap();
     let status = experiment::status(&mut rig).unwrap();
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::SettingsInvalid.number()));
+    assert!(matches!(rig.ask(&Request::Arm), Ok(Reply::Refused(Refusal::Blocked(_)))));
+
+    // A model that is whole and not what its exporter saw: one play weight differs in its last place.
+    let bytes = rig_tests::hybrid::exported(&[16]);
+    let mut model = model_export::blob::decode(&bytes).unwrap().model;
+    model.front_end.play_weights[0] = model.front_end.play_weights[0].next_up();
+    let flash = FlashMemory::with_model(&model_export::blob::encode(&model).unwrap()).unwrap();
+    let mut rig = qemu(&config, &flash);
+    rig.transport().advance_for(400).unwrap();
+    let status = experiment::status(&mut rig).unwrap();
+    assert_eq!((status.state, status.first_fault), (State::Fault, Fault::GoldenMismatch.number()));
     assert!(matches!(rig.ask(&Request::Arm), Ok(Reply::Refused(Refusal::Blocked(_)))));
 
     // A model slot whose payload lost a bit; what the payload is does not matter to the slot's own checksum.
