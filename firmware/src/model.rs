@@ -45,7 +45,7 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     /// # Errors
     /// The fault to raise: [`Fault::ModelCorrupt`] or [`Fault::ModelUnsupported`].
     pub fn load(bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<Self, Fault> {
-        let blob = blob::decode(bytes).map_err(fault_of)?;
+        let blob = blob::decode(bytes).map_err(|error| fault_of(&error))?;
         let estimator = Estimator::with_kernel(&blob.model, kernel).map_err(|_| Fault::ModelUnsupported)?;
         Ok(Self { estimator: Some(estimator), state: EstimatorState::default() })
     }
@@ -88,14 +88,22 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     /// The estimator of a blob. A function of its own, so that the decoded blob is off the stack before the vectors are replayed.
     #[inline(never)]
     fn build(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<(ModelFacts, Golden<'a>), Fault> {
-        let blob = blob::decode(bytes).map_err(fault_of)?;
+        // Matched by reference, because every move of what is in here is another kilobyte of stack.
+        let decoded = blob::decode(bytes);
+        let blob = match &decoded {
+            Ok(blob) => blob,
+            Err(error) => return Err(fault_of(error)),
+        };
         let model = &blob.model;
         let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
         let units_fit = model.input.unit == "bar" && model.output.unit == "mm";
         if !units_fit {
             return Err(Fault::ModelUnsupported);
         }
-        self.estimator = Some(Estimator::with_kernel(model, kernel).map_err(|_| Fault::ModelUnsupported)?);
+        self.estimator = Estimator::with_kernel(model, kernel).ok();
+        if self.estimator.is_none() {
+            return Err(Fault::ModelUnsupported);
+        }
         let id = blob.content_hash.first_chunk::<8>().copied().unwrap_or_default();
         Ok((ModelFacts { period, id }, model.golden.clone()))
     }
@@ -152,7 +160,7 @@ fn period_ticks(sample_period_s: f32) -> Option<NonZeroU16> {
     if off <= 1e-4 { NonZeroU16::new(u16::try_from(whole).ok()?) } else { None }
 }
 
-fn fault_of(error: BlobError) -> Fault {
+fn fault_of(error: &BlobError) -> Fault {
     match error {
         BlobError::SchemaVersion { .. } | BlobError::Activation { .. } => Fault::ModelUnsupported,
         _ => Fault::ModelCorrupt,

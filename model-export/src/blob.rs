@@ -16,6 +16,8 @@
 
 use core::fmt;
 
+use serde::Deserialize;
+
 use crate::schema::Model;
 use crate::validate::Invalid;
 
@@ -185,8 +187,10 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, BlobError> {
     if version != SCHEMA_VERSION {
         return Err(BlobError::SchemaVersion { found: version });
     }
-    let (model, rest) = postcard::take_from_bytes::<Model<'_>>(payload).map_err(|_| BlobError::Payload)?;
-    if !rest.is_empty() {
+    // Not `postcard::take_from_bytes`, which holds the model on the stack five times over.
+    let mut deserializer = postcard::Deserializer::from_bytes(payload);
+    let Ok(model) = Model::deserialize(&mut deserializer) else { return Err(BlobError::Payload) };
+    if !deserializer.finalize().is_ok_and(<[u8]>::is_empty) {
         return Err(BlobError::Payload);
     }
     if let Some(network) = &model.network

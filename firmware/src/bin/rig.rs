@@ -94,7 +94,7 @@ mod image {
             background: &'static mut BoardBackground,
             line: SerialLine,
             port: Port,
-            place: &'static mut BoardModel,
+            home: &'static mut MaybeUninit<BoardModel>,
             power: PWR,
             ticks_seen: u32,
         }
@@ -105,7 +105,7 @@ mod image {
             telemetry: TelemetryQueue = TelemetryQueue::new(),
             receive: ReceiveQueue = ReceiveQueue::new(),
             transmit: TransmitQueue = TransmitQueue::new(),
-            home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+            model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
             program: [&'static [u8]; 4] = [&[]; 4],
             task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
             background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
@@ -130,27 +130,12 @@ mod image {
             let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
             boot_faults.insert_if(!watchdog_lives, Fault::ClockInaccurate);
             boot_faults.insert_if(supply::start(rcc, &device.PWR, &device.EXTI), Fault::BrownOut);
-            let mut sampler = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
+            let sampler = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
             let milliseconds = Milliseconds::start(rcc, device.TIM5, rates);
             let (port, line) = uart::start(rcc, device.USART1, rates, context.local.receive, context.local.transmit);
 
             // SAFETY: both controllers go into the link, which runs in the background alone.
             let controller = || unsafe { Controller::new(milliseconds, &EXCHANGE) };
-            let link = Link::new(
-                LinkConfig {
-                    firmware: [
-                        version(env!("CARGO_PKG_VERSION_MAJOR")),
-                        version(env!("CARGO_PKG_VERSION_MINOR")),
-                        version(env!("CARGO_PKG_VERSION_PATCH")),
-                    ],
-                    board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
-                    reset_cause,
-                    previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
-                    facts: FACTS,
-                },
-                InternalFlash::new(controller(), SETTINGS_SECTORS),
-                InternalFlash::new(controller(), MODEL_SECTORS),
-            );
             let mut standing = clock.faults;
             standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
             let program_crc32 = match memory::seal() {
@@ -167,19 +152,37 @@ mod image {
             let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
             // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
             boot_faults = boot_faults.union(facts.examine());
-            let boot = BootReport { reset_cause, faults: boot_faults.union(link.boot_faults()) };
-            // The link's settings go together, and so do the defaults; a test holds the latter.
-            let Ok(tick) = (TickConfig { settings: link.settings(), facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
-            let rig = Rig::new(tick, boot);
-
             let (commands_in, commands_out) = context.local.commands.split();
             let (answers_in, answers_out) = context.local.answers.split();
             let (telemetry_in, telemetry_out) = context.local.telemetry.split();
+            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
+            let background = in_place(context.local.background_home, || {
+                let link = Link::new(
+                    LinkConfig {
+                        firmware: [
+                            version(env!("CARGO_PKG_VERSION_MAJOR")),
+                            version(env!("CARGO_PKG_VERSION_MINOR")),
+                            version(env!("CARGO_PKG_VERSION_PATCH")),
+                        ],
+                        board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
+                        reset_cause,
+                        previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
+                        facts: FACTS,
+                    },
+                    InternalFlash::new(controller(), SETTINGS_SECTORS),
+                    InternalFlash::new(controller(), MODEL_SECTORS),
+                );
+                Background::new(link, facts, queues, &EXCHANGE)
+            });
+            let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
+            // The link's settings go together, and so do the defaults; a test holds the latter.
+            let Ok(tick) = (TickConfig { settings: background.link().settings(), facts: FACTS }).build() else {
+                crash::crash(Fault::Panicked)
+            };
+            let rig = Rig::new(tick, boot);
+
             let hands = Hands {
-                source: {
-                    sampler.begin();
-                    sampler
-                },
+                source: sampler,
                 analogue,
                 pulse,
                 dump_valve,
@@ -192,28 +195,19 @@ mod image {
             let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
             let task = in_place(context.local.task_home, || TickTask::new(rig, hands, queues, &EXCHANGE, rates.cycles_per_tick()));
 
-            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
-            let background = in_place(context.local.background_home, || Background::new(link, facts, queues, &EXCHANGE));
-
             log_start(clock.source, boot.faults);
+            task.hands_mut().source.begin();
             sampling::start_guard(&mut core.SYST, rates);
             (
                 Shared { tenant: Tenant::none() },
-                Local {
-                    task,
-                    background,
-                    line,
-                    port,
-                    place: in_place(context.local.home, BoardModel::default),
-                    power: device.PWR,
-                    ticks_seen: 0,
-                },
+                Local { task, background, line, port, home: context.local.model_home, power: device.PWR, ticks_seen: 0 },
             )
         }
 
-        #[idle(local = [background, line, place], shared = [tenant])]
+        #[idle(local = [background, line, home], shared = [tenant])]
         fn idle(context: idle::Context) -> ! {
-            let idle::LocalResources { background, line, place, .. } = context.local;
+            let idle::LocalResources { background, line, home, .. } = context.local;
+            let place = in_place(home, BoardModel::default);
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
             let mut room = unsafe { Room::new(context.shared.tenant, place) };
             let mut state = EXCHANGE.state();

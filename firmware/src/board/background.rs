@@ -117,16 +117,28 @@ impl<'q, S: Flash, M: Flash + Hold> Background<'q, S, M> {
         let dropped = self.exchange.telemetry_dropped();
         self.link.drop_telemetry(dropped.wrapping_sub(self.dropped));
         self.dropped = dropped;
+        self.take_from_tick();
+        self.self_test(room);
+        if let Some(byte) = line.receive() {
+            self.receive(byte, room);
+        }
+        self.send(line);
+    }
+
+    // What follows stays out of its callers: answers, frames and requests are long, and none of them needs to be on the stack with another.
+
+    #[inline(never)]
+    fn take_from_tick(&mut self) {
         while let Some(answer) = self.queues.answers.dequeue() {
             self.link.answer(answer);
         }
         while let Some(sample) = self.queues.telemetry.dequeue() {
             self.link.telemetry(sample);
         }
-        self.self_test(room);
-        if let Some(byte) = line.receive() {
-            self.receive(byte, room);
-        }
+    }
+
+    #[inline(never)]
+    fn send(&mut self, line: &mut impl Line) {
         if line.room() >= MAX_WIRE
             && let Some(frame) = self.link.transmit()
         {

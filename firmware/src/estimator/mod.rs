@@ -129,6 +129,8 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     ///
     /// # Errors
     /// As [`Self::new`], and when the network does not fit into that memory.
+    // Kept out of its callers: its copies of the parameters need not be on the stack while a blob is decoded.
+    #[inline(never)]
     pub fn with_kernel(model: &Model<'a>, source: impl KernelSource<Kernel = K>) -> Result<Self, Invalid> {
         model.validate()?;
         let front_end = FrontEnd::new(&model.front_end, &model.input)?;
