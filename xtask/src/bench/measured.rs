@@ -18,7 +18,7 @@ struct Set {
     test: &'static str,
 }
 
-/// Options of `identify` among which the training recordings choose: their first part fits each, the rest judges.
+/// Options of `identify` among which the training recordings choose.
 const CANDIDATES: [&str; 8] = [
     "",
     "--skip-s 1",
@@ -29,8 +29,8 @@ const CANDIDATES: [&str; 8] = [
     "--model modified-pi --dead-time-s auto",
     "--model modified-pi --skip-s 1 --dead-time-s auto",
 ];
-/// Share of each training recording that fits while the options are chosen.
-const FITTED_SHARE: f64 = 0.7;
+/// Share of a single training recording that fits while the rest judges.
+const FITTED_PERCENT: usize = 70;
 
 const SETS: [Set; 2] = [
     Set {
@@ -50,7 +50,7 @@ const SETS: [Set; 2] = [
 ];
 
 /// Processor seconds of each training.
-const BUDGET_CPU_S: u64 = 20;
+const BUDGET_CPU_S: u64 = 10;
 
 /// Measures both sets and prints one table.
 pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
@@ -107,32 +107,44 @@ fn mean_nrmse(folder: &Path, model: &str, data: &str, columns: &str) -> Result<f
     Ok(errors.iter().sum::<f64>() / errors.len() as f64)
 }
 
-/// The options with which the first part of each training recording explains the rest of it best.
+/// The options with which the training recordings explain each other best: each recording is judged by what the others give, a single
+/// one's end by what its beginning gives.
 fn choose(folder: &Path, columns: &str) -> Result<&'static str> {
-    let (fitted, judged) = (folder.join("fitted"), folder.join("judged"));
-    std::fs::create_dir_all(&fitted)?;
-    std::fs::create_dir_all(&judged)?;
-    for entry in std::fs::read_dir(folder.join("train"))? {
-        let path = entry?.path();
-        let name = path.file_name().context("a file without a name")?;
-        let text = std::fs::read_to_string(&path)?;
-        let (header, rows) = text.split_once('\n').with_context(|| format!("{}: no rows", path.display()))?;
-        let rows: Vec<&str> = rows.lines().collect();
-        let (first, rest) = rows.split_at((rows.len() as f64 * FITTED_SHARE) as usize);
-        for (target, rows) in [(&fitted, first), (&judged, rest)] {
-            std::fs::write(target.join(name), format!("{header}\n{}\n", rows.join("\n")))?;
-        }
+    let mut names: Vec<String> = std::fs::read_dir(folder.join("train"))?
+        .map(|entry| Ok(format!("train/{}", entry?.file_name().to_string_lossy())))
+        .collect::<Result<_>>()?;
+    names.sort();
+    if let [only] = names.as_slice() {
+        names = halves(folder, only)?;
     }
+    // Of two halves only the second is judged: the first begins with the start-up.
+    let judged = if folder.join("beginning.csv").exists() { &names[1..] } else { &names[..] };
     let mut best = (f64::INFINITY, CANDIDATES[0]);
     for options in CANDIDATES {
-        catheter_json(folder, "candidate", &format!("identify --data fitted --columns {columns} {options} --out candidate.toml"))?;
-        let error = mean_nrmse(folder, "candidate.toml", "judged", columns)?;
-        eprintln!("  {error:.5} with options `{options}`");
-        if error < best.0 {
-            best = (error, options);
+        let mut sum = 0.0;
+        for name in judged {
+            let others = names.iter().filter(|other| *other != name).map(|other| format!("--data {other} ")).collect::<String>();
+            catheter_json(folder, "candidate", &format!("identify {others} --columns {columns} {options} --out candidate.toml"))?;
+            sum += mean_nrmse(folder, "candidate.toml", name, columns)?;
+        }
+        eprintln!("  {:.5} with options `{options}`", sum / judged.len() as f64);
+        if sum < best.0 {
+            best = (sum, options);
         }
     }
     Ok(best.1)
+}
+
+/// Cuts a recording in two.
+fn halves(folder: &Path, name: &str) -> Result<Vec<String>> {
+    let text = std::fs::read_to_string(folder.join(name))?;
+    let (header, rows) = text.split_once('\n').with_context(|| format!("{name}: no rows"))?;
+    let rows: Vec<&str> = rows.lines().collect();
+    let (first, rest) = rows.split_at(rows.len() * FITTED_PERCENT / 100);
+    for (target, rows) in [("beginning.csv", first), ("end.csv", rest)] {
+        std::fs::write(folder.join(target), format!("{header}\n{}\n", rows.join("\n")))?;
+    }
+    Ok(vec!["beginning.csv".to_owned(), "end.csv".to_owned()])
 }
 
 /// Copies the CSV files in `from` whose name contains `part` into the new folder `to`.
