@@ -1,6 +1,6 @@
 //! The firmware library as ARM code in QEMU (`-M netduinoplus2`): parity with the desktop, and instruction counts.
 //!
-//! What to do comes as a *work file* that QEMU's loader puts into flash at [`machine::WORK_ADDRESS`]; results go as lines of text to the
+//! What to do comes as a *work file* that QEMU's loader puts into flash at `machine::WORK_ADDRESS`; results go as lines of text to the
 //! standard output. Without a work file the image says that it is ready and ends.
 //!
 //! ```text
