@@ -2,7 +2,8 @@
 //!
 //! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`fixed`] the arithmetic they mean, [`blob`] the frame around
 //! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones and
-//! `headroom` proves that none of their sums overflows. [`link`] holds what host and board say to each other.
+//! `headroom` proves that none of their sums overflows,
+//! `certificate` whether a network forgets where it started. [`link`] holds what host and board say to each other.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -10,6 +11,8 @@
 extern crate std;
 
 pub mod blob;
+#[cfg(feature = "std")]
+pub mod certificate;
 pub mod fixed;
 #[cfg(feature = "std")]
 pub mod headroom;

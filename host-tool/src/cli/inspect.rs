@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use firmware::estimator::{Estimator, EstimatorState, step_instructions};
 use model_export::blob::{self, Blob, SCHEMA_VERSION};
+use model_export::certificate::certificate;
 use model_export::fixed::Table;
 use model_export::headroom::{Headroom, headroom};
 use model_export::schema::{Channel, Mode, Model, Network};
@@ -67,9 +68,24 @@ struct Summary<'a> {
     model: &'a Model<'a>,
     activation: Option<&'static str>,
     headroom: Option<HeadroomSummary>,
+    /// Absent without a network, or with one that runs over windows.
+    stability: Option<StabilitySummary>,
     cost: Cost,
     golden_check: GoldenSummary,
 }
+
+#[derive(Serialize)]
+struct StabilitySummary {
+    /// Whether the sufficient condition holds.
+    certified: bool,
+    /// Spectral radius of the comparison system, from above.
+    radius: f64,
+    /// Time after which the correction no longer depends on the start.
+    recovery_s: Option<f64>,
+}
+
+/// A recovered network's correction is this near to what it would be, in normalised output.
+const TOLERANCE: f64 = 0.01;
 
 /// Runs the command.
 ///
@@ -101,6 +117,16 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let (Some(network), Some(room)) = (&model.network, room) {
         print_network(network, room);
     }
+    let stability = model.network.as_ref().and_then(|network| certificate(network, TOLERANCE)).map(|certificate| StabilitySummary {
+        certified: certificate.holds(),
+        radius: certificate.radius,
+        recovery_s: certificate.recovery_steps.map(|steps| steps as f64 * f64::from(model.sample_period_s)),
+    });
+    // A window begins from zero state every time: there is nothing to forget.
+    let stability = stability.filter(|_| model.mode == Mode::Streaming);
+    if let Some(stability) = &stability {
+        print_stability(stability);
+    }
     print_provenance(model);
     say!("cost on the Cortex-M4");
     say!("  flash         {} bytes of blob, {} bytes of tables", cost.flash_bytes, cost.table_bytes);
@@ -129,6 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             model,
             activation: model.network.as_ref().and_then(|network| network.activation().ok()).map(|activation| activation.name()),
             headroom: room.map(|room| HeadroomSummary { accumulator: room.accumulator, scaled: room.scaled, dense: room.dense }),
+            stability,
             cost,
             golden_check,
         };
@@ -231,6 +258,22 @@ fn print_network(network: &Network<'_>, room: Headroom) {
         room.accumulator,
         room.scaled,
         room.dense
+    );
+}
+
+fn print_stability(stability: &StabilitySummary) {
+    if !stability.certified {
+        say!(
+            "  stability     not certified: the sufficient condition gives {:.3}, below 1 is needed; the state limits hold all the same",
+            stability.radius
+        );
+        return;
+    }
+    let recovery = stability.recovery_s.map_or_else(|| "in more than ten minutes".to_owned(), |time_s| format!("within {time_s:.2} s"));
+    say!(
+        "  stability     certified: forgets any state that inputs can bring it to (radius {:.4}); its correction agrees to {} % of the output scale {recovery}",
+        stability.radius,
+        100.0 * TOLERANCE
     );
 }
 
