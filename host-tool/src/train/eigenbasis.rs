@@ -80,7 +80,7 @@ impl Eigenbasis {
 
     /// Elements of the matrix.
     #[must_use]
-    pub fn len(&self) -> usize {
+    pub fn elements(&self) -> usize {
         self.rows * self.columns
     }
 

@@ -96,7 +96,7 @@ impl Shard {
         let mut direction: Vec<f32> = gradient.iter().map(|gradient| gradient * scale).collect();
         let mut at = 0;
         for basis in &mut self.bases {
-            let block = at..at + basis.len();
+            let block = at..at + basis.elements();
             at = block.end;
             basis.observe(&direction[block.clone()], config.basis_decay);
             if step <= FIRST_TURNS || step.is_multiple_of(config.basis_interval) {
@@ -108,7 +108,7 @@ impl Shard {
         arch.dispatch(Moments { mean: &mut self.mean, square: &mut self.square, direction: &mut direction, config, unbias });
         let mut at = 0;
         for basis in &mut self.bases {
-            let block = at..at + basis.len();
+            let block = at..at + basis.elements();
             at = block.end;
             basis.leave(&mut direction[block]);
         }
