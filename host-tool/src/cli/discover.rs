@@ -37,8 +37,9 @@ pub struct Arguments {
 /// # Errors
 /// On bad input or when the result cannot be written.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let outputs: Vec<PathBuf> =
-        ["model.toml", "runner_up.toml", "discovery.json", "report.html"].map(|name| arguments.out.join(name)).into();
+    let outputs: Vec<PathBuf> = ["model.toml", "runner_up.toml", "microcontroller.toml", "discovery.json", "report.html"]
+        .map(|name| arguments.out.join(name))
+        .into();
     let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
     let columns = arguments.data.columns.as_deref();
     let recordings = recording::load(&arguments.data.data, columns)?;
@@ -60,6 +61,19 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let discovery = &finding.discovery;
     let model = model_of(&finding, &finding.after, discovery, &recordings);
     write_model(&arguments.out.join("model.toml"), &model)?;
+    // What an earlier discovery left must not pass for a part of this one.
+    for name in ["runner_up.toml", "microcontroller.toml"] {
+        match std::fs::remove_file(arguments.out.join(name)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("{}: an old file cannot be removed", arguments.out.join(name).display()));
+            }
+            _ => {}
+        }
+    }
+    let for_the_board = discover::physics::physics_model(&model, &recordings);
+    if let Ok(physics) = &for_the_board {
+        physics.write(&arguments.out.join("microcontroller.toml"))?;
+    }
     if let Some(second) = &finding.second {
         write_model(&arguments.out.join("runner_up.toml"), &model_of(&finding, second, discovery, &recordings))?;
     }
@@ -70,6 +84,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_json(path, discovery)?;
     }
     tell(discovery, &model, arguments);
+    match for_the_board {
+        Ok(_) => say!("For the microcontroller: catheter export {} ...", arguments.out.join("microcontroller.toml").display()),
+        Err(effect) => say!("The microcontroller does not know {effect}: this model runs on the desktop only."),
+    }
     Ok(Outcome::Success)
 }
 

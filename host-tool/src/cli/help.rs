@@ -26,8 +26,8 @@ Exit codes:
 
 /// Below the help of `discover`.
 pub const DISCOVER: &str = "\
-Leaves DIR/model.toml (the model with the effect), DIR/runner_up.toml (with the second best effect instead), DIR/discovery.json and
-DIR/report.html. Exit code 0 whatever the verdict.
+Leaves DIR/model.toml (the model with the effect), DIR/runner_up.toml (with the second best effect instead), DIR/discovery.json,
+DIR/report.html and, where the microcontroller knows the effect, DIR/microcontroller.toml for `export`. Exit code 0 whatever the verdict.
 
 Examples:
   catheter discover --data session --holdout other --out result

@@ -184,8 +184,8 @@ pub trait Form: Sync {
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant.
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
-    /// What the weights mean, in the lab's units, beside the non-linear parameters.
-    fn tell(&self, _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
+    /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
+    fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
         BTreeMap::new()
     }
 }

@@ -14,6 +14,7 @@ mod least_squares;
 mod mask;
 mod model;
 mod noise;
+pub mod physics;
 pub mod plan;
 mod rounds;
 mod search;

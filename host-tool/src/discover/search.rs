@@ -152,8 +152,11 @@ pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residu
         .starts(session, residual)
         .into_iter()
         .map(|start| {
-            let model = base.with(form, start);
-            (objective(&model, session), model)
+            let mut model = base.with(form, start);
+            // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
+            // what remains once the weights have given that back.
+            let square = if form.needs_sum() { model.fit(session, Scope::Fit).0 } else { objective(&model, session) };
+            (square, model)
         })
         .collect();
     tried.sort_by(|x, y| x.0.total_cmp(&y.0));

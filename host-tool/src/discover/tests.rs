@@ -1,7 +1,7 @@
 //! What discovery promises: it names what was hidden, keeps quiet when nothing was, and repeats itself.
 
 use super::*;
-use crate::rig::{self, Case, CaseConfig};
+use crate::rig::{self, Case, CaseConfig, Generator};
 
 /// Seeds of these tests; tuning used 100 to 199, figures are reported on 1000 and above.
 const SEED: u64 = 500;
@@ -38,6 +38,40 @@ fn names_nothing_when_nothing_is_hidden() {
     assert!(discovery.effects.is_empty());
     // The noise is known: half a percent of the range, and 26,000 samples tell it to a few percent.
     assert!((discovery.rmse_after / discovery.noise_floor - 1.0).abs() < 0.1, "{} {}", discovery.rmse_after, discovery.noise_floor);
+}
+
+#[test]
+fn names_what_another_rig_with_other_laws_hides() {
+    for (effect, seed) in [("pneumatic-lag", SEED + 20), ("supply-saturation", SEED + 21)] {
+        let config = CaseConfig { effects: vec![effect.to_owned()], seed, generator: Generator::Rival, ..CaseConfig::default() };
+        let case = rig::hide(&config).expect("a case");
+        let config = DiscoverConfig { most_effects: 1, ..DiscoverConfig::default() };
+        let discovery = discover(&case.recordings[..12], &case.kept_out, &config).expect("a finding").discovery;
+        assert_eq!(discovery.effects.first().map(|effect| effect.name.as_str()), Some(effect), "seed {seed}: {discovery:?}");
+        assert!(discovery.gap_closed > 0.9, "seed {seed}: {}", discovery.gap_closed);
+    }
+}
+
+#[test]
+fn motion_during_rest_does_not_pass_for_noise() {
+    let mut case = case(&[], SEED + 6, 0.005);
+    case.recordings.truncate(6);
+    let floor = |recordings: &[Recording]| {
+        let session = Session::new(recordings, &[]).expect("a session");
+        let mut before = Model::baseline(false, false);
+        before.fit(&session, model::Scope::Fit);
+        noise::floor(&session, &before.residuals(&session)) * session.output_scale.abs()
+    };
+    let quiet = floor(&case.recordings);
+    assert!((quiet / case.truth.noise_mm - 1.0).abs() < 0.15, "{quiet} instead of {}", case.truth.noise_mm);
+    // Something unseen pulls at 0.9 Hz, ten times the noise.
+    for recording in &mut case.recordings {
+        for (value, time_s) in recording.output.iter_mut().zip(&recording.time_s) {
+            *value += 10.0 * case.truth.noise_mm * (5.65 * time_s).sin();
+        }
+    }
+    let moved = floor(&case.recordings);
+    assert!(moved < 1.5 * quiet, "{moved} where {quiet} is noise");
 }
 
 #[test]

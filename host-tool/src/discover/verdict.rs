@@ -59,7 +59,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
         let mut parameters: BTreeMap<String, f64> =
             slot.form.parameters().iter().zip(&slot.parameters).map(|(parameter, &value)| parameter.tell(value, session)).collect();
-        parameters.extend(slot.form.tell(&slot.weights, session));
+        parameters.extend(slot.form.tell(&slot.parameters, &slot.weights, session));
         let intervals = slot
             .form
             .parameters()

@@ -9,7 +9,8 @@ use crate::support::Bench;
 /// Seeds of these tests; tuning used those below 500, figures are reported on 1000 and above.
 const SEED: u64 = 520;
 
-/// Every third recording of the session: enough for one effect, and a third of the time.
+/// Every third recording of the session: enough for one effect, and a third of the time. Only for seeds whose muscle begins every
+/// recording fresh; one that remembers would remember recordings that are not there.
 fn thinned(bench: &Bench, folder: &str) -> String {
     let mut names: Vec<_> = std::fs::read_dir(bench.path(folder))
         .expect("a folder can be listed")
@@ -77,6 +78,9 @@ fn a_hidden_delay_is_named_with_every_key_of_the_contract_and_the_model_runs() {
     let report = String::from_utf8(bench.read("found/report.html")).expect("text");
     assert!(report.contains("dead-time") && report.contains("</html>"));
 
+    // The microcontroller knows a dead time: the same model as a blob.
+    bench.works("export found/microcontroller.toml --calibration case/holdout --out model.blob");
+
     // The two explanations, and the experiment that tells them apart, as a file that can be played.
     bench.works(
         "plan-experiment --models found/model.toml found/runner_up.toml --maximum-slew-bar-per-s 12 --out next.toml --json plan.json",
@@ -120,7 +124,7 @@ fn without_a_holdout_some_recordings_are_kept_out_and_named_and_equal_seeds_agre
 #[test]
 fn foreign_columns_other_units_and_a_session_clock_are_understood() {
     let bench = Bench::new();
-    bench.works(&format!("hide --effect offset-drift --seed {} --out case", SEED + 1));
+    bench.works(&format!("hide --effect offset-drift --seed {} --out case", SEED + 3));
     let mut data = String::new();
     for (index, path) in thinned(&bench, "case/recordings").split_whitespace().enumerate() {
         let text = String::from_utf8(bench.read(path)).expect("text");

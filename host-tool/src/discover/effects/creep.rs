@@ -11,7 +11,7 @@ use super::{ladder, lag};
 pub const FORMS: &[&dyn Form] = &[&OfOutput, &OfInput];
 
 /// Retardation times, s: a decade takes about two of them.
-const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
+pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
 struct OfOutput;
 struct OfInput;
@@ -49,7 +49,7 @@ impl Form for OfOutput {
             columns.push(false, |sample| slow[sample]);
         }
     }
-    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         let total: f64 = weights.iter().sum();
         let mut told = BTreeMap::from([("total_compliance".to_owned(), total)]);
         for (time_s, weight) in TIMES_S.iter().zip(weights) {

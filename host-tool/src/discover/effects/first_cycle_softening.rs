@@ -43,7 +43,7 @@ impl Form for Distance {
             sum[sample] * (-travelled / parameters[0]).exp()
         });
     }
-    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
     }
 }

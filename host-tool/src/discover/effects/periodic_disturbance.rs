@@ -136,7 +136,7 @@ impl Form for Beat {
             columns.push(true, |sample| (omega * run.session_s[sample]).cos());
         }
     }
-    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         tell_harmonics(weights, session)
     }
 }
@@ -173,7 +173,7 @@ impl Form for Triggered {
             columns.push(true, |sample| (omega * run.time_s[sample]).cos());
         }
     }
-    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         tell_harmonics(weights, session)
     }
 }
@@ -228,7 +228,7 @@ impl Form for Loose {
             sine * im + cosine * re
         });
     }
-    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("share_of_the_line".to_owned(), weights[0])])
     }
 }

@@ -44,7 +44,7 @@ impl Form for Step {
         columns.push(true, |_| after);
         columns.push(true, |sample| after * sum[sample]);
     }
-    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([
             (format!("shift_{}", session.output_unit), weights[0] * session.output_scale),
             ("gain".to_owned(), 1.0 + weights[1]),
@@ -96,7 +96,7 @@ impl Form for Twice {
             columns.push(true, |sample| after * sum[sample]);
         }
     }
-    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let unit = &session.output_unit;
         BTreeMap::from([
             (format!("shift_{unit}"), weights[0] * session.output_scale),

@@ -6,10 +6,11 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Pressure, &Displacement];
+pub const FORMS: &[&dyn Form] = &[&Pressure, &Displacement, &Parallel];
 
 struct Pressure;
 struct Displacement;
+struct Parallel;
 
 impl Form for Pressure {
     fn name(&self) -> &'static str {
@@ -68,11 +69,43 @@ impl Form for Displacement {
         columns.push(true, |sample| sum[sample] * sum[sample]);
         columns.push(true, |sample| sum[sample].powi(3));
     }
-    fn tell(&self, weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let unit = &session.output_unit;
         BTreeMap::from([
             (format!("quadratic_per_{unit}"), weights[0] / session.output_scale),
             (format!("cubic_per_{unit}2"), weights[1] / session.output_scale.powi(2)),
+        ])
+    }
+}
+
+impl Form for Parallel {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "curve of the input beside the hysteresis: y = s + a u^2 + b u^3"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![]]
+    }
+    fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| run.input[sample] * run.input[sample]);
+        columns.push(true, |sample| run.input[sample].powi(3));
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let (input, output) = (&session.input_unit, &session.output_unit);
+        BTreeMap::from([
+            (format!("quadratic_{output}_per_{input}2"), weights[0] * session.output_scale / session.input_scale.powi(2)),
+            (format!("cubic_{output}_per_{input}3"), weights[1] * session.output_scale / session.input_scale.powi(3)),
         ])
     }
 }

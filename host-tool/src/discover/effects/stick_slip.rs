@@ -114,7 +114,7 @@ impl Form for StickBand {
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         stick(sum, parameters[0], parameters[0] - parameters[1], f64::MAX, run.period_s, columns);
     }
-    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("remaining_weight".to_owned(), weights[0])])
     }
 }
@@ -147,7 +147,7 @@ impl Form for Breakaway {
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         stick(sum, parameters[0], parameters[0] - parameters[1], parameters[2], run.period_s, columns);
     }
-    fn tell(&self, weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("remaining_weight".to_owned(), weights[0])])
     }
 }

@@ -72,10 +72,10 @@ impl Form for Follow {
         ]
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let grid = ladder(0.006, 0.3, 200).into_iter().flat_map(|travel| {
+        let grid = ladder(0.006, 0.3, 160).into_iter().flat_map(|travel| {
             [1.005, 1.08, 1.2, 1.35, 1.6]
                 .into_iter()
-                .flat_map(move |wider| [0.004, 0.02].map(|flow_s| vec![travel * wider, travel, flow_s]))
+                .flat_map(move |wider| [0.004, 0.02, 0.05].map(|flow_s| vec![travel * wider, travel, flow_s]))
         });
         let score = |parameters: &Vec<f64>| {
             fit_of_steps(session, residual, |run| {
@@ -84,7 +84,7 @@ impl Form for Follow {
                 path.iter().zip(&run.input).map(|(after, before)| after - before).collect()
             })
         };
-        best_starts(grid, score, 12)
+        best_starts(grid, score, 14)
     }
     fn step(&self) -> f64 {
         0.01
