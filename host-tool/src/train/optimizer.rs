@@ -147,6 +147,10 @@ impl WithSimd for Moments<'_> {
     }
 }
 
+/// Parameters stay below what fixed point can scale for signals within -1 to 1 (31.75, see [`model_export::quantise`]): a model that was
+/// trained can be exported. A gate is saturated long before.
+const LARGEST_WEIGHT: f32 = 31.0;
+
 /// One step of all parameters of a shard.
 struct Move<'a> {
     values: &'a mut [f32],
@@ -164,7 +168,7 @@ impl WithSimd for Move<'_> {
     fn with_simd<S: Simd>(self, _simd: S) {
         let Self { values, average, direction, rate, average_decay, decay } = self;
         for ((value, average), direction) in values.iter_mut().zip(average).zip(direction) {
-            *value = decay * *value - rate * direction;
+            *value = (decay * *value - rate * direction).clamp(-LARGEST_WEIGHT, LARGEST_WEIGHT);
             *average = average_decay * *average + (1.0 - average_decay) * *value;
         }
     }
@@ -195,6 +199,16 @@ mod tests {
         for (value, target) in shard.values.iter().chain(&shard.average).zip([1.0, 0.5, 1.0, 0.5]) {
             assert!((value - target).abs() < 1e-3, "{value} {target}");
         }
+    }
+
+    #[test]
+    fn no_weight_outgrows_what_fixed_point_can_scale() {
+        let mut shard = Shard::new(Method::Adam, &[], &[30.0, -30.0, 0.0]);
+        for step in 1..=50 {
+            shard.update(&OptimizerConfig::default(), &[-1.0, 1.0, -1.0], 1.0, 0.1, step);
+        }
+        assert_eq!(shard.values[..2], [LARGEST_WEIGHT, -LARGEST_WEIGHT]);
+        assert!((shard.values[2] - 5.0).abs() < 1e-3, "{}", shard.values[2]);
     }
 
     #[test]
