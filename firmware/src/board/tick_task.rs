@@ -1,6 +1,7 @@
 //! The tick's task: from the hardware's traits through [`Rig::tick`] and back, once a millisecond.
 //!
-//! The board runs it in the interrupt of the end of the injected conversions; the tests and the proof that it cannot panic run it on stand-ins.
+//! The board runs it in the interrupt of the end of the injected conversions. The proof that it cannot panic links it with the board's own types;
+//! in the emulator the flashable image runs it.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use heapless::spsc::{Consumer, Producer};
