@@ -147,9 +147,9 @@ impl WithSimd for Moments<'_> {
     }
 }
 
-/// Parameters stay below what fixed point can scale for signals within -1 to 1 (31.75, see [`model_export::quantise`]): a model that was
-/// trained can be exported. A gate is saturated long before.
-const LARGEST_WEIGHT: f32 = 31.0;
+/// No parameter grows beyond this. For signals within -1 to 1 fixed point scales weights up to 31.75 (see [`model_export::quantise`]), and a
+/// larger one would leave its row's others few bits; a gate is saturated long before.
+const LARGEST_WEIGHT: f32 = 16.0;
 
 /// One step of all parameters of a shard.
 struct Move<'a> {

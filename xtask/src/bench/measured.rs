@@ -29,7 +29,7 @@ const CANDIDATES: [&str; 8] = [
     "--model modified-pi --dead-time-s auto",
     "--model modified-pi --skip-s 1 --dead-time-s auto",
 ];
-/// Share of a single training recording that fits while the rest judges.
+/// Share of a single training recording that is fitted while the whole judges.
 const FITTED_PERCENT: usize = 70;
 
 const SETS: [Set; 2] = [
@@ -108,26 +108,26 @@ fn mean_nrmse(folder: &Path, model: &str, data: &str, columns: &str) -> Result<f
 }
 
 /// The options with which the training recordings explain each other best: each recording is judged by what the others give, a single
-/// one's end by what its beginning gives.
+/// one, from its start, by what its beginning gives. (Its end alone would be judged from an unknown history.)
 fn choose(folder: &Path, columns: &str) -> Result<&'static str> {
     let mut names: Vec<String> = std::fs::read_dir(folder.join("train"))?
         .map(|entry| Ok(format!("train/{}", entry?.file_name().to_string_lossy())))
         .collect::<Result<_>>()?;
     names.sort();
-    if let [only] = names.as_slice() {
-        names = halves(folder, only)?;
-    }
-    // Of two halves only the second is judged: the first begins with the start-up.
-    let judged = if folder.join("beginning.csv").exists() { &names[1..] } else { &names[..] };
+    // What is fitted, and what it is judged by.
+    let folds: Vec<(Vec<String>, &String)> = match names.as_slice() {
+        [only] => vec![(vec![beginning(folder, only)?], only)],
+        several => several.iter().map(|name| (several.iter().filter(|other| *other != name).cloned().collect(), name)).collect(),
+    };
     let mut best = (f64::INFINITY, CANDIDATES[0]);
     for options in CANDIDATES {
         let mut sum = 0.0;
-        for name in judged {
-            let others = names.iter().filter(|other| *other != name).map(|other| format!("--data {other} ")).collect::<String>();
-            catheter_json(folder, "candidate", &format!("identify {others} --columns {columns} {options} --out candidate.toml"))?;
-            sum += mean_nrmse(folder, "candidate.toml", name, columns)?;
+        for (fitted, judged) in &folds {
+            let fitted: String = fitted.iter().map(|name| format!("--data {name} ")).collect();
+            catheter_json(folder, "candidate", &format!("identify {fitted} --columns {columns} {options} --out candidate.toml"))?;
+            sum += mean_nrmse(folder, "candidate.toml", judged, columns)?;
         }
-        eprintln!("  {:.5} with options `{options}`", sum / judged.len() as f64);
+        eprintln!("  {:.5} with options `{options}`", sum / folds.len() as f64);
         if sum < best.0 {
             best = (sum, options);
         }
@@ -135,16 +135,14 @@ fn choose(folder: &Path, columns: &str) -> Result<&'static str> {
     Ok(best.1)
 }
 
-/// Cuts a recording in two.
-fn halves(folder: &Path, name: &str) -> Result<Vec<String>> {
+/// The first part of a recording, as a file of its own.
+fn beginning(folder: &Path, name: &str) -> Result<String> {
     let text = std::fs::read_to_string(folder.join(name))?;
     let (header, rows) = text.split_once('\n').with_context(|| format!("{name}: no rows"))?;
     let rows: Vec<&str> = rows.lines().collect();
-    let (first, rest) = rows.split_at(rows.len() * FITTED_PERCENT / 100);
-    for (target, rows) in [("beginning.csv", first), ("end.csv", rest)] {
-        std::fs::write(folder.join(target), format!("{header}\n{}\n", rows.join("\n")))?;
-    }
-    Ok(vec!["beginning.csv".to_owned(), "end.csv".to_owned()])
+    let fitted = &rows[..rows.len() * FITTED_PERCENT / 100];
+    std::fs::write(folder.join("beginning.csv"), format!("{header}\n{}\n", fitted.join("\n")))?;
+    Ok("beginning.csv".to_owned())
 }
 
 /// Copies the CSV files in `from` whose name contains `part` into the new folder `to`.
