@@ -4,18 +4,44 @@ use std::process::Command;
 
 use anyhow::{Result, bail};
 
-use crate::process::{answer, command, exists, run};
+use crate::process::{answer, command, exists, root, run};
 
 /// The microcontroller's target: Cortex-M4 with single-precision floating point.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The emulator of the microcontroller.
 pub const EMULATOR: &str = "qemu-system-arm";
 
+/// What a build from nothing, with all the tests, leaves in the build folder at most, in MiB.
+const BUILD_MIB: u64 = 3072;
+
 /// Installs whatever is missing.
 pub fn everything() -> Result<()> {
+    room()?;
     components()?;
     target()?;
     emulator()
+}
+
+/// Room on the disk for a build from nothing. On a full disk the linker dies of a bus error that tells nobody why.
+fn room() -> Result<()> {
+    let built = crate::process::target_folder().join("debug").join("catheter").exists();
+    if built {
+        return Ok(());
+    }
+    let Some(table) = answer(command("df").args(["-P", "-k"]).arg(root())) else {
+        return Ok(());
+    };
+    match free_mib(&table) {
+        Some(free) if free < BUILD_MIB => {
+            bail!("{free} MiB are free on the disk and the build takes up to {BUILD_MIB} MiB; make room, or set CARGO_TARGET_DIR")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The free space in what `df -P -k` prints: the fourth column of the second line, in KiB.
+fn free_mib(table: &str) -> Option<u64> {
+    Some(table.lines().nth(1)?.split_whitespace().nth(3)?.parse::<u64>().ok()? / 1024)
 }
 
 /// rustfmt and clippy; a minimal rustup profile lacks them.
@@ -76,4 +102,16 @@ fn emulator() -> Result<()> {
     // A fresh container has no package lists yet.
     run("set-up", command("apt-get").arg("update"))?;
     run("set-up", &mut install)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::free_mib;
+
+    #[test]
+    fn the_free_space_is_read_from_the_table() {
+        let table = "Filesystem 1024-blocks Used Available Capacity Mounted on\n/dev/sda1 264000000 91000000 4823449 95% /\n";
+        assert_eq!(free_mib(table), Some(4710));
+        assert_eq!(free_mib("no table"), None);
+    }
 }
