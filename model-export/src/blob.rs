@@ -8,7 +8,7 @@
 //!     12      4  length of the whole blob in bytes, little-endian
 //!     16      4  CRC-32 (IEEE 802.3, as in zip) of every other byte of the blob
 //!     20     32  SHA-256 of the payload: the model's identity
-//!     52      .  payload: [`Model`] in postcard
+//!     52      .  payload: [`Model`] in postcard, and behind it the bytes of an [`Extension`](crate::compensation::Extension), if any
 //! ```
 //!
 //! The CRC catches every single flipped bit, wherever it is, and is checked before anything else is believed; whoever builds a blob
@@ -23,8 +23,8 @@ use crate::validate::Invalid;
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
-/// Version of the schema; another one is refused.
-pub const SCHEMA_VERSION: u16 = 1;
+/// Version of the schema; any other is refused.
+pub const SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.
 pub const HEADER_BYTES: usize = 52;
 
@@ -145,6 +145,8 @@ pub struct Blob<'a> {
     pub content_hash: [u8; 32],
     /// CRC-32 of the blob.
     pub crc: u32,
+    /// Version of the schema it is written in.
+    pub schema_version: u16,
     /// The model; its arrays point into the blob.
     pub model: Model<'a>,
 }
@@ -189,17 +191,16 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, BlobError> {
     }
     // Not `postcard::take_from_bytes`, which holds the model on the stack five times over.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
-    let Ok(model) = Model::deserialize(&mut deserializer) else { return Err(BlobError::Payload) };
-    if !deserializer.finalize().is_ok_and(<[u8]>::is_empty) {
-        return Err(BlobError::Payload);
-    }
+    let Ok(mut model) = Model::deserialize(&mut deserializer) else { return Err(BlobError::Payload) };
+    let Ok(extension) = deserializer.finalize() else { return Err(BlobError::Payload) };
+    model.extension = extension;
     if let Some(network) = &model.network
         && network.activation().is_err()
     {
         return Err(BlobError::Activation { found: network.activation_code });
     }
     model.validate()?;
-    Ok(Blob { content_hash, crc: stored, model })
+    Ok(Blob { content_hash, crc: stored, schema_version: version, model })
 }
 
 /// The CRC-32 that a blob's header must carry.
@@ -218,7 +219,8 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
     use sha2::Digest;
 
     model.validate()?;
-    let payload = postcard::to_stdvec(model).map_err(|_| BlobError::Payload)?;
+    let mut payload = postcard::to_stdvec(model).map_err(|_| BlobError::Payload)?;
+    payload.extend_from_slice(model.extension);
     let length = u32::try_from(HEADER_BYTES + payload.len()).map_err(|_| BlobError::Payload)?;
     let mut bytes = std::vec::Vec::with_capacity(HEADER_BYTES + payload.len());
     bytes.extend(MAGIC);

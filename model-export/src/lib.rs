@@ -1,6 +1,7 @@
 //! The model blob: what a trained estimator looks like on its way to the microcontroller.
 //!
-//! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`fixed`] the arithmetic they mean, [`blob`] the frame around
+//! [`schema`] holds the wire types, [`validate`] what they must satisfy, [`compensation`] what controllers
+//! need besides, [`fixed`] the arithmetic they mean, [`blob`] the frame around
 //! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones and
 //! `headroom` proves that none of their sums overflows,
 //! `certificate` whether a network forgets where it started. [`link`] holds what host and board say to each other.
@@ -13,6 +14,7 @@ extern crate std;
 pub mod blob;
 #[cfg(feature = "std")]
 pub mod certificate;
+pub mod compensation;
 pub mod fixed;
 #[cfg(feature = "std")]
 pub mod headroom;

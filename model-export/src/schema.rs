@@ -1,4 +1,4 @@
-//! The wire types of a model blob, version 1.
+//! The wire types of a model blob; see [`crate::blob`] for its versions.
 //!
 //! An estimator has two parts. The **front end** is physics in `f32`: it normalises the input, passes it through a fractional
 //! dead time and a first-order lag (the *input path*), feeds a bank of play operators, sums them with the identified weights and
@@ -27,6 +27,9 @@
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
+
+use crate::compensation::Extension;
+use crate::validate::Invalid;
 
 /// Most play operators a front end may have.
 pub const MAX_PLAY: usize = 24;
@@ -314,4 +317,17 @@ pub struct Model<'a> {
     /// How to check it.
     #[serde(borrow)]
     pub golden: Golden<'a>,
+    /// What stands behind the model in the payload: an [`Extension`], or nothing.
+    #[serde(skip)]
+    pub extension: &'a [u8],
+}
+
+impl Model<'_> {
+    /// What the controllers need of the model, read; empty for a model that was exported for estimation only.
+    ///
+    /// # Errors
+    /// When the bytes do not decode or a field is out of its domain.
+    pub fn extension(&self) -> Result<Extension, Invalid> {
+        Extension::decode(self.extension)
+    }
 }

@@ -218,6 +218,7 @@ impl Model<'_> {
         for (index, value) in [envelope.minimum, envelope.maximum, envelope.maximum_rate].iter().enumerate() {
             require(value.is_finite(), "envelope", index, "finite")?;
         }
+        self.extension()?;
         self.golden.validate()
     }
 }

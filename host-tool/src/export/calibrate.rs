@@ -1,5 +1,7 @@
 //! What a model's layers meet when it runs on data: ranges, second moments, and the envelope of the input.
 
+use firmware::domain::NestedReversals;
+use model_export::compensation::Domain;
 use model_export::quantise::LayerCalibration;
 use model_export::schema::Envelope;
 
@@ -14,6 +16,8 @@ pub struct Calibration {
     pub layers: Vec<LayerCalibration>,
     /// Range and rate of the input.
     pub envelope: Envelope,
+    /// How deep its reversals were nested.
+    pub domain: Domain,
 }
 
 /// Second moments are taken from every n-th step: they change little, and cost as much as the step itself.
@@ -32,7 +36,7 @@ impl Calibration {
                 }
             }
         }
-        Self { layers: gather.finish(), envelope: envelope(model, data) }
+        Self { layers: gather.finish(), envelope: envelope(model, data), domain: domain(model, data) }
     }
 }
 
@@ -79,6 +83,22 @@ fn envelope(model: &TrainedModel, data: &[Recording]) -> Envelope {
         }
     }
     Envelope { minimum: model.input.minimum, maximum: model.input.maximum, maximum_rate: (rate / model.sample_period_s) as f32 }
+}
+
+/// A turn counts as a reversal from this share of the input's range on: above the noise, below any loop that matters.
+const REVERSAL_SHARE: f32 = 0.05;
+
+fn domain(model: &TrainedModel, data: &[Recording]) -> Domain {
+    let reversal_depth = (REVERSAL_SHARE * (model.input.maximum - model.input.minimum)).max(f32::MIN_POSITIVE);
+    let mut nested_reversals = 0;
+    for recording in data {
+        for segment in recording.segments() {
+            let mut reversals = NestedReversals::default();
+            let counts = recording.input[segment].iter().map(|input| reversals.step(*input as f32, reversal_depth));
+            nested_reversals = counts.fold(nested_reversals, u8::max);
+        }
+    }
+    Domain { nested_reversals, reversal_depth }
 }
 
 /// Recordings of at most about `samples` samples in all: everything, or recordings evenly spaced over the list, the last cut short.

@@ -14,6 +14,7 @@ pub mod reference;
 
 use firmware::estimator::{Estimator, EstimatorState};
 use model_export::blob::{self, BlobError, crc32};
+use model_export::compensation::{Compensation, Extension};
 use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, QuantiseError, QuantisedNetwork, quantise};
 use model_export::schema;
 use sha2::{Digest, Sha256};
@@ -162,6 +163,14 @@ const CALIBRATION_MACS: usize = 4_000_000_000;
 /// # Errors
 /// When the data do not belong to the model, or the model has no fixed-point form.
 pub fn export(model: &TrainedModel, data: &[Recording]) -> Result<Export, ExportError> {
+    export_with(model, data, None)
+}
+
+/// Makes a blob of a model with what the controllers need of the actuator in it.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Option<Compensation>) -> Result<Export, ExportError> {
     for recording in data {
         check(model, recording)?;
     }
@@ -172,6 +181,7 @@ pub fn export(model: &TrainedModel, data: &[Recording]) -> Result<Export, Export
         return Err(ExportError::NoData);
     }
     let calibration = Calibration::of(model, &data);
+    let extension = Extension { compensation, domain: Some(calibration.domain) }.encode();
     let (golden_input, golden_output) = golden(model, &data);
     let golden_bytes: Vec<u8> = golden_output.iter().flat_map(|y| y.to_le_bytes()).collect();
 
@@ -194,6 +204,7 @@ pub fn export(model: &TrainedModel, data: &[Recording]) -> Result<Export, Export
             model,
             network: network.as_ref(),
             calibration: &calibration,
+            extension: &extension,
             golden_input: &golden_input,
             golden_output: &golden_bytes,
             metrics: schema::Metrics::default(),
@@ -274,6 +285,7 @@ struct Parts<'a> {
     model: &'a TrainedModel,
     network: Option<&'a QuantisedNetwork>,
     calibration: &'a Calibration,
+    extension: &'a [u8],
     golden_input: &'a [u8],
     golden_output: &'a [u8],
     metrics: schema::Metrics,
@@ -307,6 +319,7 @@ impl<'a> Parts<'a> {
             metrics: self.metrics,
             envelope: self.calibration.envelope,
             golden: schema::Golden { input: self.golden_input, output: self.golden_output, tolerance: self.tolerance, digest: self.digest },
+            extension: self.extension,
         })
     }
 }

@@ -293,13 +293,17 @@ fn every_truncation_is_refused_and_named() {
         assert!(matches!(error, BlobError::Truncated { .. }), "{length}: {error}");
         assert!(error.to_string().contains("truncated"));
     }
-    let mut longer = bytes.clone();
-    longer.push(0);
+    let longer = [&bytes[..], &[0]].concat();
     assert!(matches!(blob::decode(&longer).unwrap_err(), BlobError::TooLong { .. }));
-    // Also with a header that fits: a payload with something behind it, or cut short.
-    seal(&mut longer);
-    assert_eq!(blob::decode(&longer).unwrap_err(), BlobError::Payload);
-    let mut shorter = bytes[..bytes.len() - 1].to_vec();
+    // Also with a header that fits: a payload with something behind it, or cut short, with an extension and without.
+    let mut bare = blob::decode(&bytes).unwrap().model;
+    bare.extension = &[];
+    let bare = blob::encode(&bare).unwrap();
+    for mut longer in [[&bytes[..], &[0]].concat(), bytes[..bytes.len() - 1].to_vec(), [&bare[..], &[0]].concat()] {
+        seal(&mut longer);
+        assert!(matches!(blob::decode(&longer).unwrap_err(), BlobError::Invalid(invalid) if invalid.field == "extension"));
+    }
+    let mut shorter = bare[..bare.len() - 1].to_vec();
     seal(&mut shorter);
     assert_eq!(blob::decode(&shorter).unwrap_err(), BlobError::Payload);
 }
@@ -307,10 +311,10 @@ fn every_truncation_is_refused_and_named() {
 #[test]
 fn another_schema_version_and_an_unknown_activation_are_named() {
     let mut bytes = small_blob();
-    bytes[8] = 2;
+    bytes[8] = 3;
     seal(&mut bytes);
     let error = blob::decode(&bytes).unwrap_err();
-    assert_eq!(error, BlobError::SchemaVersion { found: 2 });
+    assert_eq!(error, BlobError::SchemaVersion { found: 3 });
     assert!(error.to_string().contains("schema version"));
 
     let bytes = small_blob();

@@ -100,6 +100,7 @@ fn files_are_told_apart_by_their_ending_and_agree() {
         metrics: schema::Metrics::default(),
         envelope: schema::Envelope { minimum: 0.0, maximum: 2.0, maximum_rate: 1.0 },
         golden: schema::Golden { input: &[], output: &[], tolerance: 0.0, digest: 0 },
+        extension: &[],
     };
     let fixed = folder.path().join("model.BLOB");
     std::fs::write(&fixed, blob::encode(&wire).unwrap()).unwrap();
