@@ -49,6 +49,11 @@ impl<const CHANNELS: usize> DecimatorState<CHANNELS> {
 }
 
 impl<const CHANNELS: usize> Decimator<CHANNELS> {
+    /// Ticks from one output to the next.
+    pub fn factor(&self) -> u16 {
+        self.factor
+    }
+
     /// Takes one sample of every channel; at the end of a window gives the means.
     ///
     /// A channel that was missing anywhere in the window is missing in the result: a mean over part of the window would have

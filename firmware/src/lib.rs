@@ -22,6 +22,7 @@ pub mod calibration;
 pub mod control;
 pub mod decimate;
 pub mod device;
+pub mod domain;
 pub mod estimator;
 pub mod limiter;
 pub mod link;

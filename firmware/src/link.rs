@@ -296,6 +296,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
             Request::Playback(chunk) => Outcome::Send(Action::SetPoint(SetPoint::Chunk(chunk))),
             Request::PlaybackClear => Outcome::Send(Action::PlaybackClear),
             Request::FaultRecord => Outcome::Send(Action::FaultRecord),
+            Request::ControlReport => Outcome::Send(Action::ControlReport),
             Request::PreviousFaultRecord => {
                 Outcome::Reply(self.config.previous_record.map_or(Reply::Refused(Refusal::NoRecord), Reply::FaultRecord))
             }

@@ -4,11 +4,13 @@ use core::num::NonZeroU16;
 
 use model_export::blob::{self, BlobError};
 use model_export::link::fault::Fault;
-use model_export::schema::Golden;
+use model_export::schema::{Golden, Model};
 
+use crate::control::Compensator;
+use crate::domain::{DomainGuard, DomainGuardState};
 use crate::estimator::{Estimator, EstimatorState, Kernel, KernelSource};
 use crate::number::round_to_i32;
-use crate::tick::{ModelStep, TICKS_PER_S};
+use crate::tick::{Direction, ModelStep, TICKS_PER_S};
 
 /// Kind of a model slot.
 pub const STORE_KIND: u16 = 0x4d4f;
@@ -31,11 +33,40 @@ pub struct ModelFacts {
 pub struct RunningModel<'a, K: Kernel> {
     estimator: Option<Estimator<'a, K>>,
     state: EstimatorState,
+    companion: Option<Companion>,
+}
+
+/// What came with an estimator: which way it runs, what the controllers need of the actuator, and what it was trained on.
+#[derive(Debug)]
+struct Companion {
+    direction: Direction,
+    compensator: Option<Compensator>,
+    guard: DomainGuard,
+    guard_state: DomainGuardState,
+    is_outside: bool,
+}
+
+impl Companion {
+    #[inline(never)]
+    fn new(model: &Model<'_>) -> Result<Self, Fault> {
+        let direction = match (model.input.unit, model.output.unit) {
+            ("bar", "mm") => Direction::Estimator,
+            ("mm", "bar") => Direction::Inverse,
+            _ => return Err(Fault::ModelUnsupported),
+        };
+        let extension = model.extension().map_err(|_| Fault::ModelCorrupt)?;
+        let compensator = match extension.compensation {
+            Some(parameters) => Some(Compensator::new(parameters).map_err(|_| Fault::ModelUnsupported)?),
+            None => None,
+        };
+        let guard = DomainGuard::new(&model.envelope, extension.domain, model.sample_period_s);
+        Ok(Self { direction, compensator, guard, guard_state: DomainGuardState::default(), is_outside: false })
+    }
 }
 
 impl<K: Kernel> Default for RunningModel<'_, K> {
     fn default() -> Self {
-        Self { estimator: None, state: EstimatorState::default() }
+        Self { estimator: None, state: EstimatorState::default(), companion: None }
     }
 }
 
@@ -47,7 +78,8 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     pub fn load(bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<Self, Fault> {
         let blob = blob::decode(bytes).map_err(|error| fault_of(&error))?;
         let estimator = Estimator::with_kernel(&blob.model, kernel).map_err(|_| Fault::ModelUnsupported)?;
-        Ok(Self { estimator: Some(estimator), state: EstimatorState::default() })
+        let companion = Companion::new(&blob.model)?;
+        Ok(Self { estimator: Some(estimator), state: EstimatorState::default(), companion: Some(companion) })
     }
 
     /// Checks a blob as the self-test does, and lets its model in if it passes: frame, checksum, schema, sample period, golden vectors, and
@@ -83,6 +115,7 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     /// Leaves the place empty.
     pub fn forget(&mut self) {
         self.estimator = None;
+        self.companion = None;
     }
 
     /// The estimator of a blob. A function of its own, so that the decoded blob is off the stack before the vectors are replayed.
@@ -96,10 +129,7 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
         };
         let model = &blob.model;
         let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
-        let units_fit = model.input.unit == "bar" && model.output.unit == "mm";
-        if !units_fit {
-            return Err(Fault::ModelUnsupported);
-        }
+        self.companion = Some(Companion::new(model)?);
         self.estimator = Estimator::with_kernel(model, kernel).ok();
         if self.estimator.is_none() {
             return Err(Fault::ModelUnsupported);
@@ -110,12 +140,31 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
 }
 
 impl<K: Kernel> ModelStep for RunningModel<'_, K> {
-    fn step(&mut self, pressure_bar: f32) -> f32 {
-        self.estimator.as_ref().map_or(f32::NAN, |estimator| estimator.step(&mut self.state, pressure_bar).value)
+    fn step(&mut self, input: f32) -> f32 {
+        if let Some(companion) = &mut self.companion {
+            companion.is_outside = companion.guard.is_outside(&mut companion.guard_state, input);
+        }
+        self.estimator.as_ref().map_or(f32::NAN, |estimator| estimator.step(&mut self.state, input).value)
     }
 
     fn reset(&mut self) {
         self.state.reset();
+        if let Some(companion) = &mut self.companion {
+            companion.guard_state = DomainGuardState::default();
+            companion.is_outside = false;
+        }
+    }
+
+    fn direction(&self) -> Direction {
+        self.companion.as_ref().map_or(Direction::Estimator, |companion| companion.direction)
+    }
+
+    fn compensator(&self) -> Option<&Compensator> {
+        self.companion.as_ref()?.compensator.as_ref()
+    }
+
+    fn is_outside_domain(&self) -> bool {
+        self.companion.as_ref().is_some_and(|companion| companion.is_outside)
     }
 }
 

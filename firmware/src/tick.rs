@@ -35,7 +35,8 @@ use model_export::link::state::{ResetCause, State};
 
 use crate::calibration::{CalibrationConfig, ConverterConfig};
 use crate::control::{
-    Accepted, ControlInputs, ControlLaw, Controller, ControllerState, Demand, PlaybackConfig, PressureSetPoint, SetPoint,
+    Accepted, Compensator, ControlInputs, ControlLaw, Controller, ControllerState, Demand, FeedForward, FeedbackSensor, ObserverConfig,
+    OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, SetPoint, TrackingConfig,
 };
 use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
 use crate::limiter::{Limiter, LimiterConfig, LimiterState};
@@ -76,13 +77,38 @@ pub struct BootReport {
     pub faults: FaultSet,
 }
 
-/// A model of displacement over pressure, one step each model period.
+/// Which way a model runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Direction {
+    /// From pressure in bar to displacement in mm: a virtual sensor.
+    #[default]
+    Estimator,
+    /// From displacement in mm to pressure in bar: a feed-forward.
+    Inverse,
+}
+
+/// A model, one step each model period.
 pub trait ModelStep {
-    /// Displacement in mm for the filtered pressure of the last window in bar.
-    fn step(&mut self, pressure_bar: f32) -> f32;
+    /// Displacement in mm for the filtered pressure of the last window in bar; for an inverse the other way round.
+    fn step(&mut self, input: f32) -> f32;
 
     /// Forgets everything: the next step starts from its equilibrium.
     fn reset(&mut self);
+
+    /// Which way it runs.
+    fn direction(&self) -> Direction {
+        Direction::Estimator
+    }
+
+    /// The inverses of the actuator that came with it.
+    fn compensator(&self) -> Option<&Compensator> {
+        None
+    }
+
+    /// Whether its last input was outside of what it was trained on.
+    fn is_outside_domain(&self) -> bool {
+        false
+    }
 }
 
 /// For a rig without a model.
@@ -130,6 +156,8 @@ pub enum Action {
     Status,
     /// Tell the fault record.
     FaultRecord,
+    /// Tell what the controllers did.
+    ControlReport,
 }
 
 /// Answer to a command that carried a token.
@@ -283,6 +311,7 @@ impl TickConfig<'_> {
         let controller = match settings.control_law {
             0 => Controller::Playback(PlaybackConfig { period_ms: period(settings.playback_period_ms, 61)? }.build()),
             1 => Controller::PressureSetPoint(PressureSetPoint),
+            2 => Controller::Tracking(tracking(settings, period(settings.playback_period_ms, 61)?)?.build()),
             _ => return Err(Inconsistent(60)),
         };
         let model_follower = FollowerConfig {
@@ -313,6 +342,33 @@ impl TickConfig<'_> {
             telemetry_period_ticks: period(settings.telemetry_period_ms, 80)?.get(),
         })
     }
+}
+
+/// The settings of a control law that tracks.
+fn tracking(settings: &Settings, period_ms: NonZeroU16) -> Result<TrackingConfig, Inconsistent> {
+    Ok(TrackingConfig {
+        period_ms,
+        feed_forward: FeedForward::from_number(settings.feed_forward).ok_or(Inconsistent(62))?,
+        sensor: FeedbackSensor::from_number(settings.feedback_sensor).ok_or(Inconsistent(63))?,
+        linear_mm_per_bar: settings.linear_mm_per_bar,
+        linear_offset_mm: settings.linear_offset_mm,
+        learned_look_ahead_ms: narrow(settings.learned_look_ahead_ms),
+        pid: PidConfig {
+            proportional: settings.pid_proportional,
+            integral_per_s: settings.pid_integral_per_s,
+            derivative_s: settings.pid_derivative_s,
+            derivative_filter_s: settings.pid_derivative_filter_s,
+            limit_mm: settings.pid_limit_mm,
+        },
+        observer: ObserverConfig {
+            time_constant_s: settings.observer_time_constant_s,
+            estimate_bound_mm: settings.observer_estimate_bound_mm,
+            widening_mm_per_s: settings.observer_widening_mm_per_s,
+        },
+        transfer_s: settings.transfer_s,
+        outside_domain: OutsideDomain::from_number(settings.outside_domain).ok_or(Inconsistent(68))?,
+        estimate_by_physics: settings.estimate_by_physics,
+    })
 }
 
 /// The setting's bounds lie within 16 bits; saturating is for settings that bypassed them.
@@ -363,6 +419,9 @@ pub struct TickState {
     has_model: bool,
     filtered: [Option<f32>; FILTERED],
     estimate_mm: Option<f32>,
+    inverse_bar: Option<f32>,
+    has_compensator: bool,
+    direction: Direction,
     controller: ControllerState,
     supervisor: SupervisorState,
     limiter: LimiterState,
@@ -396,6 +455,9 @@ impl TickState {
             has_model: false,
             filtered: [None; FILTERED],
             estimate_mm: None,
+            inverse_bar: None,
+            has_compensator: false,
+            direction: Direction::Estimator,
             controller: ControllerState::default(),
             supervisor: SupervisorState::default(),
             limiter: LimiterState::default(),
@@ -533,7 +595,7 @@ impl Rig {
             faults.insert_if(mismatch, Fault::PressureMismatch);
         }
 
-        let control = self.step_control(in_force, pressure.value(), laser.value(), window_begins);
+        let control = self.step_control(model, in_force, pressure.value(), laser.value(), window_begins);
         let context = self.context(sample, in_force);
         let observation = Observation {
             elapsed_ticks: elapsed,
@@ -559,7 +621,7 @@ impl Rig {
         };
         self.state.notices = self.state.notices.union(limited.notices);
         self.state.limited = !limited.notices.is_empty();
-        self.follow_state(decision, window_begins);
+        self.follow_state(model, decision, window_begins);
 
         let answer = self.answer(pending, &observation, &decision);
         let telemetry = self.telemetry(sample, output, telemetry_dropped);
@@ -632,7 +694,7 @@ impl Rig {
                 pending.reply = Some(if running {
                     Reply::Refused(Refusal::State(State::Running))
                 } else {
-                    self.state.controller.playback.clear();
+                    self.state.controller.clear_points();
                     Reply::Done
                 });
             }
@@ -661,6 +723,7 @@ impl Rig {
             Action::Raise(fault) => pending.faults.insert(fault),
             Action::Status => pending.wants_status = true,
             Action::FaultRecord => pending.wants_record = true,
+            Action::ControlReport => pending.reply = Some(Reply::ControlReport(*self.state.controller.tracking.report())),
         }
         pending
     }
@@ -691,8 +754,17 @@ impl Rig {
         let mut faults = FaultSet::EMPTY;
         let state = &mut self.state;
         let samples = [Some(in_force.bar()), pressure_bar, displacement_mm];
+        state.direction = model.direction();
+        state.has_compensator = model.compensator().is_some();
         if let Some(filtered) = state.decimator.step(&mut state.decimator_state, samples) {
             state.filtered = filtered;
+            if state.direction == Direction::Inverse {
+                state.estimate_mm = None;
+                let wanted = Some(state.controller.tracking.learned_wanted_mm()).filter(|_| state.has_model);
+                state.inverse_bar = wanted.map(|wanted_mm| model.step(wanted_mm)).filter(|bar| bar.is_finite());
+                return faults;
+            }
+            state.inverse_bar = None;
             let [command_bar, pressure_bar, displacement_mm] = filtered;
             let input_bar = if self.tick.model_sees_measured { pressure_bar } else { command_bar };
             state.estimate_mm = match input_bar {
@@ -729,29 +801,35 @@ impl Rig {
     /// The demand and whether the experiment is over. Armed means zero, whatever the control law would like.
     fn step_control(
         &mut self,
+        model: &impl ModelStep,
         in_force: MicroBar,
         pressure_bar: Option<f32>,
         displacement_mm: Option<f32>,
         window_begins: bool,
     ) -> (Demand, bool) {
+        let inputs = self.control_inputs(model, in_force, pressure_bar, displacement_mm, window_begins);
+        if let Controller::Tracking(law) = &self.tick.controller {
+            law.follow(&mut self.state.controller.tracking, &inputs);
+        }
         if self.state.supervisor.state() != State::Running {
             self.state.set_point = 0.0;
             return (Demand::Pressure(0.0), false);
         }
-        let inputs = self.control_inputs(in_force, pressure_bar, displacement_mm, window_begins);
         let output = self.tick.controller.step(&mut self.state.controller, &inputs);
         self.state.set_point = output.set_point;
         self.state.notices = self.state.notices.union(output.notices);
         (output.demand, output.finished)
     }
 
-    fn control_inputs(
+    fn control_inputs<'a>(
         &self,
+        model: &'a impl ModelStep,
         in_force: MicroBar,
         pressure_bar: Option<f32>,
         displacement_mm: Option<f32>,
         window_begins: bool,
-    ) -> ControlInputs {
+    ) -> ControlInputs<'a> {
+        let [.., window_displacement_mm] = self.state.filtered;
         ControlInputs {
             output_bar: in_force.bar(),
             limited: self.state.limited,
@@ -759,6 +837,11 @@ impl Rig {
             displacement_mm,
             estimate_mm: self.state.estimate_mm,
             window_begins,
+            window_s: f32::from(self.state.decimator.factor()) / TICKS_PER_S,
+            window_displacement_mm,
+            inverse_bar: self.state.inverse_bar,
+            outside_domain: self.state.has_model && model.is_outside_domain(),
+            compensator: model.compensator().filter(|_| self.state.has_model),
         }
     }
 
@@ -767,10 +850,21 @@ impl Rig {
         blockers.insert_if(emergency_stop, Blocker::EmergencyStopPressed);
         blockers.insert_if(self.tick.laser_required && laser.value().is_none(), Blocker::LaserNotPlausible);
         blockers.insert_if(pressure.value().is_none(), Blocker::PressureNotPlausible);
-        blockers.insert_if(self.tick.controller.needs_model() && !self.state.has_model, Blocker::ModelMissing);
+        blockers.insert_if(!self.has_wanted_model(), Blocker::ModelMissing);
         blockers.insert_if(self.state.late_in_a_row > 0, Blocker::LoopLate);
         blockers.insert_if(self.state.background_age_ticks >= BACKGROUND_TICKS_ENERGISED, Blocker::BackgroundSilent);
         blockers
+    }
+
+    /// Whether the model in use can do what the control law wants of it.
+    fn has_wanted_model(&self) -> bool {
+        let state = &self.state;
+        let controller = &self.tick.controller;
+        let Controller::Tracking(law) = controller else { return state.has_model || !controller.needs_model() };
+        let inverse = state.has_model && state.direction == Direction::Inverse;
+        let compensates = !law.needs_compensator() || (state.has_model && state.has_compensator);
+        let learned = !law.uses_learned_inverse() || inverse;
+        (state.has_model || !law.needs_model()) && compensates && learned
     }
 
     fn start_blockers(&self) -> BlockerSet {
@@ -795,10 +889,10 @@ impl Rig {
     }
 
     /// What follows from a change of state.
-    fn follow_state(&mut self, decision: Decision, window_begins: bool) {
+    fn follow_state(&mut self, model: &impl ModelStep, decision: Decision, window_begins: bool) {
         if decision.started {
             self.state.host_age_ticks = 0;
-            let inputs = self.control_inputs(self.state.limiter.output(), None, None, window_begins);
+            let inputs = self.control_inputs(model, self.state.limiter.output(), None, None, window_begins);
             self.tick.controller.start(&mut self.state.controller, &inputs);
         }
         if !decision.energised {
@@ -835,8 +929,8 @@ impl Rig {
             time_ms: self.state.time_ms,
             late_ticks: self.state.late_ticks,
             reset_cause: self.state.reset_cause,
-            playback_next_index: self.state.controller.playback.next_index(),
-            playback_free: self.state.controller.playback.free(),
+            playback_next_index: self.tick.controller.points(&self.state.controller).next_index(),
+            playback_free: self.tick.controller.points(&self.state.controller).free(),
             ..Status::default()
         }
     }
@@ -865,8 +959,8 @@ impl Rig {
             set_point: state.set_point,
             pressure_bar,
             displacement_mm,
-            estimate_mm: state.estimate_mm,
-            playback_index: state.controller.playback.index(),
+            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
+            playback_index: self.tick.controller.point_index(&state.controller),
             late_ticks: state.late_ticks,
         })
     }

@@ -42,6 +42,7 @@ const WIRE: &[(&str, &str)] = &[
     ("request ModelRollback", "0910b42413377e5cc600"),
     ("request FaultRecord", "0910b4241494eb385800"),
     ("request PreviousFaultRecord", "0910b4241502db3f2f00"),
+    ("request ControlReport", "0910b42416b88a36b600"),
     ("reply Done", "031107059286e4ad00"),
     ("reply Refused Blocked", "04110701064803d2b07f00"),
     ("reply Refused State", "0a1107010104f9eec11900"),
@@ -69,6 +70,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Differences", "06110705020101010320400101054040110203020105f0f3d88e00"),
     ("reply Uploaded", "0a11070680065a3018d000"),
     ("reply FaultRecord", "17110707101f8080848008cd830604c08db701ff1ff40a0103c03f0103e8400103f0400108c03f026697992900"),
+    ("reply ControlReport", "0b110708a09c01ac02280c0103803e0103e8400101063e968c5a0600"),
     ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d058994f07c00"),
 ];
 
@@ -112,6 +114,7 @@ fn requests() -> std::vec::Vec<Request> {
         Request::ModelRollback,
         Request::FaultRecord,
         Request::PreviousFaultRecord,
+        Request::ControlReport,
     ]
 }
 
@@ -183,6 +186,15 @@ fn replies() -> std::vec::Vec<Reply> {
         Reply::Differences { entries: Vec::from_slice(&entries).unwrap(), next_number: 0 },
         Reply::Uploaded(768),
         Reply::FaultRecord(record),
+        Reply::ControlReport(ControlReport {
+            ticks: 20_000,
+            limited_ticks: 300,
+            outside_domain_ticks: 40,
+            fallback_ticks: 12,
+            correction_mm: 0.25,
+            blend_mm: 7.25,
+            bound_mm: 0.125,
+        }),
     ]);
     replies
 }
@@ -285,10 +297,11 @@ fn every_variant_has_an_example() {
         Request::ModelRollback => 19,
         Request::FaultRecord => 20,
         Request::PreviousFaultRecord => 21,
+        Request::ControlReport => 22,
     };
     let mut numbers: std::vec::Vec<_> = requests().iter().map(request_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=21).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=22).collect::<std::vec::Vec<_>>());
     let reply_number = |reply: &Reply| match reply {
         Reply::Done => 0,
         Reply::Refused(_) => 1,
@@ -298,10 +311,11 @@ fn every_variant_has_an_example() {
         Reply::Differences { .. } => 5,
         Reply::Uploaded(_) => 6,
         Reply::FaultRecord(_) => 7,
+        Reply::ControlReport(_) => 8,
     };
     let mut numbers: std::vec::Vec<_> = replies().iter().map(reply_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=7).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=8).collect::<std::vec::Vec<_>>());
 }
 
 #[test]
@@ -375,7 +389,7 @@ fn settings_have_unique_numbers_names_that_end_in_their_unit_and_defaults_within
             assert_eq!(settings.set(info.number, value), Ok(()), "{} {value:?}", info.name);
         }
         settings.set(info.number, info.default).unwrap();
-        let unit = info.unit.replace('/', "_per_").to_lowercase();
+        let unit = info.unit.replace("1/", "per_").replace('/', "_per_").to_lowercase();
         assert!(unit.is_empty() || info.name.ends_with(&format!("_{unit}")), "{} in {}", info.name, info.unit);
         let wrong_type = if info.default == SettingValue::Flag(true) { SettingValue::Integer(1) } else { SettingValue::Flag(true) };
         if !matches!(info.default, SettingValue::Flag(_)) {

@@ -8,6 +8,8 @@ use std::path::Path;
 use firmware::parity::Noise;
 use host_tool::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
 use host_tool::recording::{Recording, Signal};
+use hysteresis::PrandtlIshlinskii;
+use model_export::compensation::Compensation;
 use model_export::schema::{Feature, FeatureSource, FrontEnd};
 
 /// Sample period of all models here, in s.
@@ -102,12 +104,49 @@ pub fn smooth_input(seed: u32, samples: usize, minimum: f64, maximum: f64) -> Ve
     signal.collect()
 }
 
+/// An actuator of 0 to 13 mm over 3 bar with as many play operators and creep filters as a blob holds.
+///
+/// # Panics
+/// Never: its plain part has an inverse.
+#[must_use]
+pub fn compensation() -> Compensation {
+    let thresholds: Vec<f32> = (0..24u8).map(|index| 0.6 * f32::from(index) / 23.0).collect();
+    let weights: Vec<f32> = (0..24u8).map(|index| if index == 0 { 2.5 } else { 2.0 / 23.0 }).collect();
+    let inverse = PrandtlIshlinskii::<f32, 24>::new(&thresholds, &weights).and_then(|plain| plain.inverse()).expect("an inverse");
+    let pairs = |first: &[f32], second: &[f32]| first.iter().zip(second).map(|(first, second)| [*first, *second]).collect();
+    Compensation {
+        plain_inverse: pairs(inverse.thresholds(), inverse.weights()),
+        plays: pairs(&thresholds, &weights),
+        creep: [[0.5, 0.01], [2.0, 0.01], [8.0, 0.01], [30.0, 0.01]].into_iter().collect(),
+        friction_per_bar: 0.1,
+        square_per_mm: -0.002,
+        touch_bar: 0.15,
+        touch_width_bar: 0.02,
+        dead_time_s: 0.02,
+        fill_time_constant_s: 0.03,
+        vent_time_constant_s: 0.05,
+        second_time_constant_s: 0.01,
+        highest_bar: 3.0,
+        error_mm: 0.1,
+        ..Compensation::default()
+    }
+}
+
 /// The model's blob, calibrated on two smooth recordings of its input range.
 ///
 /// # Panics
 /// When the model cannot be exported, which is a mistake in the test.
 #[must_use]
 pub fn exported(model: &TrainedModel, seed: u32) -> Vec<u8> {
+    exported_with(model, seed, None)
+}
+
+/// The same with what the controllers need of the actuator in it.
+///
+/// # Panics
+/// As [`exported`].
+#[must_use]
+pub fn exported_with(model: &TrainedModel, seed: u32, compensation: Option<Compensation>) -> Vec<u8> {
     let (minimum, maximum) = (f64::from(model.input.minimum), f64::from(model.input.maximum));
     let recording = |seed| {
         let input = smooth_input(seed, 1000, minimum, maximum);
@@ -116,5 +155,6 @@ pub fn exported(model: &TrainedModel, seed: u32) -> Vec<u8> {
         Recording::new(Path::new("calibration.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)
             .expect("a recording of equal lengths")
     };
-    host_tool::export::export(model, &[recording(seed), recording(seed + 1)]).expect("a model that can be exported").bytes
+    let data = [recording(seed), recording(seed + 1)];
+    host_tool::export::export_with(model, &data, compensation).expect("a model that can be exported").bytes
 }

@@ -4,18 +4,35 @@
 //! all. Every law implements [`ControlLaw`]; [`Controller`] is the one in use, chosen by the settings. To add a law: implement the
 //! trait in its own file, add a variant here and a number to the setting `control.law`.
 
+mod actuator;
+mod compensator;
+mod observer;
+mod pid;
 mod playback;
+mod points;
+mod reference;
 mod set_point;
+mod tracking;
 
-pub use playback::{PLAYBACK_CAPACITY, Playback, PlaybackConfig, PlaybackState};
+#[cfg(test)]
+mod tests;
+
+pub use actuator::{Actuator, ActuatorState, TICK_S};
+pub use compensator::{CATCH_UP_S, Compensator, CompensatorState};
+pub use observer::{Blend, ObserverConfig, ObserverState};
+pub use pid::{Pid, PidConfig, PidState};
+pub use playback::{Playback, PlaybackConfig, PlaybackState};
+pub use points::{PLAYBACK_CAPACITY, PointBuffer};
+pub use reference::{Progress, Reference, ReferenceState};
 pub use set_point::{PressureSetPoint, PressureSetPointState};
+pub use tracking::{FeedForward, FeedbackSensor, OutsideDomain, Tracking, TrackingConfig, TrackingState};
 
 use model_export::link::fault::NoticeSet;
 use model_export::link::message::{PlaybackChunk, Quantity, Refusal};
 
 /// What a control law sees at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ControlInputs {
+pub struct ControlInputs<'a> {
     /// The output in force, after the limiter, bar.
     pub output_bar: f32,
     /// Whether the limiter changed the last demand: integrators must not wind up.
@@ -28,6 +45,16 @@ pub struct ControlInputs {
     pub estimate_mm: Option<f32>,
     /// Whether a window of the decimation filter begins with this tick; a law at the model's rate acts on these.
     pub window_begins: bool,
+    /// Length of a window, s.
+    pub window_s: f32,
+    /// Mean displacement of the window that ended last, mm; `None` while not plausible.
+    pub window_displacement_mm: Option<f32>,
+    /// The pressure that a learned inverse asks for, bar.
+    pub inverse_bar: Option<f32>,
+    /// Whether the model sees what it was not trained on.
+    pub outside_domain: bool,
+    /// The inverses of the actuator that came with the model.
+    pub compensator: Option<&'a Compensator>,
 }
 
 /// What a control law asks for.
@@ -81,7 +108,7 @@ pub trait ControlLaw {
     type State;
 
     /// Prepares for running from the present output without a bump.
-    fn start(&self, state: &mut Self::State, inputs: &ControlInputs);
+    fn start(&self, state: &mut Self::State, inputs: &ControlInputs<'_>);
 
     /// Takes a set-point.
     ///
@@ -101,7 +128,7 @@ pub trait ControlLaw {
     ///
     /// # Deadline
     /// Called every 1 ms tick while running.
-    fn step(&self, state: &mut Self::State, inputs: &ControlInputs) -> ControlOutput;
+    fn step(&self, state: &mut Self::State, inputs: &ControlInputs<'_>) -> ControlOutput;
 }
 
 /// The control law in use.
@@ -111,6 +138,8 @@ pub enum Controller {
     Playback(Playback),
     /// The latest pressure set-point.
     PressureSetPoint(PressureSetPoint),
+    /// Displacements, by feed-forward and feedback.
+    Tracking(Tracking),
 }
 
 /// Memories of all control laws, so that one can be exchanged for another in place.
@@ -120,13 +149,48 @@ pub struct ControllerState {
     pub playback: PlaybackState,
     /// Of [`PressureSetPoint`].
     pub set_point: PressureSetPointState,
+    /// Of [`Tracking`].
+    pub tracking: TrackingState,
+}
+
+impl Controller {
+    /// The points that were sent ahead to the law in use.
+    pub fn points<'a>(&self, state: &'a ControllerState) -> &'a PointBuffer {
+        match self {
+            Self::Tracking(_) => state.tracking.reference().points(),
+            _ => state.playback.points(),
+        }
+    }
+
+    /// The estimate that a law which tracks listens to, mm.
+    pub fn estimate_mm(&self, state: &ControllerState) -> Option<f32> {
+        match self {
+            Self::Tracking(_) => state.tracking.estimate_mm(),
+            _ => None,
+        }
+    }
+
+    /// Index of the point in force, counted from one; zero before the first.
+    pub fn point_index(&self, state: &ControllerState) -> u32 {
+        match self {
+            Self::Tracking(_) => state.tracking.reference().index(),
+            _ => state.playback.index(),
+        }
+    }
 }
 
 impl ControllerState {
+    /// Forgets the points that were sent ahead.
+    pub fn clear_points(&mut self) {
+        self.playback.clear();
+        self.tracking.clear_reference();
+    }
+
     /// Forgets everything, in place.
     pub fn clear(&mut self) {
-        let Self { playback, set_point } = self;
+        let Self { playback, set_point, tracking } = self;
         playback.clear();
+        tracking.clear();
         *set_point = PressureSetPointState::default();
     }
 }
@@ -134,10 +198,11 @@ impl ControllerState {
 impl ControlLaw for Controller {
     type State = ControllerState;
 
-    fn start(&self, state: &mut ControllerState, inputs: &ControlInputs) {
+    fn start(&self, state: &mut ControllerState, inputs: &ControlInputs<'_>) {
         match self {
             Self::Playback(law) => law.start(&mut state.playback, inputs),
             Self::PressureSetPoint(law) => law.start(&mut state.set_point, inputs),
+            Self::Tracking(law) => law.start(&mut state.tracking, inputs),
         }
     }
 
@@ -145,6 +210,7 @@ impl ControlLaw for Controller {
         match self {
             Self::Playback(law) => law.accept(&mut state.playback, set_point),
             Self::PressureSetPoint(law) => law.accept(&mut state.set_point, set_point),
+            Self::Tracking(law) => law.accept(&mut state.tracking, set_point),
         }
     }
 
@@ -152,6 +218,7 @@ impl ControlLaw for Controller {
         match self {
             Self::Playback(law) => law.needs_model(),
             Self::PressureSetPoint(law) => law.needs_model(),
+            Self::Tracking(law) => law.needs_model(),
         }
     }
 
@@ -159,13 +226,15 @@ impl ControlLaw for Controller {
         match self {
             Self::Playback(law) => law.is_ready(&state.playback),
             Self::PressureSetPoint(law) => law.is_ready(&state.set_point),
+            Self::Tracking(law) => law.is_ready(&state.tracking),
         }
     }
 
-    fn step(&self, state: &mut ControllerState, inputs: &ControlInputs) -> ControlOutput {
+    fn step(&self, state: &mut ControllerState, inputs: &ControlInputs<'_>) -> ControlOutput {
         match self {
             Self::Playback(law) => law.step(&mut state.playback, inputs),
             Self::PressureSetPoint(law) => law.step(&mut state.set_point, inputs),
+            Self::Tracking(law) => law.step(&mut state.tracking, inputs),
         }
     }
 }

@@ -2,21 +2,14 @@
 //!
 //! Each point is held for its period, which is how the paper's excitations were recorded. The first point waits for the beginning of a
 //! window of the decimation filter, so that with equal periods every window sees one point and the model's input is exact.
-//!
-//! Chunks carry the index of their first point. A chunk that was already taken is confirmed again and changes nothing, so a host that
-//! missed a reply may repeat itself; a gap is refused with the index to go on from. A chunk without points is a host saying that it still
-//! stands behind the experiment; after the last point was sent it keeps the host-loss timeout fed.
 
 use core::num::NonZeroU16;
 
-use heapless::Deque;
 use model_export::link::fault::{Notice, NoticeSet};
-use model_export::link::message::{PlaybackChunk, Refusal};
+use model_export::link::message::Refusal;
 
+use super::points::PointBuffer;
 use super::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
-
-/// Points the buffer holds: five seconds at the paper's 50 Hz.
-pub const PLAYBACK_CAPACITY: usize = 256;
 
 /// How fast to play back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,9 +27,7 @@ pub struct Playback {
 /// The buffer and the point in force.
 #[derive(Clone, Debug, Default)]
 pub struct PlaybackState {
-    points_bar: Deque<f32, PLAYBACK_CAPACITY>,
-    next_index: u32,
-    has_end: bool,
+    points_bar: PointBuffer,
     index: u32,
     in_force_bar: f32,
     ticks_left: u16,
@@ -53,57 +44,25 @@ impl PlaybackConfig {
 impl PlaybackState {
     /// Forgets buffer and index.
     pub fn clear(&mut self) {
-        // In place: a fresh buffer would be built on the stack of the tick first.
-        let Self { points_bar, next_index, has_end, index, in_force_bar, ticks_left, begun } = self;
-        points_bar.clear();
-        (*next_index, *has_end, *index) = (0, false, 0);
-        (*in_force_bar, *ticks_left, *begun) = (0.0, 0, false);
+        self.points_bar.clear();
+        (self.index, self.in_force_bar, self.ticks_left, self.begun) = (0, 0.0, 0, false);
     }
 
-    /// Index the next chunk must begin with.
-    pub fn next_index(&self) -> u32 {
-        self.next_index
-    }
-
-    /// Points there is room for.
-    pub fn free(&self) -> u16 {
-        u16::try_from(PLAYBACK_CAPACITY.saturating_sub(self.points_bar.len())).unwrap_or(0)
+    /// The points that were sent ahead.
+    pub fn points(&self) -> &PointBuffer {
+        &self.points_bar
     }
 
     /// Index of the point in force, counted from one; zero before the first.
     pub fn index(&self) -> u32 {
         self.index
     }
-
-    fn take(&mut self, chunk: &PlaybackChunk) -> Result<(), Refusal> {
-        if chunk.values_bar.iter().any(|value| !value.is_finite()) {
-            return Err(Refusal::NotFinite);
-        }
-        let length = u32::try_from(chunk.values_bar.len()).unwrap_or(u32::MAX);
-        let end = chunk.first_index.checked_add(length).ok_or(Refusal::PlaybackIndex(self.next_index))?;
-        if length > 0 && end <= self.next_index {
-            return Ok(());
-        }
-        if chunk.first_index != self.next_index || (self.has_end && length > 0) {
-            return Err(Refusal::PlaybackIndex(self.next_index));
-        }
-        if length > u32::from(self.free()) {
-            return Err(Refusal::PlaybackFull(self.free()));
-        }
-        for value in &chunk.values_bar {
-            // The room was checked above.
-            let _ = self.points_bar.push_back(*value);
-        }
-        self.next_index = end;
-        self.has_end |= chunk.last;
-        Ok(())
-    }
 }
 
 impl ControlLaw for Playback {
     type State = PlaybackState;
 
-    fn start(&self, state: &mut PlaybackState, inputs: &ControlInputs) {
+    fn start(&self, state: &mut PlaybackState, inputs: &ControlInputs<'_>) {
         state.in_force_bar = inputs.output_bar;
         state.ticks_left = 0;
         state.begun = false;
@@ -112,8 +71,8 @@ impl ControlLaw for Playback {
     fn accept(&self, state: &mut PlaybackState, set_point: &SetPoint) -> Result<Accepted, Refusal> {
         match set_point {
             SetPoint::Chunk(chunk) => {
-                state.take(chunk)?;
-                Ok(Accepted::Buffered { next_index: state.next_index, free: state.free() })
+                state.points_bar.take(chunk)?;
+                Ok(Accepted::Buffered { next_index: state.points_bar.next_index(), free: state.points_bar.free() })
             }
             SetPoint::Value(..) => Err(Refusal::WrongQuantity),
         }
@@ -123,18 +82,18 @@ impl ControlLaw for Playback {
         !state.points_bar.is_empty()
     }
 
-    fn step(&self, state: &mut PlaybackState, inputs: &ControlInputs) -> ControlOutput {
+    fn step(&self, state: &mut PlaybackState, inputs: &ControlInputs<'_>) -> ControlOutput {
         state.begun |= inputs.window_begins;
         let mut finished = false;
         let mut notices = NoticeSet::EMPTY;
         if state.begun {
             if state.ticks_left == 0 {
-                if let Some(point_bar) = state.points_bar.pop_front() {
+                if let Some(point_bar) = state.points_bar.pop() {
                     state.in_force_bar = point_bar;
                     state.index = state.index.saturating_add(1);
                     state.ticks_left = self.period_ticks;
                 } else {
-                    finished = state.has_end;
+                    finished = state.points_bar.has_end();
                     notices.insert_if(!finished, Notice::PlaybackStarved);
                 }
             }

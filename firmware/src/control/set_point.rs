@@ -18,7 +18,7 @@ pub struct PressureSetPointState {
 impl ControlLaw for PressureSetPoint {
     type State = PressureSetPointState;
 
-    fn start(&self, state: &mut PressureSetPointState, inputs: &ControlInputs) {
+    fn start(&self, state: &mut PressureSetPointState, inputs: &ControlInputs<'_>) {
         // A set-point from before the start may be hours old.
         state.target_bar = inputs.output_bar;
     }
@@ -38,7 +38,7 @@ impl ControlLaw for PressureSetPoint {
         true
     }
 
-    fn step(&self, state: &mut PressureSetPointState, _inputs: &ControlInputs) -> ControlOutput {
+    fn step(&self, state: &mut PressureSetPointState, _inputs: &ControlInputs<'_>) -> ControlOutput {
         ControlOutput {
             demand: Demand::Pressure(state.target_bar),
             set_point: state.target_bar,

@@ -1,12 +1,13 @@
 //! The firmware library in this process, as the processor of a simulated rig.
 
 use firmware::calibration::ConverterConfig;
+use firmware::control::Compensator;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
 use firmware::device::{Device, DeviceConfig, DeviceInputs, ModelPlace};
 use firmware::estimator::Portable;
 use firmware::model::{ModelFacts, RunningModel};
 use firmware::retain::Retained;
-use firmware::tick::{ModelStep, RigFacts, TickOutputs};
+use firmware::tick::{Direction, ModelStep, RigFacts, TickOutputs};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
 
@@ -48,6 +49,18 @@ impl ModelStep for Heap {
 
     fn reset(&mut self) {
         self.loaded.with_dependent_mut(|_, running| running.reset());
+    }
+
+    fn direction(&self) -> Direction {
+        self.loaded.borrow_dependent().direction()
+    }
+
+    fn compensator(&self) -> Option<&Compensator> {
+        self.loaded.borrow_dependent().compensator()
+    }
+
+    fn is_outside_domain(&self) -> bool {
+        self.loaded.borrow_dependent().is_outside_domain()
     }
 }
 

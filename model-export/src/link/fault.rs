@@ -304,6 +304,15 @@ explained! {
         11 ArmExpired "arm-expired"
             "The device disarmed itself because nothing was started in time."
             "Arm again when ready; arming.timeout_s sets the time."
+        12 FeedbackMissing "feedback-missing"
+            "The feedback's sensor gives nothing; the correction stays as it is."
+            "Check the laser, or choose the observer with control.sensor."
+        13 FeedForwardFallback "feed-forward-fallback"
+            "The chosen feed-forward cannot work now; a simpler one stands in."
+            "Activate a model with a compensation part, or stay within what it was trained on."
+        14 OutsideDomain "outside-domain"
+            "The model's input is outside of what it was trained on."
+            "Slow down or stay within the trained pressures, or train on more."
     }
 }
 

@@ -37,7 +37,7 @@ pub struct PlaybackChunk {
     pub first_index: u32,
     /// Whether the experiment ends with this chunk.
     pub last: bool,
-    /// Pressures in bar, one each playback period.
+    /// Pressures in bar, or displacements in mm for a control law that tracks, one each playback period.
     pub values_bar: Vec<f32, MAX_CHUNK_POINTS>,
 }
 
@@ -127,6 +127,8 @@ pub enum Request {
     FaultRecord,
     /// The fault record that survived the last reset.
     PreviousFaultRecord,
+    /// What the controllers did since the start of the run.
+    ControlReport,
 }
 
 /// A request with its token.
@@ -264,6 +266,26 @@ pub struct FaultRecord {
     pub late_ticks: u32,
 }
 
+/// What the controllers did since the run began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ControlReport {
+    /// Ticks with a set-point.
+    pub ticks: u32,
+    /// Ticks of them in which the limiter held the output back.
+    pub limited_ticks: u32,
+    /// Ticks of them in which the model saw what it was not trained on.
+    pub outside_domain_ticks: u32,
+    /// Ticks of them in which a simpler feed-forward stood in for the chosen one.
+    pub fallback_ticks: u32,
+    /// What the feedback adds to the reference, mm.
+    pub correction_mm: f32,
+    /// Laser and model blended, mm; NaN with neither.
+    pub blend_mm: f32,
+    /// Bound on the blend's error, mm; NaN with neither.
+    pub bound_mm: f32,
+}
+
 /// What the device answers.
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box the status into")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -295,6 +317,8 @@ pub enum Reply {
     Uploaded(u32),
     /// Answer to the record requests.
     FaultRecord(FaultRecord),
+    /// Answer to [`Request::ControlReport`].
+    ControlReport(ControlReport),
 }
 
 /// A reply with its request's token.

@@ -225,16 +225,48 @@ settings! {
         "Pressure that the valve gives at full drive.";
     51 valve_drive: u32 = 0, 0 ..= 1, "valve.drive", "",
         "How the valve is driven: 0 analogue (DAC), 1 pulse width (PWM).";
-    60 control_law: u32 = 0, 0 ..= 1, "control.law", "",
-        "What makes the demand: 0 playback of pressures, 1 pressure set-point.";
+    60 control_law: u32 = 0, 0 ..= 2, "control.law", "",
+        "What makes the demand: 0 playback of pressures, 1 pressure set-point, 2 tracking of displacements.";
     61 playback_period_ms: u32 = 20, 1 ..= 1000, "playback.period_ms", "ms",
         "Time from one playback point to the next; each is held until then.";
+    62 feed_forward: u32 = 3, 0 ..= 4, "control.feed_forward", "",
+        "What turns a displacement into a pressure: 0 nothing, 1 linear map, 2 inverse of the PI model, 3 inverse of the physics, 4 learned inverse.";
+    63 feedback_sensor: u32 = 0, 0 ..= 3, "control.sensor", "",
+        "What the feedback listens to: 0 nothing, 1 laser, 2 estimate, 3 both blended.";
+    64 linear_mm_per_bar: f32 = 4.0, 0.01 ..= 1000.0, "control.linear_mm_per_bar", "mm/bar",
+        "Slope of the linear map.";
+    65 linear_offset_mm: f32 = 0.0, -1000.0 ..= 1000.0, "control.linear_offset_mm", "mm",
+        "Displacement of the linear map at zero pressure.";
+    66 learned_look_ahead_ms: u32 = 0, 0 ..= 500, "control.learned_look_ahead_ms", "ms",
+        "How far ahead of now a learned inverse is shown the reference.";
+    67 transfer_s: f32 = 0.2, 0.001 ..= 10.0, "control.transfer_s", "s",
+        "Time constant with which the jump between two control laws fades.";
+    68 outside_domain: u32 = 1, 0 ..= 2, "control.outside_domain", "",
+        "Outside of what the model was trained on: 0 only say so, 1 fall back to the physics, 2 hold.";
+    69 estimate_by_physics: bool = true, false ..= true, "control.estimate_by_physics", "",
+        "Whether the estimate that stands in for the laser is that of the compensation's physics instead of the model's network.";
     70 estimator_input_measured: bool = false, false ..= true, "estimator.input_measured", "",
         "Whether the model sees the measured pressure instead of the commanded one.";
     80 telemetry_period_ms: u32 = 20, 1 ..= 10000, "telemetry.period_ms", "ms",
         "Time from one telemetry sample to the next.";
     90 maximum_late_ticks: u32 = 3, 1 ..= 20, "loop.maximum_late_ticks", "",
         "One more late or lost tick in a row than this vents.";
+    100 pid_proportional: f32 = 0.0, 0.0 ..= 100.0, "pid.proportional", "",
+        "Correction per error.";
+    101 pid_integral_per_s: f32 = 0.0, 0.0 ..= 1000.0, "pid.integral_per_s", "1/s",
+        "Correction rate per error.";
+    102 pid_derivative_s: f32 = 0.0, 0.0 ..= 10.0, "pid.derivative_s", "s",
+        "Correction per error rate.";
+    103 pid_derivative_filter_s: f32 = 0.05, 0.0 ..= 10.0, "pid.derivative_filter_s", "s",
+        "Time constant of the derivative's filter.";
+    104 pid_limit_mm: f32 = 2.0, 0.0 ..= 1000.0, "pid.limit_mm", "mm",
+        "Largest correction.";
+    110 observer_time_constant_s: f32 = 0.3, 0.001 ..= 100.0, "observer.time_constant_s", "s",
+        "How fast the blend of laser and model follows the laser.";
+    111 observer_estimate_bound_mm: f32 = 1.0, 0.0 ..= 1000.0, "observer.estimate_bound_mm", "mm",
+        "Bound on the error of the estimate alone.";
+    112 observer_widening_mm_per_s: f32 = 0.01, 0.0 ..= 1000.0, "observer.widening_mm_per_s", "mm/s",
+        "How fast the bound widens without the laser.";
 }
 
 /// The information on the setting with this name, for example `limits.ceiling_bar`.

@@ -2,14 +2,14 @@
 
 use cortex_m_semihosting::hprintln;
 use firmware::calibration::ConverterConfig;
-use firmware::control::SetPoint;
+use firmware::control::{Compensator, SetPoint};
 use firmware::estimator::Kernel;
 use firmware::model::RunningModel;
 use firmware::parity::Noise;
 use firmware::seam::RawSample;
 use firmware::self_test::SelfTest;
 use firmware::supervisor::Event;
-use firmware::tick::{Action, BootReport, Command, ModelStep, Rig, RigFacts, Tick, TickConfig, TickInputs};
+use firmware::tick::{Action, BootReport, Command, Direction, ModelStep, Rig, RigFacts, Tick, TickConfig, TickInputs};
 use model_export::link::message::{PlaybackChunk, Quantity};
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
@@ -37,6 +37,18 @@ impl<K: Kernel> ModelStep for Observed<'_, K> {
     fn reset(&mut self) {
         self.model.reset();
     }
+
+    fn direction(&self) -> Direction {
+        self.model.direction()
+    }
+
+    fn compensator(&self) -> Option<&Compensator> {
+        self.model.compensator()
+    }
+
+    fn is_outside_domain(&self) -> bool {
+        self.model.is_outside_domain()
+    }
 }
 
 /// Runs `ticks` ticks with each control law; a line each: law, most instructions, most without a model step,
@@ -44,7 +56,15 @@ impl<K: Kernel> ModelStep for Observed<'_, K> {
 pub fn count_ticks(counter: &Counter, blob: &[u8], memory: &mut [u32], seed: u32, ticks: usize) {
     for control_law in 0.. {
         // The random weights of the model know nothing of a displacement.
-        let settings = Settings { control_law, mismatch_displacement_mm: 0.0, ..Settings::default() };
+        // Of the ways to track the one that computes most: the inverse of the physics, and feedback from laser and estimate.
+        let settings = Settings {
+            control_law,
+            feed_forward: 3,
+            feedback_sensor: 3,
+            pid_integral_per_s: 1.0,
+            mismatch_displacement_mm: 0.0,
+            ..Settings::default()
+        };
         let Ok(tick) = (TickConfig { settings: &settings, facts: FACTS }).build() else { break };
         let report = SelfTest { program: &[], program_crc32: 0, clock: None, model: Some(blob) }.run(&mut *memory);
         let Ok(model) = RunningModel::load(blob, &mut *memory) else {

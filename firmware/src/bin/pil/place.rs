@@ -4,10 +4,11 @@ use core::ptr;
 use core::slice;
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use firmware::control::Compensator;
 use firmware::device::ModelPlace;
 use firmware::estimator::{MAX_PACKED_WORDS, Packed};
 use firmware::model::{ModelFacts, RunningModel};
-use firmware::tick::ModelStep;
+use firmware::tick::{Direction, ModelStep};
 use model_export::link::fault::Fault;
 
 static mut WORDS: [u32; MAX_PACKED_WORDS] = [0; MAX_PACKED_WORDS];
@@ -35,6 +36,18 @@ impl ModelStep for Buffer {
 
     fn reset(&mut self) {
         self.running.reset();
+    }
+
+    fn direction(&self) -> Direction {
+        self.running.direction()
+    }
+
+    fn compensator(&self) -> Option<&Compensator> {
+        self.running.compensator()
+    }
+
+    fn is_outside_domain(&self) -> bool {
+        self.running.is_outside_domain()
     }
 }
 

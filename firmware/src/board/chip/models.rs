@@ -6,9 +6,10 @@ use model_export::link::fault::Fault;
 use rtic::Mutex;
 
 use crate::board::background::ModelRoom;
+use crate::control::Compensator;
 use crate::estimator::{MAX_PACKED_WORDS, Packed};
 use crate::model::{ModelFacts, RunningModel};
-use crate::tick::ModelStep;
+use crate::tick::{Direction, ModelStep};
 
 /// A place for a model as the board runs it.
 pub type BoardModel = RunningModel<'static, Packed<'static>>;
@@ -38,6 +39,18 @@ impl ModelStep for Tenant {
         if let Some(model) = &mut self.0 {
             model.reset();
         }
+    }
+
+    fn direction(&self) -> Direction {
+        self.0.as_ref().map_or(Direction::Estimator, |model| model.direction())
+    }
+
+    fn compensator(&self) -> Option<&Compensator> {
+        self.0.as_ref()?.compensator()
+    }
+
+    fn is_outside_domain(&self) -> bool {
+        self.0.as_ref().is_some_and(|model| model.is_outside_domain())
     }
 }
 
