@@ -26,4 +26,6 @@ pub mod plant;
 pub mod recording;
 pub mod report;
 pub mod rig;
+pub mod track;
 pub mod train;
+pub mod tune;

@@ -1,5 +1,7 @@
 //! `catheter bench`.
 
+use std::io::Write;
+
 use anyhow::Result;
 
 use super::{Common, Outcome};
@@ -17,6 +19,20 @@ pub struct Arguments {
 enum What {
     /// Hidden cases of the virtual rig: which effects are named right.
     Discover(Discover),
+    /// Controllers on the all-effects rig, side by side.
+    Control(Control),
+}
+
+#[derive(clap::Args)]
+struct Control {
+    /// Number of rigs, counted from the first seed, `--seed`.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seeds: u64,
+    /// Length of the run without the laser, s of simulated time.
+    #[arg(long, default_value_t = 3600.0, value_name = "S")]
+    long_run_s: f64,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(clap::Args)]
@@ -52,7 +68,34 @@ struct Discover {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let What::Discover(discover) = &arguments.what;
+    match &arguments.what {
+        What::Discover(discover) => run_discover(discover),
+        What::Control(control) => run_control(control),
+    }
+}
+
+fn run_control(control: &Control) -> Result<Outcome> {
+    let seeds: Vec<u64> = (control.common.seed..control.common.seed + control.seeds).collect();
+    let table = crate::track::bench::table(&seeds, control.long_run_s, &mut |step| {
+        let _ = writeln!(std::io::stderr(), "{step}");
+    })?;
+    for row in &table.rows {
+        crate::say!(
+            "{:>6}  {:<16}{:<22}{:>9.4} mm rms {:>9.4} mm largest",
+            row.seed,
+            row.reference,
+            row.controller,
+            row.rmse_mm,
+            row.max_mm
+        );
+    }
+    if let Some(path) = &control.common.json {
+        crate::output::write_json(path, &table)?;
+    }
+    Ok(Outcome::Success)
+}
+
+fn run_discover(discover: &Discover) -> Result<Outcome> {
     let config = CorpusConfig {
         names: discover.names.clone(),
         seeds: discover.common.seed..discover.common.seed + discover.seeds,

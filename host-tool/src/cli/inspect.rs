@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use firmware::estimator::{Estimator, EstimatorState, step_instructions};
-use model_export::blob::{self, Blob, SCHEMA_VERSION};
+use model_export::blob::{self, Blob};
 use model_export::certificate::certificate;
 use model_export::fixed::Table;
 use model_export::headroom::{Headroom, headroom};
@@ -70,6 +70,7 @@ struct Summary<'a> {
     headroom: Option<HeadroomSummary>,
     /// Absent without a network, or with one that runs over windows.
     stability: Option<StabilitySummary>,
+    compensates: bool,
     cost: Cost,
     golden_check: GoldenSummary,
 }
@@ -127,6 +128,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(stability) = &stability {
         print_stability(stability);
     }
+    print_controllers(model);
     print_provenance(model);
     say!("cost on the Cortex-M4");
     say!("  flash         {} bytes of blob, {} bytes of tables", cost.flash_bytes, cost.table_bytes);
@@ -148,7 +150,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let outcome = if golden_check.passed { Outcome::Success } else { Outcome::CheckFailed };
     if let Some(json) = &arguments.common.json {
         let summary = Summary {
-            schema_version: SCHEMA_VERSION,
+            schema_version: blob.schema_version,
             bytes: bytes.len(),
             crc32: format!("{:08x}", blob.crc),
             content_sha256: hexadecimal(&blob.content_hash),
@@ -156,6 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             activation: model.network.as_ref().and_then(|network| network.activation().ok()).map(|activation| activation.name()),
             headroom: room.map(|room| HeadroomSummary { accumulator: room.accumulator, scaled: room.scaled, dense: room.dense }),
             stability,
+            compensates: model.extension().is_ok_and(|extension| extension.compensation.is_some()),
             cost,
             golden_check,
         };
@@ -180,7 +183,7 @@ fn cost(model: &Model<'_>, bytes: usize) -> Cost {
 }
 
 fn print_header(blob: &Blob<'_>, bytes: usize) {
-    say!("  schema        {SCHEMA_VERSION}");
+    say!("  schema        {}", blob.schema_version);
     say!("  length        {bytes} bytes");
     say!("  CRC-32        {:08x}", blob.crc);
     say!("  content hash  {}", hexadecimal(&blob.content_hash));
@@ -275,6 +278,28 @@ fn print_stability(stability: &StabilitySummary) {
         stability.radius,
         100.0 * TOLERANCE
     );
+}
+
+fn print_controllers(model: &Model<'_>) {
+    let Ok(extension) = model.extension() else { return };
+    say!("controllers");
+    match &extension.compensation {
+        Some(part) => say!(
+            "  compensation  dead time {} s, lags {} s filling, {} s venting and {} s, threshold {} bar, {} play operators; 95 % of its errors below {} mm",
+            part.dead_time_s,
+            part.fill_time_constant_s,
+            part.vent_time_constant_s,
+            part.second_time_constant_s,
+            part.touch_bar,
+            part.plays.len(),
+            part.error_mm
+        ),
+        None => say!("  compensation  none: for estimation only; `catheter tune` makes a model with it"),
+    }
+    match extension.domain {
+        Some(domain) => say!("  domain        at most {} nested reversals deeper than {}", domain.nested_reversals, domain.reversal_depth),
+        None => say!("  domain        pressures and rates only"),
+    }
 }
 
 fn print_provenance(model: &Model<'_>) {

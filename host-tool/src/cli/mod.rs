@@ -16,7 +16,9 @@ mod plan_experiment;
 mod replay;
 mod rig;
 mod simulate;
+mod track;
 mod train;
+mod tune;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -62,6 +64,8 @@ enum Command {
     Explain(explain::Arguments),
     #[command(after_long_help = help::DEMO)]
     Demo(demo::Arguments),
+    Tune(tune::Arguments),
+    Track(track::Arguments),
     #[command(after_long_help = help::DISCOVER)]
     Discover(discover::Arguments),
     #[command(after_long_help = help::PLAN_EXPERIMENT)]
@@ -125,6 +129,8 @@ pub fn main() -> ExitCode {
         Command::Pil(arguments) => pil::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
+        Command::Track(arguments) => track::run(&arguments),
         Command::Discover(arguments) => discover::run(&arguments),
         Command::PlanExperiment(arguments) => plan_experiment::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),

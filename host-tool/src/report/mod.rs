@@ -13,6 +13,7 @@ mod primer;
 mod sections;
 mod svg;
 pub mod text;
+pub mod track;
 
 use std::path::PathBuf;
 

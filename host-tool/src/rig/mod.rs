@@ -6,6 +6,7 @@
 
 mod command;
 mod draw;
+pub mod live;
 mod muscle;
 mod rival;
 mod stages;

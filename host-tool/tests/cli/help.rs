@@ -2,8 +2,21 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 11] =
-    ["simulate", "hide", "discover", "plan-experiment", "identify", "train", "evaluate", "export", "inspect", "demo", "completions"];
+const COMMANDS: [&str; 13] = [
+    "simulate",
+    "tune",
+    "track",
+    "hide",
+    "discover",
+    "plan-experiment",
+    "identify",
+    "train",
+    "evaluate",
+    "export",
+    "inspect",
+    "demo",
+    "completions",
+];
 
 #[test]
 fn the_help_of_every_command_shows_examples_and_its_options() {

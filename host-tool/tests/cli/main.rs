@@ -1,6 +1,7 @@
 //! The `catheter` command seen from outside: what other programs rely on, what it refuses, what it leaves behind.
 
 mod contract;
+mod control;
 mod demo;
 mod discover;
 mod evaluate;

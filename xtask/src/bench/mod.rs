@@ -1,9 +1,10 @@
 //! The headline measurements, as tables ready for the README and as JSON: accuracy over fresh seeds, measured recordings, training speed,
-//! the firmware's instructions and memory, what discovery finds in hidden cases.
+//! the firmware's instructions and memory, what discovery finds in hidden cases, controllers.
 //!
 //! Nothing of ours is linked in: every figure comes from running the built commands, as a user would.
 
 mod accuracy;
+mod control;
 mod discover;
 mod firmware;
 mod jumps;
@@ -49,6 +50,8 @@ enum What {
     Measured,
     /// What the jumps of the all-effects plant allow an estimator.
     Jumps,
+    /// Tracking of the controllers on the all-effects rig, side by side.
+    Control,
     /// Training throughput, beside PyTorch where python3 has it.
     Training,
     /// Instructions per step and tick counted in the emulator, flash, RAM and stack; error of the quantised networks.
@@ -72,6 +75,9 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
     results.insert("machine".to_owned(), machine());
     if wanted(What::Training) {
         results.insert("training".to_owned(), training::measure()?);
+    }
+    if wanted(What::Control) {
+        results.insert("control".to_owned(), control::measure(arguments)?);
     }
     if wanted(What::Measured) {
         match &arguments.recordings {

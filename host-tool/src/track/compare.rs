@@ -1,0 +1,127 @@
+//! One reference, several controllers, side by side; and the recordings that a virtual rig is tuned on.
+
+use std::path::PathBuf;
+
+use model_export::link::message::Telemetry;
+use model_export::link::settings::SettingValue;
+
+use super::figures::{self, Figures, Sample};
+use super::reference::Reference;
+use super::rig::{self, Truth};
+use super::run::{self, RunError};
+use super::{Controller, SettingValues, rig_settings, setting};
+use crate::link::{Client, Transport};
+use crate::recording::{Recording, RecordingError, Signal};
+use crate::tune::{self, TuneError, Tuned};
+
+/// Highest pressure of the recordings that a rig is tuned on, bar.
+pub const HIGHEST_BAR: f64 = 2.7;
+/// Time at the beginning of a run that no figure counts: the way from rest to the reference's first point.
+const SKIP_S: f64 = 1.0;
+
+/// What can go wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareError {
+    /// A run failed.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The link failed.
+    #[error(transparent)]
+    Link(#[from] crate::link::LinkError),
+    /// Recordings could not be made.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// Tuning failed.
+    #[error(transparent)]
+    Tune(#[from] TuneError),
+    /// A controller or a reference that the program names itself does not exist.
+    #[error("a controller or reference of the bench does not exist: this is a mistake in the program")]
+    NoController,
+}
+
+/// One controller's run.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Its figures.
+    pub figures: Figures,
+    /// Every sample, the way to the first point included.
+    pub samples: Vec<Sample>,
+}
+
+/// Runs a reference with a controller on a device.
+///
+/// # Errors
+/// When the device refuses or vents.
+pub fn run_one<T: Transport>(
+    client: &mut Client<T>,
+    truth: &Truth,
+    settings: &SettingValues,
+    blob: Option<&[u8]>,
+    controller: Controller,
+    reference: &Reference,
+) -> Result<Run, CompareError> {
+    run::prepare(client, settings, blob)?;
+    let telemetry = run::run(client, &reference.points_mm, &mut |_, _| {})?;
+    let samples = run::samples(&telemetry, truth);
+    let counted: Vec<Sample> = samples.iter().copied().filter(|sample| sample.time_s >= SKIP_S).collect();
+    Ok(Run { figures: figures::of(controller.name, &counted), samples })
+}
+
+/// Runs a reference with every controller, each on an all-effects rig of its own that begins at rest.
+///
+/// # Errors
+/// When a run fails.
+pub fn on_the_virtual_rig(tuned: &Tuned, seed: u64, reference: &Reference, controllers: &[Controller]) -> Result<Vec<Run>, CompareError> {
+    let one = |controller: &Controller| {
+        let (mut client, truth) = rig::in_process(seed, 1)?;
+        let mut settings = rig_settings();
+        settings.extend(tuned.settings(*controller));
+        run_one(&mut client, &truth, &settings, Some(&tuned.blob), *controller, reference)
+    };
+    controllers.iter().map(one).collect()
+}
+
+/// Records on an all-effects rig what tuning wants to see.
+///
+/// # Errors
+/// When a run fails.
+pub fn record_for_tuning(seed: u64) -> Result<Vec<Recording>, CompareError> {
+    let (mut client, _) = rig::in_process(seed, 0)?;
+    let mut settings = rig_settings();
+    settings.push(setting("telemetry.period_ms", SettingValue::Integer(20)));
+    run::prepare(&mut client, &settings, None)?;
+    let mut recordings = Vec::new();
+    for (index, pressures_bar) in tune::excitation(HIGHEST_BAR, seed).iter().enumerate() {
+        let telemetry = run::run(&mut client, pressures_bar, &mut |_, _| {})?;
+        recordings.push(recording(index, &telemetry)?);
+    }
+    Ok(recordings)
+}
+
+/// Telemetry as a recording: command and displacement of the decimation filter's windows. A window without a plausible displacement is left out.
+fn recording(index: usize, telemetry: &[Telemetry]) -> Result<Recording, RecordingError> {
+    let rows: Vec<(f64, f64, f64)> = telemetry
+        .iter()
+        .filter_map(|sample| Some((sample.time_ms as f64 / 1000.0, f64::from(sample.command_bar), f64::from(sample.displacement_mm?))))
+        .collect();
+    let begin_s = rows.first().map_or(0.0, |row| row.0);
+    Recording::new(
+        &PathBuf::from(format!("tuning_{index}.csv")),
+        Signal::pressure_bar(),
+        Signal::displacement_mm(),
+        rows.iter().map(|row| row.0 - begin_s).collect(),
+        rows.iter().map(|row| row.1).collect(),
+        rows.iter().map(|row| row.2).collect(),
+    )
+}
+
+/// Records and tunes on an all-effects rig.
+///
+/// # Errors
+/// When a run or the tuning fails.
+pub fn tune_virtual_rig(rig_seed: u64, tuning_seed: u64) -> Result<(Tuned, Vec<Recording>), CompareError> {
+    let recordings = record_for_tuning(rig_seed)?;
+    let limits = tune::simulate::Limits { ceiling_bar: 3.0, slew_bar_per_s: 40.0 };
+    let tuned = tune::tune(&recordings, limits, tuning_seed)?;
+    Ok((tuned, recordings))
+}

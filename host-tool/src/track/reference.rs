@@ -1,0 +1,191 @@
+//! References: where the tip shall go, one point each 20 ms, in mm as the laser sees them.
+//!
+//! Those of the bench are used for nothing else: controllers are tuned on [`tuning`], with other shapes and other seeds.
+
+use std::f64::consts::PI;
+use std::path::Path;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::recording;
+
+/// Time from one point to the next, s.
+pub const PERIOD_S: f64 = 0.02;
+/// Rest at the first point before a reference begins to move, s.
+const REST_S: f64 = 1.0;
+
+/// Names of the references that need no file.
+pub const NAMES: [&str; 7] = ["steps", "a", "b", "c", "d", "point-to-point", "hand"];
+
+/// A reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reference {
+    /// Its name.
+    pub name: String,
+    /// Points in mm, [`PERIOD_S`] apart.
+    pub points_mm: Vec<f64>,
+}
+
+/// Where the tip can go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Lowest reference, mm.
+    pub low_mm: f64,
+    /// Highest reference, mm.
+    pub high_mm: f64,
+}
+
+impl Reach {
+    fn at(self, share: f64) -> f64 {
+        self.low_mm + share * (self.high_mm - self.low_mm)
+    }
+}
+
+/// A named reference, scaled to a reach.
+///
+/// `steps` holds random levels for two seconds each. `a` to `d` are the paper's test families in shape: a decaying sine, a decaying triangle, a
+/// rising sine, a rising chirp; 0.2 to 0.8 Hz. `point-to-point` moves to random places in random times along minimum-jerk paths and rests
+/// there. `hand` imitates a recorded hand on a catheter handle: it is synthetic, a sum of slow intended moves and a physiological tremor
+/// of 8 to 12 Hz and some hundredths of a millimetre (tremor band: Riviere, Reich, Thakor, IEEE EMBS 1997).
+#[must_use]
+pub fn named(name: &str, reach: Reach, seed: u64) -> Option<Reference> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let seconds = 20.0;
+    let shares: Vec<f64> = match name {
+        "steps" => {
+            let levels: Vec<f64> = (0..10).map(|_| random.random_range(0.05..0.95)).collect();
+            sampled(seconds, |time| levels[((time / 2.0) as usize).min(9)])
+        }
+        "a" => {
+            let (frequency, decay) = (random.random_range(0.25..0.75), random.random_range(0.03..0.12));
+            sampled(seconds, |time| 0.48 * (-decay * time).exp() * (1.0 - (2.0 * PI * frequency * time).cos()))
+        }
+        "b" => {
+            let (frequency, decay) = (random.random_range(0.25..0.75), random.random_range(0.03..0.12));
+            sampled(seconds, |time| 0.96 * (-decay * time).exp() * (1.0 - (2.0 * (frequency * time).fract() - 1.0).abs()))
+        }
+        "c" => {
+            let (frequency, growth) = (random.random_range(0.25..0.75), random.random_range(0.03..0.08));
+            sampled(seconds, |time| 0.48 * (growth * (time - seconds)).exp() * (1.0 - (2.0 * PI * frequency * time).cos()))
+        }
+        "d" => {
+            let (from, to) = (0.2, random.random_range(0.6..0.8));
+            sampled(seconds, |time| {
+                let turns = from * time + 0.5 * (to - from) / seconds * time * time;
+                (0.15 + 0.33 * time / seconds) * (1.0 - (2.0 * PI * turns).cos())
+            })
+        }
+        "point-to-point" => point_to_point(seconds, &mut random),
+        "hand" => hand(seconds, &mut random),
+        _ => return None,
+    };
+    Some(Reference { name: name.to_owned(), points_mm: with_rest(shares.into_iter().map(|share| reach.at(share)).collect()) })
+}
+
+/// What controllers are tuned on: a sine with a wandering mean, then levels; none of the shapes that [`named`] has.
+#[must_use]
+pub fn tuning(reach: Reach, seed: u64) -> Reference {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (frequency, phase) = (random.random_range(0.35..0.5), random.random_range(0.0..2.0 * PI));
+    let levels: Vec<f64> = (0..6).map(|_| random.random_range(0.1..0.9)).collect();
+    let mut shares = sampled(12.0, |time| 0.45 + 0.2 * (0.7 * time + phase).sin() + 0.2 * (2.0 * PI * frequency * time).sin());
+    shares.extend(sampled(9.0, |time| levels[((time / 1.5) as usize).min(5)]));
+    Reference { name: "tuning".to_owned(), points_mm: with_rest(shares.into_iter().map(|share| reach.at(share)).collect()) }
+}
+
+/// The reference of a file: a recording whose output in mm is the path, or a CSV with the columns `time_s,reference_mm`.
+///
+/// # Errors
+/// When the file is none of both, or its points do not lie 20 ms apart.
+pub fn from_file(path: &Path) -> anyhow::Result<Reference> {
+    let text = std::fs::read_to_string(path)?;
+    let columns = text.lines().next().unwrap_or_default();
+    let map = columns.contains("reference_mm").then_some("time=time_s,input=reference_mm,output=reference_mm");
+    let recording = recording::load(&[path.to_path_buf()], map)?.remove(0);
+    anyhow::ensure!(
+        (recording.sample_period_s / PERIOD_S - 1.0).abs() < 0.01,
+        "{}: its points lie {} s apart; a reference has one each {PERIOD_S} s",
+        path.display(),
+        recording.sample_period_s
+    );
+    anyhow::ensure!(
+        recording.output_signal.unit == "mm",
+        "{}: its output is in {}, mm is needed",
+        path.display(),
+        recording.output_signal.unit
+    );
+    let name = path.file_stem().map_or_else(|| "file".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    Ok(Reference { name, points_mm: recording.output })
+}
+
+fn sampled(seconds: f64, shape: impl Fn(f64) -> f64) -> Vec<f64> {
+    let points = (seconds / PERIOD_S).round() as usize;
+    (0..points).map(|point| shape(point as f64 * PERIOD_S).clamp(0.0, 1.0)).collect()
+}
+
+fn with_rest(points_mm: Vec<f64>) -> Vec<f64> {
+    let first = points_mm.first().copied().unwrap_or(0.0);
+    let rest = (REST_S / PERIOD_S).round() as usize;
+    std::iter::repeat_n(first, rest).chain(points_mm).collect()
+}
+
+fn point_to_point(seconds: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut shares = Vec::new();
+    let mut from = random.random_range(0.1..0.3);
+    while (shares.len() as f64) * PERIOD_S < seconds {
+        let to: f64 = random.random_range(0.05..0.95);
+        let move_s = random.random_range(0.5..1.2) * (0.4 + (to - from).abs());
+        let hold_s = random.random_range(0.3..1.5);
+        shares.extend(sampled(move_s, |time| {
+            let part = time / move_s;
+            from + (to - from) * part.powi(3) * (10.0 - 15.0 * part + 6.0 * part * part)
+        }));
+        shares.extend(sampled(hold_s, |_| to));
+        from = to;
+    }
+    shares.truncate((seconds / PERIOD_S) as usize);
+    shares
+}
+
+fn hand(seconds: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let intended: Vec<(f64, f64, f64)> = (0..5)
+        .map(|line| (0.18 / f64::from(line + 1), random.random_range(0.06..0.16) * f64::from(line + 1), random.random_range(0.0..2.0 * PI)))
+        .collect();
+    let tremor: Vec<(f64, f64, f64)> =
+        (0..3).map(|_| (0.0015, random.random_range(8.0..12.0), random.random_range(0.0..2.0 * PI))).collect();
+    sampled(seconds, |time| {
+        let sum = |lines: &[(f64, f64, f64)]| {
+            lines.iter().map(|(size, hertz, phase)| size * (2.0 * PI * hertz * time + phase).sin()).sum::<f64>()
+        };
+        0.5 + sum(&intended) + sum(&tremor)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REACH: Reach = Reach { low_mm: 3.0, high_mm: 9.0 };
+
+    #[test]
+    fn every_reference_stays_within_reach_and_moves_and_begins_at_rest() {
+        for name in NAMES {
+            for seed in 0..20 {
+                let reference = named(name, REACH, seed).unwrap();
+                let (low, high) = reference.points_mm.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+                assert!(low >= REACH.low_mm && high <= REACH.high_mm, "{name} with seed {seed}: {low} to {high}");
+                assert!(high - low > 1.0, "{name} with seed {seed}");
+                assert!(reference.points_mm[..50].iter().all(|point| *point == reference.points_mm[0]), "{name}");
+            }
+        }
+        assert_eq!(named("z", REACH, 1), None);
+    }
+
+    #[test]
+    fn a_reference_depends_on_its_seed_alone() {
+        assert_eq!(named("hand", REACH, 5), named("hand", REACH, 5));
+        assert_ne!(named("hand", REACH, 5), named("hand", REACH, 6));
+        assert_ne!(tuning(REACH, 5), tuning(REACH, 6));
+    }
+}

@@ -1,0 +1,86 @@
+//! The rig a reference is run on: the firmware library in this process with the all-effects rig around it, and who watches the true tip.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use crate::link::{Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, TickRecord};
+use crate::rig::live::{AllEffects, Probe};
+
+/// Ticks of a window of the decimation filter.
+const WINDOW_TICKS: usize = 20;
+
+/// The true tip at every tick, where somebody can see it.
+#[derive(Clone, Default)]
+pub struct Truth {
+    tips_mm: Rc<RefCell<Vec<f64>>>,
+}
+
+impl Truth {
+    /// Where the tip was when the device's clock showed this time, mm; `None` on a real rig.
+    #[must_use]
+    pub fn tip_mm(&self, time_ms: u64) -> Option<f64> {
+        // The first tick after the start shows one.
+        let index = usize::try_from(time_ms.checked_sub(1)?).ok()?;
+        self.tips_mm.borrow().get(index).copied()
+    }
+
+    /// Mean of the tip over the window of the decimation filter that an estimate in a sample of this time belongs to, mm.
+    #[must_use]
+    pub fn window_mm(&self, time_ms: u64) -> Option<f64> {
+        let end = usize::try_from(time_ms).ok()?;
+        let tips_mm = self.tips_mm.borrow();
+        let window = tips_mm.get(end.checked_sub(WINDOW_TICKS)?..end)?;
+        Some(window.iter().sum::<f64>() / WINDOW_TICKS as f64)
+    }
+}
+
+/// Writes the tip down at every tick.
+pub struct Watch {
+    probe: Probe,
+    truth: Truth,
+}
+
+impl Observer for Watch {
+    fn see(&mut self, record: &TickRecord<'_>, _hardware: &Hardware) {
+        let mut tips_mm = self.truth.tips_mm.borrow_mut();
+        match record {
+            TickRecord::Boot { .. } => tips_mm.clear(),
+            TickRecord::Tick { .. } | TickRecord::Silence => tips_mm.push(self.probe.tip_mm()),
+        }
+    }
+}
+
+/// The hardware of the all-effects rig, and its probe.
+#[must_use]
+pub fn hardware(seed: u64, session: usize) -> (Hardware, Probe) {
+    let rig = AllEffects::new(seed, session);
+    let probe = rig.probe();
+    // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
+    let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: seed as u32 ^ 0x5eed, ..HardwareConfig::default() };
+    (Hardware::new(config, Box::new(rig)), probe)
+}
+
+/// A client of the all-effects rig around a processor.
+///
+/// # Errors
+/// When the processor does not start or answer.
+pub fn connect<P: Processor>(
+    processor: P,
+    seed: u64,
+    session: usize,
+    place: &str,
+) -> Result<(Client<Lockstep<P, Watch>>, Truth), LinkError> {
+    let (hardware, probe) = hardware(seed, session);
+    let truth = Truth::default();
+    let watch = Watch { probe, truth: truth.clone() };
+    let lockstep = Lockstep::new(processor, hardware, watch, place, "virtual")?;
+    Ok((Client::connect(lockstep)?, truth))
+}
+
+/// A client of the all-effects rig with the firmware in this process.
+///
+/// # Errors
+/// When it does not start.
+pub fn in_process(seed: u64, session: usize) -> Result<(Client<Lockstep<InProcess, Watch>>, Truth), LinkError> {
+    connect(InProcess::new(FlashMemory::default()), seed, session, "the all-effects rig in this process")
+}

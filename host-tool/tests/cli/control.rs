@@ -1,0 +1,70 @@
+//! `catheter tune` and `catheter track` as a lab uses them.
+
+use std::fmt::Write;
+
+use crate::support::Bench;
+
+/// Recordings of a plain actuator: 3 mm/bar behind 40 ms of dead time and a lag of 100 ms, no hysteresis, 50 Hz.
+fn recordings(bench: &Bench) {
+    let mut level = 0.0;
+    let pressures: Vec<f64> = (0..1500)
+        .map(|sample| {
+            let time = f64::from(sample) * 0.02;
+            (1.3 - 1.2 * (2.0 * std::f64::consts::PI * (0.2 + 0.02 * time) * time).cos()).clamp(0.0, 2.6)
+        })
+        .collect();
+    let mut text = "time_s,pressure_bar,displacement_mm\n".to_owned();
+    let mut path = Vec::new();
+    for tick in 0..30_000_usize {
+        let late = tick.saturating_sub(40) / 20;
+        level += (pressures[late] - level) * 0.01;
+        path.push(level);
+    }
+    for (sample, pressure) in pressures.iter().enumerate() {
+        let mean: f64 = path[sample * 20..(sample + 1) * 20].iter().sum::<f64>() / 20.0;
+        writeln!(text, "{:.2},{pressure:.6},{:.6}", sample as f64 * 0.02, 2.0 + 3.0 * mean).expect("a line");
+    }
+    bench.write("recordings/run.csv", text);
+}
+
+#[test]
+fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_files() {
+    let bench = Bench::new();
+    recordings(&bench);
+    bench.works("tune --data recordings --out tuned --controller pid --json tuned.json");
+    let tuned = bench.json("tuned.json");
+    let value = |name: &str| tuned["parameters"][name]["value"].as_f64().expect("a number");
+    let lag_s = value("fill_time_constant_s") + value("second_time_constant_s");
+    // The two lags and the dead time can stand in for one another a little; their sum is the delay of slow motion.
+    assert!((value("dead_time_s") + lag_s - 0.14).abs() < 0.01, "{tuned}");
+    assert!(tuned["rmse_mm"].as_f64().expect("a number") < 0.02, "{tuned}");
+    let worst = &tuned["feedback_alone"]["worst_margins"];
+    assert!(worst["gain"].as_f64().expect("a number") >= 2.0 && worst["phase_deg"].as_f64().expect("a number") >= 45.0, "{worst}");
+    let settings = String::from_utf8(bench.read("tuned/settings.toml")).expect("text");
+    assert!(settings.contains("\"control.law\" = 2") && settings.contains("\"control.feed_forward\" = 0"), "{settings}");
+
+    let said = bench.works(
+        "track --settings tuned/settings.toml --model tuned/control.blob --reach-mm 3,8 --reference point-to-point --controllers open-loop,physics-inverse --json out.json --report out.html",
+    );
+    assert!(said.stdout.contains("physics-inverse"), "{}", said.stdout);
+    let tracked = bench.json("out.json");
+    let controllers = tracked["controllers"].as_array().expect("an array");
+    assert_eq!(controllers.len(), 2);
+    for controller in controllers {
+        for key in ["name", "rmse_mm", "max_mm", "settling_s", "overshoot_mm", "limited_share"] {
+            assert!(controller.get(key).is_some(), "the key {key} is missing from {controller}");
+        }
+    }
+    assert!(String::from_utf8(bench.read("out.html")).expect("text").contains("open-loop"));
+}
+
+#[test]
+fn what_cannot_be_tracked_or_tuned_is_refused_by_name() {
+    let bench = Bench::new();
+    bench.refuses("track --reference a --controllers nonsense", &["nonsense"]);
+    bench.refuses("track --reference nowhere.csv --controllers open-loop --settings s.toml --model m.blob", &["s.toml"]);
+    bench.refuses("track --reference a --controllers learned-inverse", &["inverse model"]);
+    bench.refuses("track --backend serial --reference a --controllers open-loop", &["--port"]);
+    bench.write("still/run.csv", "time_s,pressure_bar,displacement_mm\n0,1,2\n0.02,1,2\n0.04,1,2\n");
+    bench.refuses("tune --data still --out tuned", &["never moves"]);
+}
