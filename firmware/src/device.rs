@@ -10,40 +10,23 @@
 pub mod exchange;
 
 use heapless::{Deque, Vec};
-use model_export::link::fault::Fault;
+use model_export::link::fault::FaultSet;
 use model_export::link::frame::MAX_WIRE;
 use model_export::link::hello::MAX_BOARD_NAME;
 use model_export::link::message::FaultRecord;
 use model_export::link::state::ResetCause;
 
-use crate::estimator::Portable;
-use crate::link::{CommandSink, Event, Link, LinkConfig, Measured};
-use crate::model::{ModelFacts, examine};
+use crate::background::{Background, ModelPlace};
+use crate::link::{CommandSink, Link, LinkConfig, Measured};
 use crate::retain::Retained;
 use crate::seam::RawSample;
-use crate::self_test::{Report, SelfTest};
 use crate::storage::Flash;
-use crate::supervisor;
-use crate::tick::{Action, BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
+use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
 
 /// Commands waiting for the tick.
 pub const COMMAND_QUEUE: usize = 4;
 /// Most bytes the line takes in one tick: 9.2 Mbaud, more than any serial adapter does.
 pub const MAX_LINE_BYTES: usize = 920;
-
-/// Where the model in use lives, and how it runs.
-///
-/// The flash holds blobs. A model may go on reading its own: the device takes it away before the slot can be rewritten.
-pub trait ModelPlace: ModelStep {
-    /// Checks a blob of the flash as the self-test does, and makes it the model in use if it passes. The model before is forgotten in any case.
-    ///
-    /// # Errors
-    /// The fault to raise.
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault>;
-
-    /// Leaves no model.
-    fn forget(&mut self);
-}
 
 /// What a device is told when it starts.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,12 +62,11 @@ pub struct DeviceInputs {
 #[derive(Debug)]
 pub struct Device<S, M, P> {
     rig: Rig,
-    link: Link<S, M>,
+    background: Background<S, M>,
     place: P,
     queue: Queue,
     beat: u32,
-    report: Option<Report>,
-    reported: bool,
+    tests_itself: bool,
     line_bytes_per_tick: u16,
     line: Deque<u8, { MAX_LINE_BYTES + MAX_WIRE }>,
 }
@@ -106,7 +88,7 @@ impl CommandSink for Queue {
     }
 }
 
-impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
+impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
     /// A device that has just started, over its two pairs of flash slots.
     ///
     /// # Errors
@@ -120,12 +102,11 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         let tick = TickConfig { settings: link.settings(), facts }.build()?;
         Ok(Self {
             rig: Rig::new(tick, boot),
-            link,
+            background: Background::new(link),
             place,
             queue: Queue::default(),
             beat: 0,
-            report: None,
-            reported: false,
+            tests_itself: false,
             line_bytes_per_tick,
             line: Deque::new(),
         })
@@ -138,7 +119,7 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
 
     /// The link.
     pub fn link(&self) -> &Link<S, M> {
-        &self.link
+        self.background.link()
     }
 
     /// The fault record of this run, for the memory that survives a reset.
@@ -148,14 +129,7 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
 
     /// Takes a byte from the line.
     pub fn receive(&mut self, byte: u8) {
-        // The kernel's memory belongs to the model in use; the self-test that follows an activation looks again, with that kernel.
-        let event = self.link.receive(byte, &mut self.queue, |blob| examine(blob, Portable).is_ok());
-        if event == Some(Event::ModelChanged) {
-            // The slot of the model before may be rewritten from now on.
-            self.place.forget();
-            // Only while vented with nothing under way, so the queue is empty; in the fault state the acknowledgement tests again.
-            let _ = self.queue.send(Command { token: None, action: Action::Request(supervisor::Event::Retest) });
-        }
+        self.background.receive(byte, &mut self.place, &mut self.queue);
     }
 
     /// One millisecond: the tick, then the background once.
@@ -169,10 +143,10 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
             background_beat: self.beat,
             vent: core::mem::take(&mut self.queue.vent),
             command: self.queue.commands.pop_front(),
-            telemetry_dropped: self.link.telemetry_dropped(),
+            telemetry_dropped: self.link().telemetry_dropped(),
         };
         let outputs = self.rig.tick(&mut self.place, inputs);
-        self.background(&outputs);
+        self.follow(&outputs);
         outputs
     }
 
@@ -180,7 +154,7 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
     pub fn transmit(&mut self) -> Vec<u8, MAX_LINE_BYTES> {
         let room = usize::from(self.line_bytes_per_tick).min(MAX_LINE_BYTES);
         while self.line.len() < room {
-            let Some(frame) = self.link.transmit() else { break };
+            let Some(frame) = self.background.link_mut().transmit() else { break };
             // The line's buffer holds a tick and a frame.
             frame.iter().for_each(|byte| self.line.push_back(*byte).unwrap_or(()));
         }
@@ -193,43 +167,21 @@ impl<S: Flash, M: Flash, P: ModelPlace> Device<S, M, P> {
         bytes
     }
 
-    fn background(&mut self, outputs: &TickOutputs) {
+    fn follow(&mut self, outputs: &TickOutputs) {
         self.beat = self.beat.wrapping_add(1);
-        if outputs.self_test_wanted {
-            self.self_test();
-        } else {
-            self.report = None;
-            self.reported = false;
+        if outputs.self_test_wanted && !self.tests_itself {
+            self.background.want_self_test();
         }
-        self.link.observe(outputs.state, Measured::default());
+        self.tests_itself = outputs.self_test_wanted;
+        // What runs this has no program in flash and no clock of its own to test.
+        self.background.self_test(|| FaultSet::EMPTY, &mut self.place, &mut self.queue);
+        let link = self.background.link_mut();
+        link.observe(outputs.state, Measured::default());
         if let Some(answer) = &outputs.answer {
-            self.link.answer(answer.clone());
+            link.answer(answer.clone());
         }
         if let Some(sample) = outputs.telemetry {
-            self.link.telemetry(sample);
+            link.telemetry(sample);
         }
-    }
-
-    /// Tests once and reports as soon as the queue takes the report.
-    fn self_test(&mut self) {
-        if self.reported {
-            return;
-        }
-        let report = match self.report {
-            Some(report) => report,
-            None => {
-                let test = SelfTest { program: &[], program_crc32: 0, clock: None, model: None };
-                let mut report = test.run(Portable);
-                match self.link.model_blob().map(|blob| self.place.admit(blob)) {
-                    Some(Ok(facts)) => report.model = Some(facts),
-                    Some(Err(fault)) => report.faults.insert(fault),
-                    None => self.place.forget(),
-                }
-                self.link.set_model(report.model);
-                report
-            }
-        };
-        self.reported = self.queue.send(Command { token: None, action: report.action() });
-        self.report = Some(report);
     }
 }

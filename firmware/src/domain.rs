@@ -62,7 +62,7 @@ impl NestedReversals {
 }
 
 /// What a model was trained on, ready to check against.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DomainGuard {
     minimum: f32,
     maximum: f32,
@@ -75,6 +75,14 @@ pub struct DomainGuard {
 pub struct DomainGuardState {
     last: Option<f32>,
     reversals: NestedReversals,
+}
+
+impl DomainGuardState {
+    /// Forgets everything, in place.
+    pub fn reset(&mut self) {
+        (self.last, self.reversals.extreme, self.reversals.rising) = (None, None, false);
+        self.reversals.turns.clear();
+    }
 }
 
 impl DomainGuard {

@@ -11,26 +11,34 @@
 //! 3. For every answer and telemetry sample that the tick put out: [`Link::answer`], [`Link::telemetry`]; after each tick or before each byte
 //!    [`Link::observe`] with the state.
 //! 4. Whenever the line is free: [`Link::transmit`] gives the next frame.
-//! 5. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.
+//! 5. On [`Event::ModelUploaded`] check the blob and tell [`Link::finish_upload`] what came of it.
+//! 6. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.
+//!
+//! [`crate::background`] does 5 and 6.
+//!
+//! Whatever is long stays in its place in [`LinkBuffers`], since the background shares a small stack with the tick.
+
+use core::borrow::BorrowMut;
 
 use heapless::{Deque, Vec};
 use model_export::blob::crc32;
 use model_export::link::fault::{Fault, FaultSet};
-use model_export::link::frame::{self, Decoder, MAX_WIRE};
+use model_export::link::frame::{self, Decoder, Wire};
 use model_export::link::hello::{Hello, MAX_BOARD_NAME};
 use model_export::link::message::{
-    Baseline, FaultRecord, MAX_PAGE, Message, MessageError, Refusal, Reply, ReplyFrame, Request, RequestFrame, SettingDifference, Telemetry,
+    Baseline, FaultRecord, MAX_PAGE, Message, Refusal, Reply, ReplyFrame, Request, RequestFrame, SettingDifference, Telemetry,
 };
-use model_export::link::settings::Settings;
+use model_export::link::settings::{SettingError, Settings};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
+use model_export::wire::{Reader, Wire as _};
 
 use crate::control::SetPoint;
 use crate::model::{self, ModelFacts};
 use crate::settings::{self, STORE_KIND, STORE_VERSION, Stored};
 use crate::storage::{Flash, Slot, StorageError, Store, Upload};
 use crate::supervisor;
-use crate::tick::{Action, Answer, Command, RigFacts, Tick, TickConfig};
+use crate::tick::{Action, Answer, Command, RigFacts, TickConfig};
 
 /// Replies waiting for the line.
 pub const REPLY_QUEUE: usize = 4;
@@ -74,187 +82,259 @@ pub struct Measured {
 /// What the board must do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
+    /// A model has come whole: see whether it is one ([`Link::uploaded_model`]) and tell [`Link::finish_upload`].
+    ModelUploaded,
     /// Another model is active: load it and test again.
     ModelChanged,
 }
 
-/// A change of settings on its way through the tick.
-#[derive(Clone, Debug)]
-struct Candidate {
-    token: u16,
-    settings: Settings,
+/// What a link keeps that is long: the frame and the request under way each way, and what waits for the line.
+#[derive(Debug, Default)]
+pub struct LinkBuffers {
+    decoder: Decoder,
+    request: RequestFrame,
+    wire: Wire,
+    replies: Deque<ReplyFrame, REPLY_QUEUE>,
+    telemetry: Deque<Telemetry, TELEMETRY_QUEUE>,
 }
 
-/// The link with its stores.
+impl LinkBuffers {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self {
+            decoder: Decoder::new(),
+            request: RequestFrame { token: 0, request: Request::Status },
+            wire: Wire::new(),
+            replies: Deque::new(),
+            telemetry: Deque::new(),
+        }
+    }
+
+    fn reply(&mut self, token: u16, reply: Reply) {
+        // A host that does not read its replies loses the newest: it has stopped waiting for them in order.
+        let _ = self.replies.push_back(ReplyFrame { token, reply });
+    }
+}
+
+/// The link with its stores. On a board the buffers lie elsewhere, so that the rest is short enough to be made on the stack.
 #[derive(Debug)]
-pub struct Link<S, M> {
+pub struct Link<S, M, B = LinkBuffers> {
+    desk: Desk<S, M>,
+    hello_wanted: bool,
+    buffers: B,
+}
+
+/// Everything but the bytes.
+#[derive(Debug)]
+struct Desk<S, M> {
     config: LinkConfig,
     settings_store: Store<S>,
     model_store: Store<M>,
-    decoder: Decoder,
     settings: Settings,
     saved: Settings,
+    /// Settings on their way through the tick, and the token of the request they came with.
+    proposed: Settings,
+    proposal: Option<u16>,
     boot_faults: FaultSet,
-    candidate: Option<Candidate>,
     upload: Option<Upload>,
+    /// Token of the request that waits for the check of the upload.
+    checking: Option<u16>,
     model: Option<ModelFacts>,
     state: State,
     awaited: u16,
     measured: Measured,
     damaged_frames: u32,
     telemetry_dropped: u32,
-    hello_wanted: bool,
-    replies: Deque<ReplyFrame, REPLY_QUEUE>,
-    telemetry: Deque<Telemetry, TELEMETRY_QUEUE>,
 }
 
 impl<S: Flash, M: Flash> Link<S, M> {
     /// A link over two pairs of flash slots. Settings come from flash, or are the defaults if flash has none that go together.
     pub fn new(config: LinkConfig, settings_flash: S, model_flash: M) -> Self {
-        let settings_store = Store::new(settings_flash, STORE_KIND, STORE_VERSION);
-        let model_store = Store::new(model_flash, model::STORE_KIND, model::STORE_VERSION);
-        let mut boot_faults = FaultSet::EMPTY;
-        let stored = settings_store.active_payload().map(settings::decode).unwrap_or_default();
-        let fallback = settings_store.select().is_fallback;
-        let Stored { settings, rejected, is_damaged, .. } = stored;
-        let goes_together = TickConfig { settings: &settings, facts: config.facts }.build().is_ok();
-        boot_faults.insert_if(fallback || is_damaged || rejected > 0 || !goes_together, Fault::SettingsInvalid);
-        boot_faults.insert_if(model_store.select().is_fallback, Fault::ModelCorrupt);
-        let settings = if goes_together { settings } else { Settings::default() };
-        Self {
-            config,
-            settings_store,
-            model_store,
-            decoder: Decoder::new(),
-            saved: settings.clone(),
-            settings,
-            boot_faults,
-            candidate: None,
-            upload: None,
-            model: None,
-            state: State::Boot,
-            awaited: 0,
-            measured: Measured::default(),
-            damaged_frames: 0,
-            telemetry_dropped: 0,
-            hello_wanted: false,
-            replies: Deque::new(),
-            telemetry: Deque::new(),
-        }
+        Self::with_buffers(config, settings_flash, model_flash, LinkBuffers::new())
+    }
+}
+
+impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
+    /// As [`Link::new`], with buffers that lie wherever the caller wants.
+    pub fn with_buffers(config: LinkConfig, settings_flash: S, model_flash: M, buffers: B) -> Self {
+        Self { desk: Desk::new(config, settings_flash, model_flash), hello_wanted: false, buffers }
     }
 
     /// The settings in use.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.desk.settings
     }
 
     /// What was wrong with the stores at the start.
     pub fn boot_faults(&self) -> FaultSet {
-        self.boot_faults
+        self.desk.boot_faults
     }
 
     /// The active model's blob, for the self-test.
     pub fn model_blob(&self) -> Option<&[u8]> {
-        self.model_store.active_payload()
+        self.desk.model_store.active_payload()
     }
 
     /// The slot it lies in.
     pub fn model_slot(&self) -> Option<Slot> {
-        self.model_store.select().active
+        self.desk.model_store.select().active
+    }
+
+    /// The blob that [`Event::ModelUploaded`] is about.
+    pub fn uploaded_model(&self) -> Option<&[u8]> {
+        self.desk.checking?;
+        self.desk.upload.as_ref().map(|upload| self.desk.model_store.uploaded(upload))
     }
 
     /// The stores' flash, settings first.
     pub fn flash(&self) -> (&S, &M) {
-        (self.settings_store.flash(), self.model_store.flash())
+        (self.desk.settings_store.flash(), self.desk.model_store.flash())
     }
 
     /// Gives the flash back, settings first.
     pub fn release(self) -> (S, M) {
-        (self.settings_store.release(), self.model_store.release())
+        (self.desk.settings_store.release(), self.desk.model_store.release())
     }
 
     /// Tells which model passed the self-test.
     pub fn set_model(&mut self, model: Option<ModelFacts>) {
-        self.model = model;
+        self.desk.model = model;
     }
 
     /// Tells the state the rig is in.
     pub fn observe(&mut self, state: State, measured: Measured) {
-        self.state = state;
-        self.measured = measured;
+        self.desk.state = state;
+        self.desk.measured = measured;
     }
 
     /// Telemetry samples dropped so far: what the tick writes into the next sample.
     pub fn telemetry_dropped(&self) -> u32 {
-        self.telemetry_dropped
+        self.desk.telemetry_dropped
     }
 
     /// Takes one byte from the line.
-    pub fn receive(&mut self, byte: u8, commands: &mut impl CommandSink, check_model: impl FnMut(&[u8]) -> bool) -> Option<Event> {
-        let payload = match self.decoder.push(byte)? {
-            Ok(payload) => payload,
-            Err(_) => {
-                self.damaged_frames = self.damaged_frames.saturating_add(1);
-                return None;
-            }
+    pub fn receive(&mut self, byte: u8, commands: &mut impl CommandSink) -> Option<Event> {
+        let LinkBuffers { decoder, request, .. } = self.buffers.borrow_mut();
+        let damaged_frames = &mut self.desk.damaged_frames;
+        let Ok(payload) = decoder.push(byte)? else {
+            *damaged_frames = damaged_frames.saturating_add(1);
+            return None;
         };
         match payload.first().copied().and_then(Kind::from_byte) {
             Some(Kind::HelloRequest) => self.hello_wanted = true,
-            Some(Kind::Request) => match RequestFrame::from_payload(&payload) {
-                Ok(frame) => return self.request(frame, commands, check_model),
-                Err(_) => {
-                    // The token comes first on the wire, so that even a request of a later version gets its refusal.
-                    let token = payload.get(1..).and_then(|body| postcard::take_from_bytes::<u16>(body).ok());
-                    if let Some((token, _)) = token {
-                        self.reply(token, Reply::Refused(Refusal::NotUnderstood));
-                    }
+            Some(Kind::Request) => {
+                if request.take(payload).is_ok() {
+                    return self.handle(commands);
                 }
-            },
-            _ => self.damaged_frames = self.damaged_frames.saturating_add(1),
+                // The token comes first on the wire, so that even a request of a later version gets its refusal.
+                let mut reader = Reader::new(payload.get(1..).unwrap_or(&[]));
+                let mut token = 0u16;
+                token.read(&mut reader);
+                if reader.finish().is_some() {
+                    self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NotUnderstood));
+                }
+            }
+            _ => *damaged_frames = damaged_frames.saturating_add(1),
         }
         None
     }
 
+    /// Carries out the request in the buffer.
+    #[inline(never)]
+    fn handle(&mut self, commands: &mut impl CommandSink) -> Option<Event> {
+        let buffers = self.buffers.borrow_mut();
+        let token = buffers.request.token;
+        match self.desk.request(token, &buffers.request.request, commands) {
+            Outcome::Reply(reply) => buffers.reply(token, reply),
+            Outcome::Done(outcome) => reply_done(buffers, token, outcome, commands),
+            Outcome::Sent => {}
+            Outcome::Event(event) => {
+                if event == Event::ModelChanged {
+                    buffers.reply(token, Reply::Done);
+                }
+                return Some(event);
+            }
+        }
+        None
+    }
+
+    /// Ends an upload: whether the blob is a model that this device can run.
+    pub fn finish_upload(&mut self, is_model: bool, commands: &mut impl CommandSink) {
+        let Some(token) = self.desk.checking.take() else { return };
+        let outcome = self.desk.finish_upload(is_model);
+        reply_done(self.buffers.borrow_mut(), token, outcome, commands);
+    }
+
     /// Takes an answer of the tick.
     pub fn answer(&mut self, answer: Answer) {
-        self.awaited = self.awaited.saturating_sub(1);
         let Answer { token, mut reply } = answer;
-        if let Some(candidate) = self.candidate.take_if(|candidate| candidate.token == token)
-            && matches!(reply, Reply::Done)
-        {
-            self.settings = candidate.settings;
-        }
-        if let Reply::Status(status) = &mut reply {
-            status.longest_tick_cycles = self.measured.longest_tick_cycles;
-            status.stack_unused_bytes = self.measured.stack_unused_bytes;
-            status.damaged_frames = self.damaged_frames;
-            status.telemetry_dropped = self.telemetry_dropped;
-            status.settings_unsaved = self.settings != self.saved;
-        }
-        self.reply(token, reply);
+        self.desk.complete(token, &mut reply);
+        self.buffers.borrow_mut().reply(token, reply);
     }
 
     /// Takes a telemetry sample of the tick; drops it if the line is too slow.
     pub fn telemetry(&mut self, sample: Telemetry) {
-        if self.telemetry.push_back(sample).is_err() {
+        if self.buffers.borrow_mut().telemetry.push_back(sample).is_err() {
             self.drop_telemetry(1);
         }
     }
 
     /// Counts samples that were lost before they came here, for example in the board's queue.
     pub fn drop_telemetry(&mut self, samples: u32) {
-        self.telemetry_dropped = self.telemetry_dropped.saturating_add(samples);
+        self.desk.telemetry_dropped = self.desk.telemetry_dropped.saturating_add(samples);
     }
 
     /// The next frame for the line: Hello, then replies, then telemetry.
-    pub fn transmit(&mut self) -> Option<Vec<u8, MAX_WIRE>> {
+    pub fn transmit(&mut self) -> Option<&[u8]> {
+        let LinkBuffers { wire, replies, telemetry, .. } = self.buffers.borrow_mut();
+        // Every message fits its frame; a test holds that.
         if core::mem::take(&mut self.hello_wanted) {
-            return frame::encode(&self.hello().encode()).ok();
+            frame::encode_into(wire, &self.desk.hello().encode()).ok()?;
+        } else if let Some(reply) = replies.front() {
+            let encoded = reply.encode_into(wire);
+            let _ = replies.pop_front();
+            encoded.ok()?;
+        } else {
+            let encoded = telemetry.front()?.encode_into(wire);
+            let _ = telemetry.pop_front();
+            encoded.ok()?;
         }
-        if let Some(reply) = self.replies.pop_front() {
-            return encoded(reply.to_wire());
+        Some(wire)
+    }
+}
+
+impl<S: Flash, M: Flash> Desk<S, M> {
+    fn new(config: LinkConfig, settings_flash: S, model_flash: M) -> Self {
+        let settings_store = Store::new(settings_flash, STORE_KIND, STORE_VERSION);
+        let model_store = Store::new(model_flash, model::STORE_KIND, model::STORE_VERSION);
+        let mut boot_faults = FaultSet::EMPTY;
+        let stored = settings_store.active_payload().map(settings::decode).unwrap_or_default();
+        let fallback = settings_store.select().is_fallback;
+        let Stored { mut settings, rejected, is_damaged, .. } = stored;
+        let goes_together = TickConfig { settings: &settings, facts: config.facts }.build().is_ok();
+        boot_faults.insert_if(fallback || is_damaged || rejected > 0 || !goes_together, Fault::SettingsInvalid);
+        boot_faults.insert_if(model_store.select().is_fallback, Fault::ModelCorrupt);
+        if !goes_together {
+            settings.clone_from(&Settings::DEFAULT);
         }
-        encoded(self.telemetry.pop_front()?.to_wire())
+        Self {
+            config,
+            settings_store,
+            model_store,
+            saved: settings.clone(),
+            proposed: settings.clone(),
+            settings,
+            proposal: None,
+            boot_faults,
+            upload: None,
+            checking: None,
+            model: None,
+            state: State::Boot,
+            awaited: 0,
+            measured: Measured::default(),
+            damaged_frames: 0,
+            telemetry_dropped: 0,
+        }
     }
 
     fn hello(&self) -> Hello {
@@ -268,98 +348,96 @@ impl<S: Flash, M: Flash> Link<S, M> {
         }
     }
 
-    fn reply(&mut self, token: u16, reply: Reply) {
-        // A host that does not read its replies loses the newest: it has stopped waiting for them in order.
-        let _ = self.replies.push_back(ReplyFrame { token, reply });
+    /// What an answer of the tick settles, and what the tick could not know for it.
+    fn complete(&mut self, token: u16, reply: &mut Reply) {
+        self.awaited = self.awaited.saturating_sub(1);
+        if self.proposal.take_if(|proposal| *proposal == token).is_some() && matches!(reply, Reply::Done) {
+            self.settings.clone_from(&self.proposed);
+        }
+        if let Reply::Status(status) = reply {
+            status.longest_tick_cycles = self.measured.longest_tick_cycles;
+            status.stack_unused_bytes = self.measured.stack_unused_bytes;
+            status.damaged_frames = self.damaged_frames;
+            status.telemetry_dropped = self.telemetry_dropped;
+            status.settings_unsaved = self.settings != self.saved;
+        }
     }
 
-    fn request(
-        &mut self,
-        RequestFrame { token, request }: RequestFrame,
-        commands: &mut impl CommandSink,
-        check_model: impl FnMut(&[u8]) -> bool,
-    ) -> Option<Event> {
-        let mut event = None;
-        let outcome = match request {
-            Request::Status => Outcome::Send(Action::Status),
-            Request::Arm => Outcome::Send(Action::Request(supervisor::Event::Arm)),
-            Request::Disarm => Outcome::Send(Action::Request(supervisor::Event::Disarm)),
-            Request::Start => Outcome::Send(Action::Request(supervisor::Event::Start)),
-            Request::Stop => Outcome::Send(Action::Request(supervisor::Event::Stop)),
+    fn request(&mut self, token: u16, request: &Request, commands: &mut impl CommandSink) -> Outcome {
+        match request {
+            Request::Status => self.send(token, Action::Status, commands),
+            Request::Arm => self.send(token, Action::Request(supervisor::Event::Arm), commands),
+            Request::Disarm => self.send(token, Action::Request(supervisor::Event::Disarm), commands),
+            Request::Start => self.send(token, Action::Request(supervisor::Event::Start), commands),
+            Request::Stop => self.send(token, Action::Request(supervisor::Event::Stop), commands),
             Request::Vent => {
                 // Past the queue, and never refused.
                 commands.vent();
                 Outcome::Reply(Reply::Done)
             }
-            Request::Acknowledge => Outcome::Send(Action::Request(supervisor::Event::Acknowledge)),
-            Request::SetPoint { quantity, value } => Outcome::Send(Action::SetPoint(SetPoint::Value(quantity, value))),
-            Request::Playback(chunk) => Outcome::Send(Action::SetPoint(SetPoint::Chunk(chunk))),
-            Request::PlaybackClear => Outcome::Send(Action::PlaybackClear),
-            Request::FaultRecord => Outcome::Send(Action::FaultRecord),
-            Request::ControlReport => Outcome::Send(Action::ControlReport),
+            Request::Acknowledge => self.send(token, Action::Request(supervisor::Event::Acknowledge), commands),
+            Request::SetPoint { quantity, value } => self.send(token, Action::SetPoint(SetPoint::Value(*quantity, *value)), commands),
+            Request::Playback(chunk) => self.send(token, Action::SetPoint(SetPoint::Chunk(chunk.clone())), commands),
+            Request::PlaybackClear => self.send(token, Action::PlaybackClear, commands),
+            Request::FaultRecord => self.send(token, Action::FaultRecord, commands),
+            Request::ControlReport => self.send(token, Action::ControlReport, commands),
             Request::PreviousFaultRecord => {
                 Outcome::Reply(self.config.previous_record.map_or(Reply::Refused(Refusal::NoRecord), Reply::FaultRecord))
             }
-            Request::SettingGet { number } => Outcome::Reply(match self.settings.get(number) {
+            Request::SettingGet { number } => Outcome::Reply(match self.settings.get(*number) {
                 Some(value) => Reply::Setting(value),
-                None => Reply::Refused(Refusal::Setting(model_export::link::settings::SettingError::Unknown)),
+                None => Reply::Refused(Refusal::Setting(SettingError::Unknown)),
             }),
             Request::SettingSet { number, value } => {
-                let mut settings = self.settings.clone();
-                match settings.set(number, value) {
-                    Ok(()) => self.propose(token, settings),
-                    Err(error) => Outcome::Reply(Reply::Refused(Refusal::Setting(error))),
+                if self.proposal.is_some() {
+                    return Outcome::Done(Err(Refusal::Busy));
+                }
+                self.proposed.clone_from(&self.settings);
+                match self.proposed.set(*number, *value) {
+                    Ok(()) => self.propose(token, commands),
+                    Err(error) => Outcome::Done(Err(Refusal::Setting(error))),
                 }
             }
             Request::SettingsRevert(baseline) => {
-                let settings = self.baseline(baseline);
-                self.propose(token, settings)
-            }
-            Request::SettingsDifference { baseline, from_number } => Outcome::Reply(self.differences(baseline, from_number)),
-            Request::SettingsSave => Outcome::Reply(done(self.may_write().and_then(|()| self.save_settings()))),
-            Request::ModelBegin { length, crc32 } => Outcome::Reply(done(self.may_write().and_then(|()| {
-                self.upload = None;
-                self.upload = Some(self.model_store.begin(length, crc32).map_err(refusal)?);
-                Ok(())
-            }))),
-            Request::ModelChunk { offset, bytes } => {
-                let written = self.may_write().and_then(|()| {
-                    let upload = self.upload.as_mut().ok_or(Refusal::NoUpload)?;
-                    self.model_store.write(upload, offset, &bytes).map_err(refusal)?;
-                    Ok(upload.next_offset())
-                });
-                Outcome::Reply(written.map_or_else(Reply::Refused, Reply::Uploaded))
-            }
-            Request::ModelFinish => Outcome::Reply(done(self.may_write().and_then(|()| self.finish_upload(check_model)))),
-            Request::ModelActivate | Request::ModelRollback => {
-                let activated = self.may_write().and_then(|()| {
-                    let slot = self.model_store.inactive_whole().ok_or(Refusal::NoOtherModel)?;
-                    self.model_store.activate(slot).map_err(refusal)
-                });
-                if activated.is_ok() {
-                    event = Some(Event::ModelChanged);
+                if self.proposal.is_some() {
+                    return Outcome::Done(Err(Refusal::Busy));
                 }
-                Outcome::Reply(done(activated))
-            }
-        };
-        match outcome {
-            Outcome::Reply(reply) => {
-                if matches!(reply, Reply::Refused(Refusal::Storage)) {
-                    // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
-                    let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });
+                match baseline {
+                    Baseline::Saved => self.proposed.clone_from(&self.saved),
+                    Baseline::Defaults => self.proposed.clone_from(&Settings::DEFAULT),
                 }
-                self.reply(token, reply);
+                self.propose(token, commands)
             }
-            Outcome::Send(action) => {
-                if commands.send(Command { token: Some(token), action }) {
-                    self.awaited = self.awaited.saturating_add(1);
-                } else {
-                    self.candidate.take_if(|candidate| candidate.token == token);
-                    self.reply(token, Reply::Refused(Refusal::Busy));
+            Request::SettingsDifference { baseline, from_number } => Outcome::Reply(self.differences(*baseline, *from_number)),
+            Request::SettingsSave => Outcome::Done(self.save_settings()),
+            Request::ModelBegin { length, crc32 } => Outcome::Done(self.begin_upload(*length, *crc32)),
+            Request::ModelChunk { offset, bytes } => match self.write_upload(*offset, bytes) {
+                Ok(next_offset) => Outcome::Reply(Reply::Uploaded(next_offset)),
+                Err(refusal) => Outcome::Done(Err(refusal)),
+            },
+            Request::ModelFinish => match self.check_upload() {
+                Ok(()) => {
+                    self.checking = Some(token);
+                    Outcome::Event(Event::ModelUploaded)
                 }
-            }
+                Err(refusal) => Outcome::Done(Err(refusal)),
+            },
+            Request::ModelActivate | Request::ModelRollback => match self.activate_other() {
+                Ok(()) => Outcome::Event(Event::ModelChanged),
+                Err(refusal) => Outcome::Done(Err(refusal)),
+            },
         }
-        event
+    }
+
+    /// Sends a command to the tick, which answers it.
+    #[inline(never)]
+    fn send(&mut self, token: u16, action: Action, commands: &mut impl CommandSink) -> Outcome {
+        if commands.send(Command { token: Some(token), action }) {
+            self.awaited = self.awaited.saturating_add(1);
+            Outcome::Sent
+        } else {
+            Outcome::Done(Err(Refusal::Busy))
+        }
     }
 
     /// Flash stops the processor, so it is written only while vented and with no command on its way that could change that.
@@ -373,32 +451,28 @@ impl<S: Flash, M: Flash> Link<S, M> {
         }
     }
 
-    fn baseline(&self, baseline: Baseline) -> Settings {
-        match baseline {
-            Baseline::Saved => self.saved.clone(),
-            Baseline::Defaults => Settings::default(),
-        }
-    }
-
-    /// Sends settings to the tick; they are in use once it has taken them.
-    fn propose(&mut self, token: u16, settings: Settings) -> Outcome {
-        if self.candidate.is_some() {
-            return Outcome::Reply(Reply::Refused(Refusal::Busy));
-        }
-        let built: Result<Tick, _> = TickConfig { settings: &settings, facts: self.config.facts }.build();
-        match built {
+    /// Sends the proposed settings to the tick; they are in use once it has taken them.
+    #[inline(never)]
+    fn propose(&mut self, token: u16, commands: &mut impl CommandSink) -> Outcome {
+        match (TickConfig { settings: &self.proposed, facts: self.config.facts }).build() {
             Ok(tick) => {
-                self.candidate = Some(Candidate { token, settings });
-                Outcome::Send(Action::Configure(tick))
+                let outcome = self.send(token, Action::Configure(tick), commands);
+                if matches!(outcome, Outcome::Sent) {
+                    self.proposal = Some(token);
+                }
+                outcome
             }
-            Err(inconsistent) => Outcome::Reply(Reply::Refused(Refusal::SettingsInconsistent(inconsistent.0))),
+            Err(inconsistent) => Outcome::Done(Err(Refusal::SettingsInconsistent(inconsistent.0))),
         }
     }
 
     fn differences(&self, baseline: Baseline, from_number: u16) -> Reply {
-        let baseline = self.baseline(baseline);
+        let baseline = match baseline {
+            Baseline::Saved => &self.saved,
+            Baseline::Defaults => &Settings::DEFAULT,
+        };
         let mut entries = Vec::new();
-        for (number, in_use, baseline) in self.settings.differences(&baseline).filter(|entry| entry.0 >= from_number) {
+        for (number, in_use, baseline) in self.settings.differences(baseline).filter(|entry| entry.0 >= from_number) {
             if entries.len() == MAX_PAGE {
                 return Reply::Differences { entries, next_number: number };
             }
@@ -407,43 +481,75 @@ impl<S: Flash, M: Flash> Link<S, M> {
         Reply::Differences { entries, next_number: 0 }
     }
 
+    #[inline(never)]
     fn save_settings(&mut self) -> Result<(), Refusal> {
-        let bytes = settings::encode(&self.settings).ok_or(Refusal::Storage)?;
+        self.may_write()?;
+        let mut bytes = Vec::new();
+        settings::encode_into(&self.settings, &mut bytes).ok_or(Refusal::Storage)?;
         self.settings_store.save(&bytes).map_err(refusal)?;
-        self.saved = self.settings.clone();
+        self.saved.clone_from(&self.settings);
         Ok(())
     }
 
-    fn finish_upload(&mut self, mut check_model: impl FnMut(&[u8]) -> bool) -> Result<(), Refusal> {
-        let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
-        let bytes = self.model_store.uploaded(&upload);
-        // The checksum first: a damaged blob is not a wrong model.
-        if !upload.is_complete(crc32(0, bytes)) {
-            return Err(Refusal::Checksum);
+    fn begin_upload(&mut self, length: u32, crc32: u32) -> Result<(), Refusal> {
+        self.may_write()?;
+        self.upload = None;
+        self.upload = Some(self.model_store.begin(length, crc32).map_err(refusal)?);
+        Ok(())
+    }
+
+    fn write_upload(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Refusal> {
+        self.may_write()?;
+        let upload = self.upload.as_mut().ok_or(Refusal::NoUpload)?;
+        self.model_store.write(upload, offset, bytes).map_err(refusal)?;
+        Ok(upload.next_offset())
+    }
+
+    /// The checksum before anything else: a damaged blob is not a wrong model.
+    fn check_upload(&mut self) -> Result<(), Refusal> {
+        self.may_write()?;
+        let upload = self.upload.as_ref().ok_or(Refusal::NoUpload)?;
+        if upload.is_complete(crc32(0, self.model_store.uploaded(upload))) {
+            return Ok(());
         }
-        if !check_model(bytes) {
+        self.upload = None;
+        Err(Refusal::Checksum)
+    }
+
+    fn finish_upload(&mut self, is_model: bool) -> Result<(), Refusal> {
+        let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
+        if !is_model {
             return Err(Refusal::NotAModel);
         }
         self.model_store.finish(upload).map_err(refusal).map(|_| ())
+    }
+
+    fn activate_other(&mut self) -> Result<(), Refusal> {
+        self.may_write()?;
+        let slot = self.model_store.inactive_whole().ok_or(Refusal::NoOtherModel)?;
+        self.model_store.activate(slot).map_err(refusal)
     }
 }
 
 /// What becomes of a request.
 enum Outcome {
+    /// It is answered.
     Reply(Reply),
-    Send(Action),
+    /// It is carried out, or not.
+    Done(Result<(), Refusal>),
+    /// The tick will answer.
+    Sent,
+    /// The board has to do something; a change of the model is done, the check of one answers later.
+    Event(Event),
 }
 
-fn done(outcome: Result<(), Refusal>) -> Reply {
-    match outcome {
-        Ok(()) => Reply::Done,
-        Err(refusal) => Reply::Refused(refusal),
+/// Answers what has no answer but that it is done.
+fn reply_done(buffers: &mut LinkBuffers, token: u16, outcome: Result<(), Refusal>, commands: &mut impl CommandSink) {
+    if outcome == Err(Refusal::Storage) {
+        // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
+        let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });
     }
-}
-
-fn encoded(wire: Result<Vec<u8, MAX_WIRE>, MessageError>) -> Option<Vec<u8, MAX_WIRE>> {
-    // Every message fits its frame; a test holds that.
-    wire.ok()
+    buffers.reply(token, outcome.map_or_else(Reply::Refused, |()| Reply::Done));
 }
 
 fn refusal(error: StorageError) -> Refusal {

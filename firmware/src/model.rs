@@ -1,8 +1,10 @@
 //! The model in use: from the bytes in flash to one step each model period.
 
+use core::borrow::BorrowMut;
 use core::num::NonZeroU16;
 
 use model_export::blob::{self, BlobError};
+use model_export::compensation::Extension;
 use model_export::link::fault::Fault;
 use model_export::schema::{Golden, Model};
 
@@ -26,21 +28,25 @@ pub struct ModelFacts {
     pub id: [u8; 8],
 }
 
-/// A place for a model: an estimator, if there is one, and the memory of whatever estimator is there.
+/// A place for a model: an estimator, if there is one, with its memory and the blob's contents.
 ///
-/// It stays where it is and models come and go in it, since a model with its memory is too long for a stack.
+/// It stays where it is and models come and go in it, since each of these is too long for a small stack. On a board the memory lies
+/// elsewhere, so that the rest is short enough to be made on the stack.
 #[derive(Debug)]
-pub struct RunningModel<'a, K: Kernel> {
-    estimator: Option<Estimator<'a, K>>,
-    state: EstimatorState,
-    companion: Option<Companion>,
+pub struct RunningModel<'a, K: Kernel, S = EstimatorState> {
+    model: Model<'a>,
+    estimator: Estimator<'a, K>,
+    state: S,
+    is_ready: bool,
+    companion: Companion,
 }
 
 /// What came with an estimator: which way it runs, what the controllers need of the actuator, and what it was trained on.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Companion {
     direction: Direction,
-    compensator: Option<Compensator>,
+    compensator: Compensator,
+    compensates: bool,
     guard: DomainGuard,
     guard_state: DomainGuardState,
     is_outside: bool,
@@ -48,38 +54,38 @@ struct Companion {
 
 impl Companion {
     #[inline(never)]
-    fn new(model: &Model<'_>) -> Result<Self, Fault> {
-        let direction = match (model.input.unit, model.output.unit) {
+    fn rebuild(&mut self, model: &Model<'_>) -> Result<(), Fault> {
+        self.direction = match (model.input.unit, model.output.unit) {
             ("bar", "mm") => Direction::Estimator,
             ("mm", "bar") => Direction::Inverse,
             _ => return Err(Fault::ModelUnsupported),
         };
-        let extension = model.extension().map_err(|_| Fault::ModelCorrupt)?;
-        let compensator = match extension.compensation {
-            Some(parameters) => Some(Compensator::new(parameters).map_err(|_| Fault::ModelUnsupported)?),
-            None => None,
-        };
-        let guard = DomainGuard::new(&model.envelope, extension.domain, model.sample_period_s);
-        Ok(Self { direction, compensator, guard, guard_state: DomainGuardState::default(), is_outside: false })
+        let mut extension = Extension::default();
+        extension.decode_into(model.extension).map_err(|_| Fault::ModelCorrupt)?;
+        self.compensates = extension.compensation.is_some();
+        if let Some(parameters) = &mut extension.compensation {
+            self.compensator.rebuild(parameters).map_err(|_| Fault::ModelUnsupported)?;
+        }
+        self.guard = DomainGuard::new(&model.envelope, extension.domain, model.sample_period_s);
+        Ok(())
+    }
+
+    fn reset(&mut self) {
+        self.guard_state.reset();
+        self.is_outside = false;
     }
 }
 
 impl<K: Kernel> Default for RunningModel<'_, K> {
     fn default() -> Self {
-        Self { estimator: None, state: EstimatorState::default(), companion: None }
+        Self::with_state(EstimatorState::new())
     }
 }
 
-impl<'a, K: Kernel> RunningModel<'a, K> {
-    /// Builds the model of a blob; `kernel` makes its kernel.
-    ///
-    /// # Errors
-    /// The fault to raise: [`Fault::ModelCorrupt`] or [`Fault::ModelUnsupported`].
-    pub fn load(bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<Self, Fault> {
-        let blob = blob::decode(bytes).map_err(|error| fault_of(&error))?;
-        let estimator = Estimator::with_kernel(&blob.model, kernel).map_err(|_| Fault::ModelUnsupported)?;
-        let companion = Companion::new(&blob.model)?;
-        Ok(Self { estimator: Some(estimator), state: EstimatorState::default(), companion: Some(companion) })
+impl<'a, K: Kernel, S: BorrowMut<EstimatorState>> RunningModel<'a, K, S> {
+    /// An empty place with memory that lies wherever the caller wants.
+    pub fn with_state(state: S) -> Self {
+        Self { model: Model::default(), estimator: Estimator::default(), state, is_ready: false, companion: Companion::default() }
     }
 
     /// Checks a blob as the self-test does, and lets its model in if it passes: frame, checksum, schema, sample period, golden vectors, and
@@ -92,79 +98,56 @@ impl<'a, K: Kernel> RunningModel<'a, K> {
     ///
     /// # Deadline
     /// Not for the tick: up to some 1000 model steps.
-    #[inline(never)]
     pub fn admit(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
         self.forget();
-        let (facts, golden) = self.build(bytes, kernel)?;
-        let checked = match &self.estimator {
-            Some(estimator) => check(estimator, &mut self.state, &golden),
-            None => Err(Fault::ModelUnsupported),
-        };
-        match checked {
-            Ok(()) => {
-                self.state.reset();
-                Ok(facts)
-            }
-            Err(fault) => {
-                self.forget();
-                Err(fault)
-            }
-        }
+        let facts = self.build(bytes, kernel)?;
+        check(&self.estimator, self.state.borrow_mut(), &self.model.golden)?;
+        self.reset();
+        self.is_ready = true;
+        Ok(facts)
     }
 
     /// Leaves the place empty.
     pub fn forget(&mut self) {
-        self.estimator = None;
-        self.companion = None;
+        self.is_ready = false;
     }
 
-    /// The estimator of a blob. A function of its own, so that the decoded blob is off the stack before the vectors are replayed.
+    /// The estimator of a blob. A function of its own, so that nothing of this is on the stack when the vectors are replayed.
     #[inline(never)]
-    fn build(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<(ModelFacts, Golden<'a>), Fault> {
-        // Matched by reference, because every move of what is in here is another kilobyte of stack.
-        let decoded = blob::decode(bytes);
-        let blob = match &decoded {
-            Ok(blob) => blob,
-            Err(error) => return Err(fault_of(error)),
-        };
-        let model = &blob.model;
+    fn build(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
+        let Self { model, estimator, companion, .. } = self;
+        let header = blob::decode_into(bytes, model).map_err(|error| fault_of(&error))?;
         let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
-        self.companion = Some(Companion::new(model)?);
-        self.estimator = Estimator::with_kernel(model, kernel).ok();
-        if self.estimator.is_none() {
-            return Err(Fault::ModelUnsupported);
-        }
-        let id = blob.content_hash.first_chunk::<8>().copied().unwrap_or_default();
-        Ok((ModelFacts { period, id }, model.golden.clone()))
+        companion.rebuild(model)?;
+        estimator.rebuild(model, kernel).map_err(|_| Fault::ModelUnsupported)?;
+        let id = header.content_hash.first_chunk::<8>().copied().unwrap_or_default();
+        Ok(ModelFacts { period, id })
     }
 }
 
-impl<K: Kernel> ModelStep for RunningModel<'_, K> {
+impl<K: Kernel, S: BorrowMut<EstimatorState>> ModelStep for RunningModel<'_, K, S> {
     fn step(&mut self, input: f32) -> f32 {
-        if let Some(companion) = &mut self.companion {
-            companion.is_outside = companion.guard.is_outside(&mut companion.guard_state, input);
-        }
-        self.estimator.as_ref().map_or(f32::NAN, |estimator| estimator.step(&mut self.state, input).value)
+        let Companion { guard, guard_state, is_outside, .. } = &mut self.companion;
+        *is_outside = self.is_ready && guard.is_outside(guard_state, input);
+        if self.is_ready { self.estimator.step(self.state.borrow_mut(), input).value } else { f32::NAN }
     }
 
     fn reset(&mut self) {
-        self.state.reset();
-        if let Some(companion) = &mut self.companion {
-            companion.guard_state = DomainGuardState::default();
-            companion.is_outside = false;
-        }
+        self.state.borrow_mut().reset();
+        self.companion.reset();
     }
 
     fn direction(&self) -> Direction {
-        self.companion.as_ref().map_or(Direction::Estimator, |companion| companion.direction)
+        if self.is_ready { self.companion.direction } else { Direction::Estimator }
     }
 
     fn compensator(&self) -> Option<&Compensator> {
-        self.companion.as_ref()?.compensator.as_ref()
+        let Companion { compensator, compensates, .. } = &self.companion;
+        (self.is_ready && *compensates).then_some(compensator)
     }
 
     fn is_outside_domain(&self) -> bool {
-        self.companion.as_ref().is_some_and(|companion| companion.is_outside)
+        self.companion.is_outside
     }
 }
 

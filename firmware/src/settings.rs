@@ -1,7 +1,8 @@
 //! Settings in flash: pairs of number and value, so that firmware versions that know other settings still read the rest.
 
 use heapless::Vec;
-use model_export::link::settings::{NUMBERS, SettingValue, Settings};
+use model_export::link::settings::{Entry, NUMBERS, SettingError, Settings};
+use model_export::wire::{Reader, Wire, Writer};
 
 /// Kind of a settings slot.
 pub const STORE_KIND: u16 = 0x5345;
@@ -26,26 +27,36 @@ pub struct Stored {
 /// Encodes all settings; `None` never happens, since [`MAX_BYTES`] is the longest encoding.
 pub fn encode(settings: &Settings) -> Option<Vec<u8, MAX_BYTES>> {
     let mut bytes = Vec::new();
-    let mut buffer = [0; 16];
-    for number in NUMBERS {
-        let entry = (*number, settings.get(*number)?);
-        bytes.extend_from_slice(postcard::to_slice(&entry, &mut buffer).ok()?).ok()?;
-    }
+    encode_into(settings, &mut bytes)?;
     Some(bytes)
 }
 
+/// As [`encode`], in a place of the caller's.
+pub fn encode_into(settings: &Settings, bytes: &mut Vec<u8, MAX_BYTES>) -> Option<()> {
+    bytes.resize(MAX_BYTES, 0).ok()?;
+    let mut writer = Writer::new(bytes);
+    for number in NUMBERS {
+        Entry { number: *number, value: settings.get(*number)? }.write(&mut writer);
+    }
+    let length = writer.finish()?;
+    bytes.truncate(length);
+    Some(())
+}
+
 /// Decodes settings of any version of the firmware.
-pub fn decode(mut bytes: &[u8]) -> Stored {
+pub fn decode(bytes: &[u8]) -> Stored {
     let mut stored = Stored::default();
-    while !bytes.is_empty() {
-        let Ok(((number, value), rest)) = postcard::take_from_bytes::<(u16, SettingValue)>(bytes) else {
+    let mut reader = Reader::new(bytes);
+    let mut entry = Entry::default();
+    while reader.finish().is_some_and(|rest| !rest.is_empty()) {
+        entry.read(&mut reader);
+        if reader.finish().is_none() {
             stored.is_damaged = true;
             break;
-        };
-        bytes = rest;
-        match stored.settings.set(number, value) {
+        }
+        match stored.settings.set(entry.number, entry.value) {
             Ok(()) => {}
-            Err(model_export::link::settings::SettingError::Unknown) => stored.unknown = stored.unknown.saturating_add(1),
+            Err(SettingError::Unknown) => stored.unknown = stored.unknown.saturating_add(1),
             Err(_) => stored.rejected = stored.rejected.saturating_add(1),
         }
     }
@@ -54,6 +65,8 @@ pub fn decode(mut bytes: &[u8]) -> Stored {
 
 #[cfg(test)]
 mod tests {
+    use model_export::link::settings::SettingValue;
+
     use super::*;
 
     #[test]
@@ -67,8 +80,9 @@ mod tests {
     fn a_setting_of_another_version_is_skipped_and_an_impossible_one_takes_its_default() {
         let mut bytes: Vec<u8, 64> = Vec::new();
         let mut buffer = [0; 16];
-        for entry in [(60_000u16, SettingValue::Flag(true)), (1, SettingValue::Float(99.0)), (5, SettingValue::Integer(100))] {
-            bytes.extend_from_slice(postcard::to_slice(&entry, &mut buffer).unwrap()).unwrap();
+        for (number, value) in [(60_000, SettingValue::Flag(true)), (1, SettingValue::Float(99.0)), (5, SettingValue::Integer(100))] {
+            let length = model_export::wire::write(&Entry { number, value }, &mut buffer).unwrap();
+            bytes.extend_from_slice(&buffer[..length]).unwrap();
         }
         let stored = decode(&bytes);
         assert_eq!((stored.unknown, stored.rejected, stored.is_damaged), (1, 1, false));

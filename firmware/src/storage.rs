@@ -75,6 +75,9 @@ pub trait Flash {
     /// # Errors
     /// When the hardware says so; the word may hold anything then.
     fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), Self::Error>;
+
+    /// From now on, what lies in `slot` is in use; flash that can refuse to change it does.
+    fn hold(&self, _slot: Option<Slot>) {}
 }
 
 /// Why something could not be stored.

@@ -123,8 +123,13 @@ impl Session {
 
     fn bytes(&mut self, bytes: &[u8]) {
         for byte in bytes {
-            let good = self.model_is_good.get();
-            self.events.extend(self.link.receive(*byte, &mut self.queue, |_| good));
+            let event = self.link.receive(*byte, &mut self.queue);
+            if event == Some(Event::ModelUploaded) {
+                assert!(self.link.uploaded_model().is_some());
+                self.link.finish_upload(self.model_is_good.get(), &mut self.queue);
+            } else {
+                self.events.extend(event);
+            }
         }
     }
 
@@ -156,12 +161,13 @@ impl Session {
         while self.host_reads
             && let Some(wire) = self.link.transmit()
         {
-            for payload in wire.iter().filter_map(|byte| self.decoder.push(*byte)) {
+            for byte in wire {
+                let Some(payload) = self.decoder.push(*byte) else { continue };
                 let payload = payload.unwrap();
                 match Kind::from_byte(payload[0]).unwrap() {
-                    Kind::HelloAnswer => self.hello = Some(Hello::decode(&payload).unwrap()),
-                    Kind::Reply => self.replies.push(ReplyFrame::from_payload(&payload).unwrap()),
-                    Kind::Telemetry => self.telemetry.push(Telemetry::from_payload(&payload).unwrap()),
+                    Kind::HelloAnswer => self.hello = Some(Hello::decode(payload).unwrap()),
+                    Kind::Reply => self.replies.push(ReplyFrame::from_payload(payload).unwrap()),
+                    Kind::Telemetry => self.telemetry.push(Telemetry::from_payload(payload).unwrap()),
                     other => panic!("a device does not send {other:?}"),
                 }
             }

@@ -16,10 +16,9 @@
 
 use core::fmt;
 
-use serde::Deserialize;
-
 use crate::schema::Model;
 use crate::validate::Invalid;
+use crate::wire::{Reader, Wire as _};
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
@@ -138,6 +137,17 @@ const fn nibbles() -> [u32; 16] {
     table
 }
 
+/// What the frame of a blob says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// SHA-256 of the payload.
+    pub content_hash: [u8; 32],
+    /// CRC-32 of the blob.
+    pub crc: u32,
+    /// Version of the schema it is written in.
+    pub schema_version: u16,
+}
+
 /// A blob that passed every check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blob<'a> {
@@ -163,6 +173,16 @@ fn array<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
 /// # Deadline
 /// Not for the control tick: about 20 instructions a byte for the CRC.
 pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, BlobError> {
+    let mut model = Model::default();
+    let Header { content_hash, crc, schema_version } = decode_into(bytes, &mut model)?;
+    Ok(Blob { content_hash, crc, schema_version, model })
+}
+
+/// As [`decode`], with the model in a place of the caller's: it is too long for a small stack.
+///
+/// # Errors
+/// As [`decode`]; what is in the place then is no model.
+pub fn decode_into<'a>(bytes: &'a [u8], model: &mut Model<'a>) -> Result<Header, BlobError> {
     let truncated = BlobError::Truncated { expected: HEADER_BYTES, found: bytes.len() };
     // A prefix of the magic is a blob cut short; anything else is no blob.
     if bytes.iter().zip(&MAGIC).any(|(found, expected)| found != expected) {
@@ -189,10 +209,9 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, BlobError> {
     if version != SCHEMA_VERSION {
         return Err(BlobError::SchemaVersion { found: version });
     }
-    // Not `postcard::take_from_bytes`, which holds the model on the stack five times over.
-    let mut deserializer = postcard::Deserializer::from_bytes(payload);
-    let Ok(mut model) = Model::deserialize(&mut deserializer) else { return Err(BlobError::Payload) };
-    let Ok(extension) = deserializer.finalize() else { return Err(BlobError::Payload) };
+    let mut reader = Reader::new(payload);
+    model.read(&mut reader);
+    let Some(extension) = reader.finish() else { return Err(BlobError::Payload) };
     model.extension = extension;
     if let Some(network) = &model.network
         && network.activation().is_err()
@@ -200,7 +219,7 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, BlobError> {
         return Err(BlobError::Activation { found: network.activation_code });
     }
     model.validate()?;
-    Ok(Blob { content_hash, crc: stored, schema_version: version, model })
+    Ok(Header { content_hash, crc: stored, schema_version: version })
 }
 
 /// The CRC-32 that a blob's header must carry.

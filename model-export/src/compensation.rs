@@ -134,14 +134,23 @@ impl Extension {
     /// When there are too many or too few bytes, or a field is out of its domain.
     pub fn decode(bytes: &[u8]) -> Result<Self, Invalid> {
         let mut extension = Self::default();
+        extension.decode_into(bytes)?;
+        Ok(extension)
+    }
+
+    /// As [`Self::decode`], over an extension that is there already: it is long for a small stack. After an error it means nothing.
+    ///
+    /// # Errors
+    /// As [`Self::decode`].
+    pub fn decode_into(&mut self, bytes: &[u8]) -> Result<(), Invalid> {
+        (self.compensation, self.domain) = (None, None);
         if bytes.is_empty() {
-            return Ok(extension);
+            return Ok(());
         }
         let mut reader = Reader(bytes);
-        let read = extension.read(&mut reader).is_some() && reader.0.is_empty();
+        let read = self.read(&mut reader).is_some() && reader.0.is_empty();
         require(read, "extension", 0, "as long as its counts say")?;
-        extension.validate()?;
-        Ok(extension)
+        self.validate()
     }
 
     fn read(&mut self, reader: &mut Reader<'_>) -> Option<()> {
@@ -176,7 +185,7 @@ impl Extension {
         ];
         let mut numbers: std::vec::Vec<f32> = self.domain.iter().map(|domain| domain.reversal_depth).collect();
         if let Some(part) = part {
-            numbers.extend(part.clone().numbers_mut().map(|number| *number));
+            numbers.extend(part.numbers());
             numbers.extend(part.plain_inverse.iter().chain(&part.plays).chain(&part.creep).flatten());
         }
         bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
@@ -215,6 +224,25 @@ fn bank(pairs: &[[f32; 2]], field: &'static str) -> Result<(), Invalid> {
 }
 
 impl Compensation {
+    /// In the order of [`Self::numbers_mut`]; a test holds that.
+    fn numbers(&self) -> [f32; NUMBERS] {
+        [
+            self.plain_constant_mm,
+            self.constant_mm,
+            self.friction_per_bar,
+            self.square_per_mm,
+            self.cube_per_mm2,
+            self.touch_bar,
+            self.touch_width_bar,
+            self.dead_time_s,
+            self.fill_time_constant_s,
+            self.vent_time_constant_s,
+            self.second_time_constant_s,
+            self.highest_bar,
+            self.error_mm,
+        ]
+    }
+
     fn numbers_mut(&mut self) -> [&mut f32; NUMBERS] {
         [
             &mut self.plain_constant_mm,
@@ -238,9 +266,9 @@ impl Compensation {
     /// # Errors
     /// The first field out of its domain.
     pub fn validate(&self) -> Result<(), Invalid> {
-        for (index, (number, (low, high))) in self.clone().numbers_mut().into_iter().zip(BOUNDS).enumerate() {
+        for (index, (number, (low, high))) in self.numbers().into_iter().zip(BOUNDS).enumerate() {
             // What is not a number is in no range.
-            require((low..=high).contains(number), "compensation", index, "within the bounds of its field")?;
+            require((low..=high).contains(&number), "compensation", index, "within the bounds of its field")?;
         }
         bank(&self.plain_inverse, "compensation.plain_inverse")?;
         bank(&self.plays, "compensation.plays")?;

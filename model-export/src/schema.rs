@@ -30,6 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::compensation::Extension;
 use crate::validate::Invalid;
+use crate::wire::{wire_enum, wire_struct};
 
 /// Most play operators a front end may have.
 pub const MAX_PLAY: usize = 24;
@@ -52,7 +53,7 @@ pub const MAX_WINDOW_VALUES: usize = 1024;
 pub const MAX_GOLDEN: usize = 512;
 
 /// One physical channel: unit and the affine map to its normalised form, `normalised = (value - offset) / scale`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Channel<'a> {
     /// Quantity, for example `pressure`.
     pub quantity: &'a str,
@@ -69,9 +70,10 @@ pub struct Channel<'a> {
 }
 
 /// The signal of the front end that a network feature takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FeatureSource {
     /// `u`.
+    #[default]
     Input,
     /// `u(k) - u(k-1)`, zero at the first sample.
     InputDifference,
@@ -91,7 +93,7 @@ pub enum FeatureSource {
 }
 
 /// One network input: `feature = (signal - offset) * gain`, then rounded and saturated to Q1.14.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Feature {
     /// Which signal.
     pub source: FeatureSource,
@@ -102,7 +104,7 @@ pub struct Feature {
 }
 
 /// The physics part: see the module documentation for the equations.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrontEnd {
     /// Dead time in samples, 0 to [`MAX_DEAD_TIME_SAMPLES`], linear interpolation between samples.
     pub dead_time_samples: f32,
@@ -126,10 +128,40 @@ pub struct FrontEnd {
     pub features: Vec<Feature, MAX_FEATURES>,
 }
 
+impl Clone for FrontEnd {
+    fn clone(&self) -> Self {
+        let mut clone = Self::default();
+        clone.clone_from(self);
+        clone
+    }
+
+    /// In place: the microcontroller's stack has no room for a second one.
+    fn clone_from(&mut self, source: &Self) {
+        let Self { play_thresholds, play_weights, creep_coefficients, creep_weights, features, .. } = self;
+        copy(play_thresholds, &source.play_thresholds);
+        copy(play_weights, &source.play_weights);
+        copy(creep_coefficients, &source.creep_coefficients);
+        copy(creep_weights, &source.creep_weights);
+        copy(features, &source.features);
+        self.dead_time_samples = source.dead_time_samples;
+        self.lag_coefficient = source.lag_coefficient;
+        self.input_weight = source.input_weight;
+        self.bias = source.bias;
+        self.stick_band = source.stick_band;
+    }
+}
+
+fn copy<T: Copy, const N: usize>(to: &mut Vec<T, N>, from: &Vec<T, N>) {
+    to.clear();
+    // Both have the same capacity.
+    let _ = to.extend_from_slice(from);
+}
+
 /// How the network meets time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
     /// The state is carried from sample to sample.
+    #[default]
     Streaming,
     /// Every output comes from the last `length` samples, from zero state.
     Window {
@@ -184,7 +216,7 @@ impl Activation {
 
 /// One LSTM layer. Arrays are borrowed bytes, little-endian, so that reading a blob copies nothing; rows are in gate order i, f, g, o,
 /// one row per unit in each gate. The formats are those of [`crate::fixed`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Layer<'a> {
     /// Width of the input, 1 to [`MAX_WIDTH`].
     pub inputs: u16,
@@ -209,7 +241,7 @@ pub struct Layer<'a> {
 }
 
 /// The dense output: `N = bias + scale * sum(weight * hidden)`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Dense<'a> {
     /// `i16`, little-endian, one per unit of the last layer.
     pub weights: &'a [u8],
@@ -220,7 +252,7 @@ pub struct Dense<'a> {
 }
 
 /// The correction that the network adds to the front end.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Network<'a> {
     /// [`Activation::code`] of every layer's cell activation.
     pub activation_code: u8,
@@ -233,7 +265,7 @@ pub struct Network<'a> {
 }
 
 /// Where a model came from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Provenance<'a> {
     /// Name of the training preset, or of the kind of physics model.
     pub preset: &'a str,
@@ -277,7 +309,7 @@ pub struct Envelope {
 ///
 /// The outputs come from a reference in `f64` that shares no code with the estimator and knows the weights before quantisation; they
 /// must be met within the tolerance. The digest is that of the estimator's own output bits on the desktop and must be met exactly.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Golden<'a> {
     /// `f32`, little-endian, in input units; the replay starts from the reset state.
     pub input: &'a [u8],
@@ -290,7 +322,7 @@ pub struct Golden<'a> {
 }
 
 /// A model: everything in a blob but its frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Model<'a> {
     /// Time between samples in s.
     pub sample_period_s: f32,
@@ -331,3 +363,51 @@ impl Model<'_> {
         Extension::decode(self.extension)
     }
 }
+
+wire_struct!(Channel<'a> { quantity, unit, offset, scale, minimum, maximum });
+wire_enum!(FeatureSource {
+    0 Input,
+    1 InputDifference,
+    2 Path,
+    3 PathDifference,
+    4 Play(index),
+    5 Stop(index),
+    6 Readout,
+    7 Creep(index),
+});
+wire_struct!(Feature { source, offset, gain });
+wire_struct!(FrontEnd {
+    dead_time_samples,
+    lag_coefficient,
+    play_thresholds,
+    play_weights,
+    creep_coefficients,
+    creep_weights,
+    input_weight,
+    bias,
+    stick_band,
+    features,
+});
+wire_enum!(Mode {
+    0 Streaming,
+    1 Window { length },
+});
+wire_struct!(Layer<'a> {
+    inputs,
+    units,
+    input_weights,
+    recurrent_weights,
+    input_multipliers,
+    recurrent_multipliers,
+    biases,
+    cell_exponent,
+    cell_limit,
+    hidden_shift,
+});
+wire_struct!(Dense<'a> { weights, scale, bias });
+wire_struct!(Network<'a> { activation_code, layers, dense });
+wire_struct!(Provenance<'a> { preset, tool_version, training_data_sha256, seed, training_recordings, optimiser_steps });
+wire_struct!(Metrics { validation_rmse, rmse_f32_vs_fixed, max_abs_f32_vs_fixed, calibration_samples });
+wire_struct!(Envelope { minimum, maximum, maximum_rate });
+wire_struct!(Golden<'a> { input, output, tolerance, digest });
+wire_struct!(Model<'a> { sample_period_s, mode, input, output, front_end, network, provenance, metrics, envelope, golden; extension });

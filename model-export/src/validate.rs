@@ -5,6 +5,7 @@
 
 use core::fmt;
 
+use crate::compensation::Extension;
 use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};
 use crate::schema::{
     Activation, Channel, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
@@ -218,7 +219,7 @@ impl Model<'_> {
         for (index, value) in [envelope.minimum, envelope.maximum, envelope.maximum_rate].iter().enumerate() {
             require(value.is_finite(), "envelope", index, "finite")?;
         }
-        self.extension()?;
+        Extension::default().decode_into(self.extension)?;
         self.golden.validate()
     }
 }

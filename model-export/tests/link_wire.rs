@@ -229,9 +229,10 @@ fn unhex(text: &str) -> std::vec::Vec<u8> {
 }
 
 /// The payload of one whole frame.
-fn payload(wire: &[u8]) -> Vec<u8, MAX_PAYLOAD> {
+fn payload(wire: &[u8]) -> std::vec::Vec<u8> {
     let mut decoder = Decoder::new();
-    let payloads: std::vec::Vec<_> = wire.iter().filter_map(|byte| decoder.push(*byte)).collect();
+    let payloads: std::vec::Vec<_> =
+        wire.iter().filter_map(|byte| decoder.push(*byte).map(|payload| payload.map(<[u8]>::to_vec))).collect();
     assert_eq!(payloads.len(), 1);
     payloads[0].clone().unwrap()
 }
@@ -255,6 +256,27 @@ fn every_message_has_the_recorded_bytes_and_the_schema_hash_is_theirs() {
         hash = crc32(hash, frame);
     }
     assert_eq!(hash, SCHEMA_HASH, "0x{hash:08x}");
+}
+
+/// The crate `postcard` and serde's derives give the same bytes, and take them for the same values.
+#[test]
+fn every_message_is_postcard_as_others_see_it() {
+    fn agree<T: Message + PartialEq + core::fmt::Debug + serde::Serialize + for<'a> serde::Deserialize<'a>>(message: &T) {
+        let payload = payload(&message.to_wire().unwrap());
+        let mut other = [0; MAX_PAYLOAD];
+        assert_eq!(&payload[1..], postcard::to_slice(message, &mut other).unwrap());
+        assert_eq!(postcard::from_bytes::<T>(&payload[1..]).as_ref(), Ok(message));
+        // What is cut short or goes on is refused by both.
+        for length in 1..payload.len() {
+            assert_eq!(T::from_payload(&payload[..length]), Err(MessageError::Content), "{message:?}");
+            assert!(postcard::from_bytes::<T>(&payload[1..length]).is_err());
+        }
+        let longer = [&payload[..], &[0]].concat();
+        assert_eq!(T::from_payload(&longer), Err(MessageError::Content));
+    }
+    requests().into_iter().for_each(|request| agree(&RequestFrame { token: 0x1234, request }));
+    replies().into_iter().for_each(|reply| agree(&ReplyFrame { token: 7, reply }));
+    agree(&telemetry());
 }
 
 #[test]
@@ -340,7 +362,7 @@ fn every_flipped_bit_of_every_frame_is_noticed() {
             let mut damaged = frame.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
             let mut decoder = Decoder::new();
-            let sound = damaged.iter().filter_map(|byte| decoder.push(*byte)).any(|outcome| outcome.is_ok());
+            let sound = damaged.iter().any(|byte| decoder.push(*byte).is_some_and(|outcome| outcome.is_ok()));
             assert!(!sound, "bit {bit} of {}", hex(&frame));
         }
     }
@@ -351,8 +373,14 @@ fn a_frame_is_found_behind_garbage_and_too_long_ones_are_dropped_whole() {
     let mut decoder = Decoder::new();
     let frame = RequestFrame { token: 1, request: Request::Vent }.to_wire().unwrap();
     let garbage = [0xa5u8; 2 * MAX_WIRE];
-    let outcomes: std::vec::Vec<_> =
-        garbage.iter().chain(&[0]).chain(&frame).chain(&[0, 0]).chain(&frame).filter_map(|byte| decoder.push(*byte)).collect();
+    let outcomes: std::vec::Vec<_> = garbage
+        .iter()
+        .chain(&[0])
+        .chain(&frame)
+        .chain(&[0, 0])
+        .chain(&frame)
+        .filter_map(|byte| decoder.push(*byte).map(|payload| payload.map(<[u8]>::to_vec)))
+        .collect();
     assert_eq!(outcomes.len(), 3);
     assert_eq!(outcomes[0], Err(FrameError::TooLong));
     assert!(outcomes[1].is_ok() && outcomes[2].is_ok());
@@ -475,9 +503,29 @@ proptest! {
         for payload in &payloads {
             let wire = encode(payload).unwrap();
             prop_assert!(wire.len() <= MAX_WIRE && !wire[..wire.len() - 1].contains(&0));
-            received.extend(wire.iter().filter_map(|byte| decoder.push(*byte)).map(|outcome| outcome.unwrap().to_vec()));
+            received.extend(wire.iter().filter_map(|byte| decoder.push(*byte).map(|outcome| outcome.unwrap().to_vec())));
         }
         prop_assert_eq!(received, payloads);
+    }
+
+    /// Any bytes are a message, or none, for the crate `postcard` as for the reader here.
+    #[test]
+    fn any_bytes_are_a_message_or_not_as_others_see_it(
+        mut body in prop::collection::vec(prop_oneof![3 => 0u8..24, 1 => any::<u8>()], 0..40),
+        numbers in prop::collection::vec(any::<u64>(), 0..4),
+    ) {
+        fn agree<T: Message + PartialEq + core::fmt::Debug + for<'a> serde::Deserialize<'a>>(body: &[u8]) {
+            let mine = T::from_payload(&[&[T::KIND.byte()], body].concat()).ok();
+            let other = postcard::take_from_bytes::<T>(body).ok().filter(|(_, rest)| rest.is_empty()).map(|(message, _)| message);
+            // By their text, since a number that is none equals nothing.
+            assert_eq!(format!("{mine:?}"), format!("{other:?}"), "{body:?}");
+        }
+        for number in numbers {
+            body.extend(postcard::to_stdvec(&number).unwrap());
+        }
+        agree::<RequestFrame>(&body);
+        agree::<ReplyFrame>(&body);
+        agree::<Telemetry>(&body);
     }
 
     #[test]

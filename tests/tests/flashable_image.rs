@@ -51,7 +51,8 @@ impl Emulator {
             let mut decoder = Decoder::new();
             let mut bytes = [0; 4096];
             while let Ok(length @ 1..) = output.read(&mut bytes) {
-                for payload in bytes[..length].iter().filter_map(|byte| decoder.push(*byte)) {
+                for byte in &bytes[..length] {
+                    let Some(payload) = decoder.push(*byte) else { continue };
                     if sender.send(payload.expect("every frame is sound").to_vec()).is_err() {
                         return;
                     }

@@ -43,6 +43,9 @@ pub fn build() -> Result<Sizes> {
         cargo().args(["rustc", "--profile", "flash", "--target", TARGET, "-p", "firmware", "--bin", "rig", "--"]).args([
             "-C",
             "llvm-args=-enable-machine-outliner=always",
+            // Functions that came out alike are one.
+            "-C",
+            "link-arg=--icf=all",
             "-C",
             "link-arg=--defsym=_budgeted=1",
         ]),

@@ -58,7 +58,7 @@ mod image {
     mod app {
         use core::mem::MaybeUninit;
 
-        use firmware::board::background::{Background, BackgroundQueues, Facts};
+        use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
@@ -71,7 +71,8 @@ mod image {
         use firmware::board::flash::InternalFlash;
         use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
-        use firmware::link::{Link, LinkConfig};
+        use firmware::estimator::EstimatorState;
+        use firmware::link::{Link, LinkBuffers, LinkConfig};
         use firmware::tick::{BootReport, Rig, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
 
@@ -81,7 +82,7 @@ mod image {
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
         type BoardFlash = InternalFlash<Controller>;
-        type BoardBackground = Background<'static, BoardFlash, BoardFlash>;
+        type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
         #[shared]
         struct Shared {
@@ -94,7 +95,7 @@ mod image {
             background: &'static mut BoardBackground,
             line: SerialLine,
             port: Port,
-            home: &'static mut MaybeUninit<BoardModel>,
+            place: Option<&'static mut BoardModel>,
             power: PWR,
             ticks_seen: u32,
         }
@@ -106,9 +107,11 @@ mod image {
             receive: ReceiveQueue = ReceiveQueue::new(),
             transmit: TransmitQueue = TransmitQueue::new(),
             model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+            model_state: EstimatorState = EstimatorState::new(),
             program: [&'static [u8]; 4] = [&[]; 4],
             task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
             background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
+            link_buffers: LinkBuffers = LinkBuffers::new(),
         ])]
         fn init(context: init::Context) -> (Shared, Local) {
             let device = context.device;
@@ -157,13 +160,9 @@ mod image {
             let (telemetry_in, telemetry_out) = context.local.telemetry.split();
             let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
             let background = in_place(context.local.background_home, || {
-                let link = Link::new(
+                let link = Link::with_buffers(
                     LinkConfig {
-                        firmware: [
-                            version(env!("CARGO_PKG_VERSION_MAJOR")),
-                            version(env!("CARGO_PKG_VERSION_MINOR")),
-                            version(env!("CARGO_PKG_VERSION_PATCH")),
-                        ],
+                        firmware: firmware::VERSION,
                         board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
                         reset_cause,
                         previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
@@ -171,16 +170,11 @@ mod image {
                     },
                     InternalFlash::new(controller(), SETTINGS_SECTORS),
                     InternalFlash::new(controller(), MODEL_SECTORS),
+                    context.local.link_buffers,
                 );
-                Background::new(link, facts, queues, &EXCHANGE)
+                BackgroundTask::new(link, facts, queues, &EXCHANGE)
             });
             let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
-            // The link's settings go together, and so do the defaults; a test holds the latter.
-            let Ok(tick) = (TickConfig { settings: background.link().settings(), facts: FACTS }).build() else {
-                crash::crash(Fault::Panicked)
-            };
-            let rig = Rig::new(tick, boot);
-
             let hands = Hands {
                 source: sampler,
                 analogue,
@@ -193,26 +187,33 @@ mod image {
                 keeper: unsafe { crash::Keeper::new() },
             };
             let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
-            let task = in_place(context.local.task_home, || TickTask::new(rig, hands, queues, &EXCHANGE, rates.cycles_per_tick()));
+            let place = in_place(context.local.model_home, || BoardModel::with_state(context.local.model_state));
+            let settings = background.link().settings();
+            let task = in_place(context.local.task_home, || {
+                // The link's settings go together, and so do the defaults; a test holds the latter.
+                let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
+                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick())
+            });
 
             log_start(clock.source, boot.faults);
             task.hands_mut().source.begin();
             sampling::start_guard(&mut core.SYST, rates);
             (
                 Shared { tenant: Tenant::none() },
-                Local { task, background, line, port, home: context.local.model_home, power: device.PWR, ticks_seen: 0 },
+                Local { task, background, line, port, place: Some(place), power: device.PWR, ticks_seen: 0 },
             )
         }
 
-        #[idle(local = [background, line, home], shared = [tenant])]
+        #[idle(local = [background, line, place], shared = [tenant])]
         fn idle(context: idle::Context) -> ! {
-            let idle::LocalResources { background, line, home, .. } = context.local;
-            let place = in_place(home, BoardModel::default);
+            let idle::LocalResources { background, line, place, .. } = context.local;
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
-            let mut room = unsafe { Room::new(context.shared.tenant, place) };
+            let mut room = unsafe { Room::new(context.shared.tenant, place.take()) };
             let mut state = EXCHANGE.state();
             let mut stack_unused_bytes = memory::stack_unused_bytes();
-            for round in 1u32.. {
+            let mut round = 0u32;
+            loop {
+                round = round.wrapping_add(1);
                 background.step(line, &mut room, stack_unused_bytes);
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
@@ -222,8 +223,6 @@ mod image {
                     defmt::info!("state {=u8}", state_number(state));
                 }
             }
-            // Unreachable in practice: the counter wraps in release builds and would panic in others.
-            crash::crash(Fault::Panicked)
         }
 
         #[task(binds = ADC, priority = 3, local = [task], shared = [tenant])]
@@ -257,14 +256,6 @@ mod image {
         #[inline(never)]
         fn in_place<T>(home: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
             home.write(make())
-        }
-
-        /// A part of the version, which Cargo guarantees to be a number.
-        const fn version(part: &str) -> u16 {
-            match u16::from_str_radix(part, 10) {
-                Ok(number) => number,
-                Err(_) => u16::MAX,
-            }
         }
 
         fn state_number(state: model_export::link::state::State) -> u8 {

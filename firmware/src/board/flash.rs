@@ -90,11 +90,6 @@ impl<C: FlashController> InternalFlash<C> {
         Self { controller, sectors, in_use: Cell::new(None) }
     }
 
-    /// From now on, what lies in `slot` is in use and cannot be changed.
-    pub fn hold(&self, slot: Option<Slot>) {
-        self.in_use.set(slot);
-    }
-
     fn sector(&self, slot: Slot) -> (u32, u8) {
         let [a, b] = self.sectors;
         match slot {
@@ -135,6 +130,10 @@ impl<C: FlashController> InternalFlash<C> {
 
 impl<C: FlashController> Flash for InternalFlash<C> {
     type Error = FlashError;
+
+    fn hold(&self, slot: Option<Slot>) {
+        self.in_use.set(slot);
+    }
 
     fn contents(&self, slot: Slot) -> &[u8] {
         self.controller.mapped(self.sector(slot).0, SECTOR_BYTES)

@@ -27,7 +27,7 @@
 //! 4. Settings from flash, rig, queues.
 //! 5. Sampling begins; from now on the tick decides about the dump valve.
 
-pub mod background;
+pub mod background_task;
 pub mod clock;
 pub mod exchange;
 pub mod flash;

@@ -20,7 +20,7 @@ const CLOSE_MM: f32 = 1e-4;
 const HINGE_STEPS: u8 = 5;
 
 /// The actuator, ready to run; immutable.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Actuator {
     parameters: Compensation,
     hinge_at_rest_bar: f32,
@@ -67,10 +67,21 @@ impl Actuator {
     ///
     /// # Errors
     /// When a parameter is out of its domain.
-    pub fn new(parameters: Compensation) -> Result<Self, Invalid> {
+    pub fn new(mut parameters: Compensation) -> Result<Self, Invalid> {
+        let mut actuator = Self::default();
+        actuator.rebuild(&mut parameters)?;
+        Ok(actuator)
+    }
+
+    /// As [`Self::new`], over an actuator that is there already, whose parameters are left behind in exchange.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn rebuild(&mut self, parameters: &mut Compensation) -> Result<(), Invalid> {
         parameters.validate()?;
-        let hinge_at_rest_bar = hinge(-parameters.touch_bar, parameters.touch_width_bar);
-        Ok(Self { parameters, hinge_at_rest_bar })
+        core::mem::swap(&mut self.parameters, parameters);
+        self.hinge_at_rest_bar = hinge(-self.parameters.touch_bar, self.parameters.touch_width_bar);
+        Ok(())
     }
 
     /// The parameters it was built from.

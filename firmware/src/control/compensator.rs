@@ -28,7 +28,7 @@ const DELAY_TICKS: u16 = 18;
 pub const CATCH_UP_S: f32 = 0.04;
 
 /// The inverses of an actuator, ready to run; immutable.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Compensator {
     actuator: Actuator,
     dead_time_ticks: u16,
@@ -61,9 +61,9 @@ struct ModelledTip {
 impl ModelledTip {
     fn step(&mut self, tip_mm: f32, window_begins: bool) {
         if window_begins && self.ticks > 0 {
-            self.means_mm.rotate_right(1);
-            if let Some(newest) = self.means_mm.first_mut() {
-                *newest = self.sum_mm / f32::from(self.ticks);
+            let mut newer = self.sum_mm / f32::from(self.ticks);
+            for mean_mm in &mut self.means_mm {
+                core::mem::swap(mean_mm, &mut newer);
             }
             (self.sum_mm, self.ticks) = (0.0, 0);
         }
@@ -143,9 +143,21 @@ impl Compensator {
     ///
     /// # Errors
     /// When a parameter is out of its domain.
-    pub fn new(parameters: Compensation) -> Result<Self, Invalid> {
-        let dead_time_ticks = round_to_i32(parameters.dead_time_s / TICK_S).and_then(|ticks| u16::try_from(ticks).ok()).unwrap_or(0);
-        Ok(Self { actuator: Actuator::new(parameters)?, dead_time_ticks })
+    pub fn new(mut parameters: Compensation) -> Result<Self, Invalid> {
+        let mut compensator = Self::default();
+        compensator.rebuild(&mut parameters)?;
+        Ok(compensator)
+    }
+
+    /// As [`Self::new`], over inverses that are there already, whose parameters are left behind in exchange.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn rebuild(&mut self, parameters: &mut Compensation) -> Result<(), Invalid> {
+        self.actuator.rebuild(parameters)?;
+        let ticks = round_to_i32(self.actuator.parameters().dead_time_s / TICK_S);
+        self.dead_time_ticks = ticks.and_then(|ticks| u16::try_from(ticks).ok()).unwrap_or(0);
+        Ok(())
     }
 
     /// The actuator.

@@ -12,6 +12,8 @@ use hysteresis::play;
 use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use model_export::validate::Invalid;
 
+use super::arithmetic::quantise_feature;
+
 /// Largest magnitude of the normalised input that is believed.
 pub const MAX_NORMALISED: f32 = 1000.0;
 
@@ -19,7 +21,7 @@ pub const MAX_NORMALISED: f32 = 1000.0;
 const DELAY_LINE: usize = MAX_DEAD_TIME_SAMPLES + 2;
 
 /// The physics part, ready to run; immutable.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct FrontEnd {
     config: schema::FrontEnd,
     input_offset: f32,
@@ -43,6 +45,25 @@ pub struct FrontEndState {
     held_samples: u32,
 }
 
+/// What a feature becomes: itself, or the integer that the network computes with.
+pub trait FromFeature {
+    /// From its value.
+    fn from_feature(value: f32) -> Self;
+}
+
+impl FromFeature for f32 {
+    fn from_feature(value: f32) -> Self {
+        value
+    }
+}
+
+/// Q1.14.
+impl FromFeature for i16 {
+    fn from_feature(value: f32) -> Self {
+        quantise_feature(value)
+    }
+}
+
 /// What one step of the front end gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrontEndOutput {
@@ -58,6 +79,14 @@ pub struct FrontEndOutput {
 
 impl Default for FrontEndState {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl FrontEndState {
+    /// At the start.
+    #[must_use]
+    pub const fn new() -> Self {
         Self {
             started: false,
             delay_line: [0.0; DELAY_LINE],
@@ -69,9 +98,7 @@ impl Default for FrontEndState {
             held_samples: 0,
         }
     }
-}
 
-impl FrontEndState {
     /// Samples that were no measurement, since the last reset; saturates.
     #[must_use]
     pub fn held_samples(&self) -> u32 {
@@ -80,7 +107,11 @@ impl FrontEndState {
 
     /// Forgets everything: the next good sample starts from its equilibrium.
     pub fn reset(&mut self) {
-        *self = Self::default();
+        // In place: a fresh one would be built on the stack of the tick first. What the first step sets itself is left to it.
+        (self.started, self.newest, self.input, self.path, self.held_samples) = (false, 0, 0.0, 0.0, 0);
+        self.delay_line.fill(0.0);
+        self.plays.fill(0.0);
+        self.creeps.fill(0.0);
     }
 }
 
@@ -90,23 +121,29 @@ impl FrontEnd {
     /// # Errors
     /// When a field of `config` or of `input` is out of its domain.
     pub fn new(config: &schema::FrontEnd, input: &Channel<'_>) -> Result<Self, Invalid> {
+        let mut front_end = Self::default();
+        front_end.rebuild(config, input)?;
+        Ok(front_end)
+    }
+
+    /// As [`Self::new`], over a front end that is there already.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn rebuild(&mut self, config: &schema::FrontEnd, input: &Channel<'_>) -> Result<(), Invalid> {
         config.validate()?;
         input.validate()?;
         // The dead time is at most 32 samples, so counting up is exact and needs no float-to-integer cast.
-        let (mut delay_whole, mut delay_fraction) = (0, config.dead_time_samples);
-        while delay_fraction >= 1.0 {
-            delay_whole += 1;
-            delay_fraction -= 1.0;
+        (self.delay_whole, self.delay_fraction) = (0, config.dead_time_samples);
+        while self.delay_fraction >= 1.0 {
+            self.delay_whole += 1;
+            self.delay_fraction -= 1.0;
         }
         let rest = (input.minimum - input.offset) / input.scale;
-        Ok(Self {
-            config: config.clone(),
-            input_offset: input.offset,
-            input_scale: input.scale,
-            rest: rest.clamp(-MAX_NORMALISED, MAX_NORMALISED),
-            delay_whole,
-            delay_fraction,
-        })
+        self.config.clone_from(config);
+        (self.input_offset, self.input_scale) = (input.offset, input.scale);
+        self.rest = rest.clamp(-MAX_NORMALISED, MAX_NORMALISED);
+        Ok(())
     }
 
     /// The parameters it was built from.
@@ -121,12 +158,12 @@ impl FrontEnd {
         self.config.features.len()
     }
 
-    /// One sample: `raw` in the input channel's unit; `features` receives the network's inputs before quantisation, about -1 to 1, in
-    /// the schema's order (features beyond the slice's end are not computed).
+    /// One sample: `raw` in the input channel's unit; `features` receives the network's inputs, before quantisation about -1 to 1, in the
+    /// schema's order (features beyond the slice's end are not computed).
     ///
     /// # Deadline
     /// Runs in the control tick: about 15 instructions a play operator and 10 a feature.
-    pub fn step(&self, state: &mut FrontEndState, raw: f32, features: &mut [f32]) -> FrontEndOutput {
+    pub fn step<T: FromFeature>(&self, state: &mut FrontEndState, raw: f32, features: &mut [T]) -> FrontEndOutput {
         let measured = (raw - self.input_offset) / self.input_scale;
         // Also true for what is not a number.
         let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
@@ -178,7 +215,7 @@ impl FrontEnd {
                 FeatureSource::Readout => linear,
                 FeatureSource::Creep(index) => element(&state.creeps, index),
             };
-            *value = (signal - feature.offset) * feature.gain;
+            *value = T::from_feature((signal - feature.offset) * feature.gain);
         }
         FrontEndOutput { input, path, linear, held }
     }
@@ -234,7 +271,7 @@ mod tests {
         // u = -0.5, 0.5, 0.25, -0.5: the second operator goes -0.25, 0.25, 0.25, -0.25. All values are exact in binary.
         let expected = [(0.0, -0.3125), (2.0, 0.3125), (1.5, 0.1875), (0.0, -0.3125)];
         for (raw, readout) in expected {
-            assert_eq!(front_end.step(&mut state, raw, &mut []).linear, readout);
+            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).linear, readout);
         }
     }
 
@@ -243,9 +280,9 @@ mod tests {
         let config = schema::FrontEnd { dead_time_samples: 1.25, lag_coefficient: 0.5, input_weight: 1.0, ..schema::FrontEnd::default() };
         let front_end = FrontEnd::new(&config, &channel()).unwrap();
         let mut state = FrontEndState::default();
-        front_end.step(&mut state, 1.0, &mut []);
+        front_end.step(&mut state, 1.0, &mut [0.0; 0]);
         // A unit step in u, delayed: 0, 0.75, 1, 1; lagged by halves: 0, 0.375, 0.6875, 0.84375.
-        let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, 3.0, &mut []).path, expected));
+        let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, 3.0, &mut [0.0; 0]).path, expected));
         for (path, expected) in paths {
             assert_eq!(path, expected);
         }
@@ -257,7 +294,7 @@ mod tests {
         let front_end = FrontEnd::new(&config, &channel()).unwrap();
         let mut state = FrontEndState::default();
         for sample in 0..100u8 {
-            let path = front_end.step(&mut state, f32::from(sample), &mut []).path;
+            let path = front_end.step(&mut state, f32::from(sample), &mut [0.0; 0]).path;
             assert_eq!(path, (f32::from(sample.saturating_sub(32)) - 1.0) / 2.0);
         }
     }
@@ -269,8 +306,8 @@ mod tests {
         config.creep_weights.push(2.0).unwrap();
         let front_end = FrontEnd::new(&config, &channel()).unwrap();
         let mut state = FrontEndState::default();
-        assert_eq!(front_end.step(&mut state, 0.0, &mut []).linear, -0.3125 * 3.0);
-        assert_eq!(front_end.step(&mut state, 2.0, &mut []).linear, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+        assert_eq!(front_end.step(&mut state, 0.0, &mut [0.0; 0]).linear, -0.3125 * 3.0);
+        assert_eq!(front_end.step(&mut state, 2.0, &mut [0.0; 0]).linear, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
     }
 
     #[test]
@@ -304,11 +341,11 @@ mod tests {
         let front_end = FrontEnd::new(&config(), &channel()).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1.0e5] {
             let (mut state, mut reference) = (FrontEndState::default(), FrontEndState::default());
-            front_end.step(&mut state, 2.0, &mut []);
-            front_end.step(&mut reference, 2.0, &mut []);
-            let output = front_end.step(&mut state, bad, &mut []);
+            front_end.step(&mut state, 2.0, &mut [0.0; 0]);
+            front_end.step(&mut reference, 2.0, &mut [0.0; 0]);
+            let output = front_end.step(&mut state, bad, &mut [0.0; 0]);
             assert!(output.held);
-            assert_eq!(output.linear, front_end.step(&mut reference, 2.0, &mut []).linear);
+            assert_eq!(output.linear, front_end.step(&mut reference, 2.0, &mut [0.0; 0]).linear);
             assert_eq!(state.held_samples(), 1);
         }
     }
@@ -318,9 +355,9 @@ mod tests {
         let front_end = FrontEnd::new(&config(), &channel()).unwrap();
         let (mut state, mut fresh) = (FrontEndState::default(), FrontEndState::default());
         // At rest: u = -0.5, as in the hand calculation.
-        assert_eq!(front_end.step(&mut state, f32::NAN, &mut []).linear, -0.3125);
+        assert_eq!(front_end.step(&mut state, f32::NAN, &mut [0.0; 0]).linear, -0.3125);
         for raw in [2.5, 1.0, 1.7] {
-            assert_eq!(front_end.step(&mut state, raw, &mut []), front_end.step(&mut fresh, raw, &mut []));
+            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]), front_end.step(&mut fresh, raw, &mut [0.0; 0]));
         }
     }
 

@@ -14,7 +14,7 @@ mod smlad;
 
 use hysteresis::stick_band;
 use model_export::blob::crc32;
-use model_export::schema::{self, MAX_FEATURES, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
+use model_export::schema::{self, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
 use model_export::validate::Invalid;
 
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
@@ -31,6 +31,14 @@ pub struct Estimator<'a, K: Kernel = Portable> {
     mode: Mode,
     output_offset: f32,
     output_scale: f32,
+}
+
+/// Gives nothing but zero.
+impl<K: Kernel> Default for Estimator<'_, K> {
+    fn default() -> Self {
+        let (front_end, mode) = (FrontEnd::default(), Mode::default());
+        Self { front_end, network: None, mode, output_offset: 0.0, output_scale: 0.0 }
+    }
 }
 
 /// All that changes from sample to sample. A clone is a snapshot; assigning it back restores.
@@ -53,12 +61,18 @@ struct Window {
 
 impl Default for EstimatorState {
     fn default() -> Self {
-        let window = Window { values: [0; MAX_WINDOW_VALUES], oldest: 0, filled: false };
-        Self { front_end: FrontEndState::default(), network: NetworkState::default(), window, stuck: None }
+        Self::new()
     }
 }
 
 impl EstimatorState {
+    /// At the start; nothing but zeros, so that a static of it costs no flash.
+    #[must_use]
+    pub const fn new() -> Self {
+        let window = Window { values: [0; MAX_WINDOW_VALUES], oldest: 0, filled: false };
+        Self { front_end: FrontEndState::new(), network: NetworkState::new(), window, stuck: None }
+    }
+
     /// Forgets everything: the next sample starts from its equilibrium.
     pub fn reset(&mut self) {
         // In place: a fresh one would be built on the stack of the tick first.
@@ -129,21 +143,34 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     ///
     /// # Errors
     /// As [`Self::new`], and when the network does not fit into that memory.
-    // Kept out of its callers: its copies of the parameters need not be on the stack while a blob is decoded.
-    #[inline(never)]
     pub fn with_kernel(model: &Model<'a>, source: impl KernelSource<Kernel = K>) -> Result<Self, Invalid> {
+        let mut estimator = Self::default();
+        estimator.rebuild(model, source)?;
+        Ok(estimator)
+    }
+
+    /// As [`Self::with_kernel`], over an estimator that is there already: it is too long for a small stack. After an error it means nothing.
+    ///
+    /// # Errors
+    /// As [`Self::with_kernel`].
+    pub fn rebuild(&mut self, model: &Model<'a>, source: impl KernelSource<Kernel = K>) -> Result<(), Invalid> {
+        self.network = None;
         model.validate()?;
-        let front_end = FrontEnd::new(&model.front_end, &model.input)?;
-        let network = match &model.network {
-            Some(wire) => {
-                let network = Network::new(wire, front_end.features())?;
-                let kernel = source.kernel(&network)?;
-                Some((network, kernel))
-            }
-            None => None,
-        };
-        let (output_offset, output_scale) = (model.output.offset, model.output.scale);
-        Ok(Self { front_end, network, mode: model.mode, output_offset, output_scale })
+        self.front_end.rebuild(&model.front_end, &model.input)?;
+        if let Some(wire) = &model.network {
+            self.rebuild_network(wire, source)?;
+        }
+        (self.mode, self.output_offset, self.output_scale) = (model.mode, model.output.offset, model.output.scale);
+        Ok(())
+    }
+
+    // Not on the stack together with the checks of the model.
+    #[inline(never)]
+    fn rebuild_network(&mut self, wire: &schema::Network<'a>, source: impl KernelSource<Kernel = K>) -> Result<(), Invalid> {
+        let network = Network::new(wire, self.front_end.features())?;
+        let kernel = source.kernel(&network)?;
+        self.network = Some((network, kernel));
+        Ok(())
     }
 
     /// The network, when there is one.
@@ -159,17 +186,11 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     /// # Deadline
     /// Runs in the control tick. In window mode the network runs once per sample of the window.
     pub fn step(&self, state: &mut EstimatorState, raw: f32) -> Estimate {
-        let mut features = [0.0; MAX_FEATURES];
+        let mut features = [0; MAX_WIDTH];
         let physics = self.front_end.step(&mut state.front_end, raw, &mut features);
-        let correction = self.network.as_ref().map_or(0.0, |(network, kernel)| {
-            let mut input = [0; MAX_WIDTH];
-            for (integer, feature) in input.iter_mut().zip(features.iter().take(self.front_end.features())) {
-                *integer = quantise_feature(*feature);
-            }
-            match self.mode {
-                Mode::Streaming => network.step(kernel, &mut state.network, &input),
-                Mode::Window { length } => self.run_window((network, kernel), state, usize::from(length), &input),
-            }
+        let correction = self.network.as_ref().map_or(0.0, |(network, kernel)| match self.mode {
+            Mode::Streaming => network.step(kernel, &mut state.network, &features),
+            Mode::Window { length } => self.run_window((network, kernel), state, usize::from(length), &features),
         });
         let normalised = physics.linear + correction;
         let band = self.front_end.config().stick_band;
@@ -179,6 +200,8 @@ impl<'a, K: Kernel> Estimator<'a, K> {
         Estimate { value, correction, held: physics.held }
     }
 
+    // Its vector of features is not on the stack of a network that streams.
+    #[inline(never)]
     fn run_window(
         &self,
         (network, kernel): (&Network<'a>, &K),

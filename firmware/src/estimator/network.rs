@@ -25,15 +25,30 @@ impl Default for LayerState {
 }
 
 /// The memory of a network.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NetworkState {
     layers: [LayerState; MAX_LAYERS],
 }
 
+impl Default for NetworkState {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl NetworkState {
+    /// At the start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { layers: [LayerState { cell: [0; MAX_UNITS], hidden: [0; MAX_UNITS] }; MAX_LAYERS] }
+    }
+
     /// Back to zero.
     pub fn reset(&mut self) {
-        *self = Self::default();
+        for layer in &mut self.layers {
+            layer.cell.fill(0);
+            layer.hidden.fill(0);
+        }
     }
 
     /// The layers' states, first layer first; those beyond the network's stay zero.
@@ -332,22 +347,22 @@ impl<'a> Network<'a> {
     /// # Deadline
     /// Runs in the control tick: one multiply-accumulate per weight and about 60 instructions a unit.
     pub fn step<K: Kernel>(&self, kernel: &K, state: &mut NetworkState, features: &[i16; MAX_WIDTH]) -> f32 {
-        let mut input = *features;
+        let mut input = features;
         for (index, (layer, memory)) in self.layers.iter().zip(&mut state.layers).enumerate() {
-            kernel.step(index, layer, &input, memory);
-            input = memory.hidden;
+            kernel.step(index, layer, input, memory);
+            input = &memory.hidden;
         }
-        self.output(&input)
+        self.output(input)
     }
 
     /// As [`Self::step`] with the portable kernel, showing every unit to `trace`.
     pub fn step_traced<T: Trace>(&self, state: &mut NetworkState, features: &[i16; MAX_WIDTH], trace: &mut T) -> f32 {
-        let mut input = *features;
+        let mut input = features;
         for (index, (layer, memory)) in self.layers.iter().zip(&mut state.layers).enumerate() {
-            step_traced(index, layer, &input, memory, trace);
-            input = memory.hidden;
+            step_traced(index, layer, input, memory, trace);
+            input = &memory.hidden;
         }
-        self.output(&input)
+        self.output(input)
     }
 
     fn output(&self, hidden: &[i16; MAX_WIDTH]) -> f32 {

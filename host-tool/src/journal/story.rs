@@ -183,7 +183,7 @@ impl Teller {
 
     fn hear(&mut self, time_ms: u64, byte: u8) {
         if let Some(Ok(payload)) = self.decoder.push(byte)
-            && let Ok(RequestFrame { token, request }) = RequestFrame::from_payload(&payload)
+            && let Ok(RequestFrame { token, request }) = RequestFrame::from_payload(payload)
         {
             self.requests.insert(token, (time_ms, request));
         }

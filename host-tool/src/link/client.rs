@@ -97,10 +97,10 @@ impl Line {
                 Some(Ok(payload)) => {
                     self.sound_frames += 1;
                     match payload.first().copied().and_then(Kind::from_byte) {
-                        Some(Kind::HelloAnswer) => self.hello = Hello::decode(&payload).ok().or(self.hello.take()),
-                        Some(Kind::Reply) => self.replies.extend(ReplyFrame::from_payload(&payload)),
+                        Some(Kind::HelloAnswer) => self.hello = Hello::decode(payload).ok().or(self.hello.take()),
+                        Some(Kind::Reply) => self.replies.extend(ReplyFrame::from_payload(payload)),
                         Some(Kind::Telemetry) => {
-                            if let Ok(sample) = Telemetry::from_payload(&payload) {
+                            if let Ok(sample) = Telemetry::from_payload(payload) {
                                 self.account.count(&sample);
                                 self.telemetry.push_back(sample);
                             }

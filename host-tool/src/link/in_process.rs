@@ -1,9 +1,10 @@
 //! The firmware library in this process, as the processor of a simulated rig.
 
+use firmware::background::ModelPlace;
 use firmware::calibration::ConverterConfig;
 use firmware::control::Compensator;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
-use firmware::device::{Device, DeviceConfig, DeviceInputs, ModelPlace};
+use firmware::device::{Device, DeviceConfig, DeviceInputs};
 use firmware::estimator::Portable;
 use firmware::model::{ModelFacts, RunningModel};
 use firmware::retain::Retained;

@@ -8,22 +8,24 @@ use serde::{Deserialize, Serialize};
 
 use super::Kind;
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
-use super::frame::{self, FrameError, MAX_PAYLOAD, MAX_WIRE};
+use super::frame::{self, FrameError, Wire};
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
+use crate::wire::{self, Wire as OnWire, wire_enum, wire_struct};
 
 /// Most points of a playback chunk.
 pub const MAX_CHUNK_POINTS: usize = 32;
 /// Most bytes of a model chunk; a multiple of the flash's word.
 pub const MAX_CHUNK_BYTES: usize = 256;
-/// Most entries of a settings page.
-pub const MAX_PAGE: usize = 16;
+/// Most entries of a settings page: few, so that a page is no longer than a status and a queue of replies stays short.
+pub const MAX_PAGE: usize = 4;
 
 /// Physical quantity of a set-point; a control law refuses one it does not understand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Quantity {
     /// In bar.
+    #[default]
     Pressure,
     /// In mm.
     Displacement,
@@ -42,20 +44,22 @@ pub struct PlaybackChunk {
 }
 
 /// Which settings to compare the ones in use with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Baseline {
     /// What the device starts with.
+    #[default]
     Saved,
     /// What a device nobody has set up has.
     Defaults,
 }
 
 /// What the host asks for.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
     /// State, fault, blockers, counters.
+    #[default]
     Status,
     /// Idle to armed.
     Arm,
@@ -132,7 +136,7 @@ pub enum Request {
 }
 
 /// A request with its token.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestFrame {
     /// Chosen by the host; the reply repeats it.
     pub token: u16,
@@ -141,7 +145,7 @@ pub struct RequestFrame {
 }
 
 /// Why a request was not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// Named reasons against arming or starting.
@@ -149,6 +153,7 @@ pub enum Refusal {
     /// Not in this state.
     State(State),
     /// The frame was sound but this version does not understand the request.
+    #[default]
     NotUnderstood,
     /// The device has more to do than it can queue; try again.
     Busy,
@@ -187,7 +192,7 @@ pub enum Refusal {
 }
 
 /// Entry of a settings page.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingDifference {
     /// The setting's number.
@@ -287,11 +292,11 @@ pub struct ControlReport {
 }
 
 /// What the device answers.
-#[expect(clippy::large_enum_variant, reason = "there is no heap to box the status into")]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reply {
     /// Carried out.
+    #[default]
     Done,
     /// Not carried out.
     Refused(Refusal),
@@ -322,7 +327,7 @@ pub enum Reply {
 }
 
 /// A reply with its request's token.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ReplyFrame {
     /// The request's token.
     pub token: u16,
@@ -387,7 +392,7 @@ impl From<FrameError> for MessageError {
 }
 
 /// A message that knows its kind.
-pub trait Message: Serialize + for<'a> Deserialize<'a> {
+pub trait Message: Default + for<'a> OnWire<'a> {
     /// First byte of its payload.
     const KIND: Kind;
 
@@ -395,12 +400,23 @@ pub trait Message: Serialize + for<'a> Deserialize<'a> {
     ///
     /// # Errors
     /// [`MessageError::TooLong`] if it does not fit a frame.
-    fn to_wire(&self) -> Result<Vec<u8, MAX_WIRE>, MessageError> {
-        let mut payload = [0u8; MAX_PAYLOAD];
-        let (kind, body) = payload.split_first_mut().ok_or(MessageError::TooLong)?;
-        *kind = Self::KIND.byte();
-        let length = postcard::to_slice(self, body).map_err(|_| MessageError::TooLong)?.len() + 1;
-        Ok(frame::encode(payload.get(..length).ok_or(MessageError::TooLong)?)?)
+    fn to_wire(&self) -> Result<Wire, MessageError> {
+        let mut wire = Wire::new();
+        self.encode_into(&mut wire)?;
+        Ok(wire)
+    }
+
+    /// As [`Self::to_wire`], in a place of the caller's.
+    ///
+    /// # Errors
+    /// As [`Self::to_wire`].
+    fn encode_into(&self, wire: &mut Wire) -> Result<(), MessageError> {
+        frame::build(wire, |place| {
+            let (kind, body) = place.split_first_mut()?;
+            *kind = Self::KIND.byte();
+            Some(wire::write(self, body)? + 1)
+        })?;
+        Ok(())
     }
 
     /// Reads a payload of this kind.
@@ -408,12 +424,21 @@ pub trait Message: Serialize + for<'a> Deserialize<'a> {
     /// # Errors
     /// [`MessageError::Kind`] or [`MessageError::Content`].
     fn from_payload(payload: &[u8]) -> Result<Self, MessageError> {
+        let mut message = Self::default();
+        message.take(payload)?;
+        Ok(message)
+    }
+
+    /// As [`Self::from_payload`], over a message that is there already and means nothing after an error.
+    ///
+    /// # Errors
+    /// As [`Self::from_payload`].
+    fn take(&mut self, payload: &[u8]) -> Result<(), MessageError> {
         let (kind, body) = payload.split_first().ok_or(MessageError::Kind)?;
         if *kind != Self::KIND.byte() {
             return Err(MessageError::Kind);
         }
-        let (message, rest) = postcard::take_from_bytes(body).map_err(|_| MessageError::Content)?;
-        if rest.is_empty() { Ok(message) } else { Err(MessageError::Content) }
+        if wire::read_all(self, body) { Ok(()) } else { Err(MessageError::Content) }
     }
 }
 
@@ -428,3 +453,125 @@ impl Message for ReplyFrame {
 impl Message for Telemetry {
     const KIND: Kind = Kind::Telemetry;
 }
+
+wire_enum!(Quantity {
+    0 Pressure,
+    1 Displacement,
+});
+wire_struct!(PlaybackChunk { first_index, last, values_bar });
+wire_enum!(Baseline {
+    0 Saved,
+    1 Defaults,
+});
+wire_enum!(Request {
+    0 Status,
+    1 Arm,
+    2 Disarm,
+    3 Start,
+    4 Stop,
+    5 Vent,
+    6 Acknowledge,
+    7 SetPoint { quantity, value },
+    8 Playback(chunk),
+    9 PlaybackClear,
+    10 SettingGet { number },
+    11 SettingSet { number, value },
+    12 SettingsDifference { baseline, from_number },
+    13 SettingsSave,
+    14 SettingsRevert(baseline),
+    15 ModelBegin { length, crc32 },
+    16 ModelChunk { offset, bytes },
+    17 ModelFinish,
+    18 ModelActivate,
+    19 ModelRollback,
+    20 FaultRecord,
+    21 PreviousFaultRecord,
+    22 ControlReport,
+});
+wire_struct!(RequestFrame { token, request });
+wire_enum!(Refusal {
+    0 Blocked(blockers),
+    1 State(state),
+    2 NotUnderstood,
+    3 Busy,
+    4 Setting(error),
+    5 SettingsInconsistent(number),
+    6 WrongQuantity,
+    7 NotFinite,
+    8 PlaybackIndex(index),
+    9 PlaybackFull(free),
+    10 NoUpload,
+    11 UploadOffset(offset),
+    12 TooLong(capacity),
+    13 Checksum,
+    14 PieceLength,
+    15 NotAModel,
+    16 NoOtherModel,
+    17 Storage,
+    18 NoRecord,
+    19 LogFull,
+});
+wire_struct!(SettingDifference { number, in_use, baseline });
+wire_struct!(Status {
+    state,
+    first_fault,
+    faults,
+    blockers,
+    notices,
+    time_ms,
+    late_ticks,
+    longest_tick_cycles,
+    stack_unused_bytes,
+    damaged_frames,
+    telemetry_dropped,
+    reset_cause,
+    settings_unsaved,
+    playback_next_index,
+    playback_free,
+});
+wire_struct!(FaultRecord {
+    first,
+    second,
+    all,
+    time_ms,
+    state,
+    output_ubar,
+    pressure_code,
+    laser_code,
+    pressure_bar,
+    displacement_mm,
+    estimate_mm,
+    set_point,
+    late_ticks,
+});
+wire_struct!(ControlReport { ticks, limited_ticks, outside_domain_ticks, fallback_ticks, correction_mm, blend_mm, bound_mm });
+wire_enum!(Reply {
+    0 Done,
+    1 Refused(refusal),
+    2 Status(status),
+    3 Playback { next_index, free },
+    4 Setting(value),
+    5 Differences { entries, next_number },
+    6 Uploaded(offset),
+    7 FaultRecord(record),
+    8 ControlReport(report),
+});
+wire_struct!(ReplyFrame { token, reply });
+wire_struct!(Telemetry {
+    sequence,
+    time_ms,
+    dropped,
+    state,
+    first_fault,
+    notices,
+    laser_code,
+    pressure_code,
+    output_ubar,
+    command_bar,
+    set_point,
+    pressure_bar,
+    displacement_mm,
+    estimate_mm,
+    playback_index,
+    late_ticks,
+});

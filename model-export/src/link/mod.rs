@@ -70,13 +70,14 @@ impl Kind {
 pub fn parse_anything(bytes: &[u8]) -> usize {
     use message::Message;
     let mut decoder = frame::Decoder::new();
-    let payloads = bytes.iter().chain(&[0]).filter_map(|byte| decoder.push(*byte)).filter_map(Result::ok);
     let mut understood = 0;
-    for payload in payloads {
-        understood += usize::from(hello::Hello::decode(&payload).is_ok());
-        understood += usize::from(message::RequestFrame::from_payload(&payload).is_ok());
-        understood += usize::from(message::ReplyFrame::from_payload(&payload).is_ok());
-        understood += usize::from(message::Telemetry::from_payload(&payload).is_ok());
+    for byte in bytes.iter().chain(&[0]) {
+        if let Some(Ok(payload)) = decoder.push(*byte) {
+            understood += usize::from(hello::Hello::decode(payload).is_ok());
+            understood += usize::from(message::RequestFrame::from_payload(payload).is_ok());
+            understood += usize::from(message::ReplyFrame::from_payload(payload).is_ok());
+            understood += usize::from(message::Telemetry::from_payload(payload).is_ok());
+        }
     }
     understood
 }

@@ -7,6 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::wire::{wire_enum, wire_struct};
+
 /// Value of one setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -18,6 +20,23 @@ pub enum SettingValue {
     /// Yes or no.
     Flag(bool),
 }
+
+impl Default for SettingValue {
+    fn default() -> Self {
+        Self::Float(0.0)
+    }
+}
+
+/// A setting with its number, as flash keeps it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Entry {
+    /// Its number.
+    pub number: u16,
+    /// Its value.
+    pub value: SettingValue,
+}
+
+wire_struct!(Entry { number, value });
 
 /// What there is to know about one setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,17 +57,30 @@ pub struct SettingInfo {
     pub meaning: &'static str,
 }
 
+wire_enum!(SettingValue {
+    0 Float(quantity),
+    1 Integer(number),
+    2 Flag(flag),
+});
+
 /// Why a setting was not changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingError {
     /// No setting has this number.
+    #[default]
     Unknown,
     /// The value has another type than the setting.
     WrongType,
     /// The value is not a number or outside the setting's bounds.
     OutOfBounds,
 }
+
+wire_enum!(SettingError {
+    0 Unknown,
+    1 WrongType,
+    2 OutOfBounds,
+});
 
 /// A type a setting can have.
 trait SettingType: Copy + PartialEq {
@@ -104,9 +136,14 @@ macro_rules! settings {
             $(#[doc = $meaning] pub $field: $type,)*
         }
 
+        impl Settings {
+            /// What a device nobody has set up has.
+            pub const DEFAULT: Self = Self { $($field: $default,)* };
+        }
+
         impl Default for Settings {
             fn default() -> Self {
-                Self { $($field: $default,)* }
+                Self::DEFAULT
             }
         }
 

@@ -7,9 +7,10 @@ use firmware::estimator::Kernel;
 use firmware::model::RunningModel;
 use firmware::parity::Noise;
 use firmware::seam::RawSample;
-use firmware::self_test::SelfTest;
+use firmware::self_test::Report;
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Direction, ModelStep, Rig, RigFacts, Tick, TickConfig, TickInputs};
+use model_export::link::fault::FaultSet;
 use model_export::link::message::{PlaybackChunk, Quantity};
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
@@ -66,11 +67,12 @@ pub fn count_ticks(counter: &Counter, blob: &[u8], memory: &mut [u32], seed: u32
             ..Settings::default()
         };
         let Ok(tick) = (TickConfig { settings: &settings, facts: FACTS }).build() else { break };
-        let report = SelfTest { program: &[], program_crc32: 0, clock: None, model: Some(blob) }.run(&mut *memory);
-        let Ok(model) = RunningModel::load(blob, &mut *memory) else {
+        let mut model = RunningModel::default();
+        let Ok(facts) = model.admit(blob, &mut *memory) else {
             hprintln!("error: the model is refused");
             return;
         };
+        let report = Report { faults: FaultSet::EMPTY, model: Some(facts) };
         let mut run = Run {
             rig: Rig::new(tick.clone(), BootReport::default()),
             model: Observed { model, stepped: false },

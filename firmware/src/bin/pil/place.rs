@@ -4,8 +4,8 @@ use core::ptr;
 use core::slice;
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use firmware::background::ModelPlace;
 use firmware::control::Compensator;
-use firmware::device::ModelPlace;
 use firmware::estimator::{MAX_PACKED_WORDS, Packed};
 use firmware::model::{ModelFacts, RunningModel};
 use firmware::tick::{Direction, ModelStep};

@@ -1,7 +1,6 @@
 //! The way down: vent first, then write into memory that survives what struck, then start again.
 
 use core::mem::MaybeUninit;
-use core::ptr;
 
 use model_export::link::fault::Fault;
 use stm32f4::stm32f405::{DAC, TIM3};
@@ -27,8 +26,14 @@ fn write(sealed: &[u8; SEALED_BYTES]) {
 
 #[inline(never)]
 fn read() -> Option<Retained> {
-    // SAFETY: RAM always holds some bytes, and every byte is valid; volatile, so that the compiler does not reason about where they came from.
-    Retained::open(&unsafe { ptr::read_volatile((&raw const RETAINED).cast::<[u8; SEALED_BYTES]>()) })
+    let bytes = (&raw const RETAINED).cast::<u8>();
+    let mut sealed = [0; SEALED_BYTES];
+    for (index, byte) in sealed.iter_mut().enumerate() {
+        // SAFETY: within the array. RAM always holds some bytes, and every byte is valid; volatile, so that the compiler does not reason
+        // about where they came from.
+        *byte = unsafe { bytes.add(index).read_volatile() };
+    }
+    Retained::open(&sealed)
 }
 
 /// What the run before left; afterwards it is gone.

@@ -4,11 +4,9 @@ use core::ptr;
 
 use stm32f4::stm32f405::FLASH;
 
-use crate::board::background::Hold;
 use crate::board::chip::sampling::Milliseconds;
 use crate::board::exchange::Exchange;
-use crate::board::flash::{FlashController, InternalFlash, control};
-use crate::storage::Slot;
+use crate::board::flash::{FlashController, control};
 
 /// The controller. Both pairs of slots have one; they run in the background only, one operation at a time.
 #[derive(Debug)]
@@ -86,10 +84,4 @@ impl FlashController for Controller {
 fn while_busy(registers: &stm32f4::stm32f405::flash::RegisterBlock) {
     // The processor stops at an instruction from flash anyway; the bound is for a controller that never finishes.
     crate::board::clock::wait(1_000_000, || registers.sr().read().bsy().bit_is_clear());
-}
-
-impl Hold for InternalFlash<Controller> {
-    fn hold(&self, slot: Option<Slot>) {
-        InternalFlash::hold(self, slot);
-    }
 }

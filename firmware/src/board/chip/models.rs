@@ -5,14 +5,14 @@ use core::mem::MaybeUninit;
 use model_export::link::fault::Fault;
 use rtic::Mutex;
 
-use crate::board::background::ModelRoom;
+use crate::background::ModelPlace;
 use crate::control::Compensator;
-use crate::estimator::{MAX_PACKED_WORDS, Packed};
+use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed};
 use crate::model::{ModelFacts, RunningModel};
 use crate::tick::{Direction, ModelStep};
 
 /// A place for a model as the board runs it.
-pub type BoardModel = RunningModel<'static, Packed<'static>>;
+pub type BoardModel = RunningModel<'static, Packed<'static>, &'static mut EstimatorState>;
 
 /// Weights in the order in which the kernel reads them. Start-up code does not touch this memory, and nobody does where it is missing: no
 /// model is let in before everything else has passed.
@@ -65,16 +65,17 @@ impl<X: Mutex<T = Tenant>> Room<X> {
     /// Over the tick's resource and the place for a model.
     ///
     /// # Safety
-    /// One room for the whole program, and a blob's bytes must not change from [`ModelRoom::install`] to [`ModelRoom::retire`].
-    pub const unsafe fn new(tenant: X, place: &'static mut BoardModel) -> Self {
-        Self { tenant, place: Some(place) }
+    /// One room for the whole program, and a blob's bytes must not change from [`ModelPlace::admit`] to [`ModelPlace::forget`].
+    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>) -> Self {
+        Self { tenant, place }
     }
+}
 
-    #[inline(never)]
+impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
     fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
-        self.retire();
+        self.forget();
         let Some(place) = &mut self.place else { return Err(Fault::InternalInconsistent) };
-        // SAFETY: mapped flash, which is readable for ever. The model that reads it goes in `retire` at the latest, until when nobody
+        // SAFETY: mapped flash, which is readable for ever. The model that reads it goes in `forget` at the latest, until when nobody
         // changes it, by the contract of `new`.
         let blob: &'static [u8] = unsafe { core::slice::from_raw_parts(blob.as_ptr(), blob.len()) };
         // SAFETY: the only access to this memory, by the only room. The model that had it before has just gone. Zeroed, hence initialised.
@@ -83,31 +84,19 @@ impl<X: Mutex<T = Tenant>> Room<X> {
             words.write_bytes(0, MAX_PACKED_WORDS);
             core::slice::from_raw_parts_mut(words, MAX_PACKED_WORDS)
         };
-        place.admit(blob, weights)
-    }
-}
-
-impl<X: Mutex<T = Tenant>> ModelRoom for Room<X> {
-    fn examine(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
-        let facts = self.admit(blob);
-        self.retire();
-        facts
+        let facts = place.admit(blob, weights)?;
+        if let Some(place) = self.place.take() {
+            self.tenant.lock(|tenant| tenant.0 = Some(place));
+        }
+        Ok(facts)
     }
 
-    fn retire(&mut self) {
+    fn forget(&mut self) {
         if let Some(place) = self.tenant.lock(|tenant| tenant.0.take()) {
             self.place = Some(place);
         }
         if let Some(place) = &mut self.place {
             place.forget();
         }
-    }
-
-    fn install(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
-        let facts = self.admit(blob)?;
-        if let Some(place) = self.place.take() {
-            self.tenant.lock(|tenant| tenant.0 = Some(place));
-        }
-        Ok(facts)
     }
 }

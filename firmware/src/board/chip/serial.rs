@@ -6,7 +6,7 @@
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{Interrupt, RCC, USART1};
 
-use crate::board::background::Line;
+use crate::board::background_task::Line;
 use crate::board::exchange;
 use crate::board::hardware::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
 

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use model_export::blob::{self, crc32};
 use model_export::link::fault::Fault;
-use model_export::link::message::{MAX_CHUNK_BYTES, Reply, Request};
+use model_export::link::message::{MAX_CHUNK_BYTES, Reply, Request, Status};
 use model_export::link::state::State;
 use serde::Serialize;
 
@@ -80,16 +80,22 @@ pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<usize> {
     }
     rig.command(&Request::ModelFinish)?;
     bar.finish_and_clear();
+    // The check may take the place of the model in use, after which the device tests itself.
+    settle(rig)?;
     say!("Uploaded {} bytes; the device checked them, and the golden vectors came out right.", bytes.len());
     Ok(bytes.len())
+}
+
+/// Waits for the self-test that begins with the next tick.
+fn settle(rig: &mut Client<Rig>) -> Result<Status> {
+    rig.listen(std::time::Duration::from_millis(5))?;
+    experiment::settle(rig)
 }
 
 /// Activates and waits for the self-test.
 pub fn activate(request: &Request, rig: &mut Client<Rig>) -> Result<()> {
     rig.command(request)?;
-    // The new test begins with the next tick.
-    rig.listen(std::time::Duration::from_millis(5))?;
-    let status = experiment::settle(rig)?;
+    let status = settle(rig)?;
     if let (State::Fault, Some(fault)) = (status.state, Fault::from_number(status.first_fault)) {
         bail!(
             "the device is in the fault state: {}: {} {}",

@@ -1,0 +1,143 @@
+//! The background's task: from the board's queues and line through [`Background`] and back, over and over.
+
+use core::borrow::BorrowMut;
+
+use heapless::spsc::{Consumer, Producer};
+use model_export::link::fault::FaultSet;
+use model_export::link::frame::MAX_WIRE;
+use model_export::link::message::Telemetry;
+
+use super::exchange::Exchange;
+use crate::background::{Background, ModelPlace};
+use crate::link::{CommandSink, Link, LinkBuffers, Measured};
+use crate::self_test::{ClockCheck, SelfTest};
+use crate::storage::Flash;
+use crate::tick::{Answer, Command};
+
+/// The line to the host.
+pub trait Line {
+    /// The next byte that came.
+    fn receive(&mut self) -> Option<u8>;
+    /// Bytes that can be sent now.
+    fn room(&self) -> usize;
+    /// Sends bytes for which there is room.
+    fn send(&mut self, bytes: &[u8]);
+}
+
+/// What the self-test needs to know of the board.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// See [`SelfTest::program`].
+    pub program: &'a [&'a [u8]],
+    /// See [`SelfTest::program_crc32`].
+    pub program_crc32: u32,
+    /// See [`SelfTest::clock`].
+    pub clock: Option<ClockCheck>,
+    /// What is wrong with the board until its next start.
+    pub faults: FaultSet,
+}
+
+impl Facts<'_> {
+    /// What is wrong with the program and the board.
+    pub fn examine(&self) -> FaultSet {
+        let Self { program, program_crc32, clock, faults } = *self;
+        SelfTest { program, program_crc32, clock }.run().union(faults)
+    }
+}
+
+/// The background's ends of the queues.
+pub struct BackgroundQueues<'q> {
+    /// Commands to the tick.
+    pub commands: Producer<'q, Command>,
+    /// Its answers.
+    pub answers: Consumer<'q, Answer>,
+    /// Its telemetry.
+    pub telemetry: Consumer<'q, Telemetry>,
+}
+
+struct Sink<'a, 'q> {
+    commands: &'a mut Producer<'q, Command>,
+    exchange: &'q Exchange,
+}
+
+impl CommandSink for Sink<'_, '_> {
+    fn send(&mut self, command: Command) -> bool {
+        self.commands.enqueue(command).is_ok()
+    }
+
+    fn vent(&mut self) {
+        self.exchange.ask_for_vent();
+    }
+}
+
+/// The background in its task.
+pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
+    background: Background<S, M, B>,
+    facts: Facts<'q>,
+    queues: BackgroundQueues<'q>,
+    exchange: &'q Exchange,
+    tests_done: u32,
+    dropped: u32,
+}
+
+impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M, B> {
+    /// A background that has not run yet.
+    pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, exchange: &'q Exchange) -> Self {
+        Self { background: Background::new(link), facts, queues, exchange, tests_done: 0, dropped: 0 }
+    }
+
+    /// The link.
+    pub fn link(&self) -> &Link<S, M, B> {
+        self.background.link()
+    }
+
+    /// One round: takes what came, does what is wanted, sends what fits. Called over and over.
+    pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32) {
+        self.exchange.show_life();
+        self.look(stack_unused_bytes);
+        self.take_from_tick();
+        let Self { background, facts, queues, exchange, .. } = self;
+        let mut sink = Sink { commands: &mut queues.commands, exchange };
+        background.self_test(|| facts.examine(), place, &mut sink);
+        if let Some(byte) = line.receive() {
+            background.receive(byte, place, &mut sink);
+        }
+        self.send(line);
+    }
+
+    // What follows stays out of its caller: answers and frames are long, and none of them needs to be on the stack with another.
+
+    #[inline(never)]
+    fn look(&mut self, stack_unused_bytes: u32) {
+        let Self { background, exchange, tests_done, dropped, .. } = self;
+        let link = background.link_mut();
+        link.observe(exchange.state(), Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes });
+        let lost = exchange.telemetry_dropped();
+        link.drop_telemetry(lost.wrapping_sub(*dropped));
+        *dropped = lost;
+        let wanted = exchange.self_tests();
+        if wanted != *tests_done {
+            *tests_done = wanted;
+            background.want_self_test();
+        }
+    }
+
+    #[inline(never)]
+    fn take_from_tick(&mut self) {
+        while let Some(answer) = self.queues.answers.dequeue() {
+            self.background.link_mut().answer(answer);
+        }
+        while let Some(sample) = self.queues.telemetry.dequeue() {
+            self.background.link_mut().telemetry(sample);
+        }
+    }
+
+    #[inline(never)]
+    fn send(&mut self, line: &mut impl Line) {
+        if line.room() >= MAX_WIRE
+            && let Some(frame) = self.background.link_mut().transmit()
+        {
+            line.send(frame);
+        }
+    }
+}
