@@ -1,8 +1,9 @@
 //! The wire types of a model blob; see [`crate::blob`] for its versions.
 //!
 //! An estimator has two parts. The **front end** is physics in `f32`: it normalises the input, passes it through a fractional
-//! dead time and a first-order lag (the *input path*), feeds a bank of play operators, sums them with the identified weights and
-//! lets that sum creep through slow first-order filters. The **network** is a small LSTM in fixed point that sees selected front-end
+//! dead time and a first-order lag (the *input path*), feeds a bank of play operators, sums them with the identified weights,
+//! lets that sum creep through slow first-order filters and bends the result along a curve where the actuator is not even over its
+//! range (modified Prandtl-Ishlinskii). The **network** is a small LSTM in fixed point that sees selected front-end
 //! signals as 16-bit *features* and adds a correction to the front end's output.
 //!
 //! With `x` the raw input, one step computes, all in `f32`:
@@ -13,7 +14,8 @@
 //! H_i = play(v, threshold_i)                                        play operators, paper eq. (2)
 //! s   = sum_i play_weights_i * H_i                                  Prandtl-Ishlinskii sum, paper eq. (3)
 //! C_j : C_j += creep_coefficient_j * (s - C_j)                      creep filters of the sum
-//! L   = bias + input_weight * v + s + sum_j creep_weights_j * C_j   linear readout
+//! p   = bias + input_weight * v + s + sum_j creep_weights_j * C_j   linear sum
+//! L   = curve(p)                                                    readout, p itself without a curve
 //! y   = output.offset + output.scale * S(L + N(features))           N: the network's output, 0 without a network
 //! ```
 //!
@@ -36,6 +38,8 @@ use crate::wire::{wire_enum, wire_struct};
 pub const MAX_PLAY: usize = 24;
 /// Most creep filters a front end may have.
 pub const MAX_CREEP: usize = 4;
+/// Most bends of the readout's curve.
+pub const MAX_BENDS: usize = 8;
 /// Longest dead time of the input path, in samples.
 pub const MAX_DEAD_TIME_SAMPLES: usize = 32;
 /// Most features the network may see: input, difference, path value, path difference, plays, readout, creeps.
@@ -86,7 +90,7 @@ pub enum FeatureSource {
     /// `(v - H_i) / threshold_i`, the stop operator of this index, -1 to 1; the threshold must be positive. Bounded and blind to
     /// where in the range the loop lies, so a network learns from it what a reversal does once for the whole range.
     Stop(u8),
-    /// `L`, the linear readout.
+    /// `L`, the readout.
     Readout,
     /// `C_j`, the creep filter of this index.
     Creep(u8),
@@ -101,6 +105,20 @@ pub struct Feature {
     pub offset: f32,
     /// Reciprocal span, so that the training data lie within about -1 to 1.
     pub gain: f32,
+}
+
+/// A continuous, piecewise straight curve: `offset + slope * p + sum_k bends_k * max(p - bend_points_k, 0)`, the superposition of
+/// one-sided dead zones of the modified Prandtl-Ishlinskii model (K. Kuhnen, European Journal of Control 9, 2003).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Curve {
+    /// Value at `p = 0` of the part below the first bend.
+    pub offset: f32,
+    /// Slope below the first bend.
+    pub slope: f32,
+    /// Where the slope changes, ascending.
+    pub bend_points: Vec<f32, MAX_BENDS>,
+    /// By how much it changes there.
+    pub bends: Vec<f32, MAX_BENDS>,
 }
 
 /// The physics part: see the module documentation for the equations.
@@ -120,8 +138,10 @@ pub struct FrontEnd {
     pub creep_weights: Vec<f32, MAX_CREEP>,
     /// Weight of the input path's output.
     pub input_weight: f32,
-    /// Constant of the readout.
+    /// Constant of the linear sum.
     pub bias: f32,
+    /// Bends the linear sum; none leaves it as it is.
+    pub curve: Option<Curve>,
     /// Half-width of the stick band on the estimate, in normalised output; 0 is none.
     pub stick_band: f32,
     /// What the network sees, in order.
@@ -376,6 +396,7 @@ wire_enum!(FeatureSource {
     7 Creep(index),
 });
 wire_struct!(Feature { source, offset, gain });
+wire_struct!(Curve { offset, slope, bend_points, bends });
 wire_struct!(FrontEnd {
     dead_time_samples,
     lag_coefficient,
@@ -385,6 +406,7 @@ wire_struct!(FrontEnd {
     creep_weights,
     input_weight,
     bias,
+    curve,
     stick_band,
     features,
 });

@@ -8,7 +8,7 @@ use core::fmt;
 use crate::compensation::Extension;
 use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};
 use crate::schema::{
-    Activation, Channel, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
+    Activation, Channel, Curve, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
     MAX_WINDOW_VALUES, Mode, Model, Network,
 };
 
@@ -65,6 +65,24 @@ impl Channel<'_> {
     }
 }
 
+impl Curve {
+    /// Checks every number and the order of the bends.
+    ///
+    /// # Errors
+    /// The first field out of its domain.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        bounded(&[self.offset], "front_end.curve.offset")?;
+        bounded(&[self.slope], "front_end.curve.slope")?;
+        bounded(&self.bend_points, "front_end.curve.bend_points")?;
+        bounded(&self.bends, "front_end.curve.bends")?;
+        require(self.bends.len() == self.bend_points.len(), "front_end.curve.bends", 0, "as many as there are bend points")?;
+        for (index, pair) in self.bend_points.windows(2).enumerate() {
+            require(matches!(pair, [low, high] if low < high), "front_end.curve.bend_points", index + 1, "ascending")?;
+        }
+        Ok(())
+    }
+}
+
 impl FrontEnd {
     /// Checks every coefficient, threshold and feature index.
     ///
@@ -83,6 +101,9 @@ impl FrontEnd {
         bounded(&self.creep_weights, "front_end.creep_weights")?;
         bounded(&[self.input_weight], "front_end.input_weight")?;
         bounded(&[self.bias], "front_end.bias")?;
+        if let Some(curve) = &self.curve {
+            curve.validate()?;
+        }
         let plays = self.play_thresholds.len();
         require(self.play_weights.len() == plays, "front_end.play_weights", 0, "as many as there are thresholds")?;
         let creeps = self.creep_coefficients.len();

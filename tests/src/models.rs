@@ -10,7 +10,7 @@ use host_tool::network::{Activation, Channel, Mode, Network, Provenance, Trained
 use host_tool::recording::{Recording, Signal};
 use hysteresis::PrandtlIshlinskii;
 use model_export::compensation::Compensation;
-use model_export::schema::{Feature, FeatureSource, FrontEnd};
+use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
 
 /// Sample period of all models here, in s.
 pub const PERIOD_S: f64 = 0.02;
@@ -87,6 +87,12 @@ pub fn physics_front_end(seed: u32, plays: u8, creeps: u8) -> FrontEnd {
         input_weight: share(),
         bias: 0.1 * share(),
         stick_band: 0.01 * share(),
+        curve: Some(Curve {
+            offset: 0.1 * share(),
+            slope: share(),
+            bend_points: [-0.5, -0.1, 0.2, 0.6].into_iter().collect(),
+            bends: (0..4).map(|_| share() - 0.5).collect(),
+        }),
         features,
     }
 }

@@ -1,7 +1,8 @@
 //! The front end: the physics part of an estimator in `f32`, by the equations of [`model_export::schema`].
 //!
 //! Terms. *Normalised input* `u`: the raw sample through the input channel's map. *Input path* `v`: `u` after the dead time and the
-//! lag. *Play sum* `s`: the weighted play operators. *Readout* `L`: the front end's estimate in normalised output.
+//! lag. *Play sum* `s`: the weighted play operators. *Readout* `L`: the front end's estimate in normalised output, bent along the
+//! curve where there is one.
 //!
 //! Every operation is a single `f32` addition, multiplication, division or comparison, so that desktop and Cortex-M4F give the same
 //! bits. A sample that is not finite, or lies more than [`MAX_NORMALISED`] spans from the channel's centre, is no measurement: the
@@ -9,7 +10,7 @@
 //! the memory for good.
 
 use hysteresis::play;
-use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+use model_export::schema::{self, Channel, Curve, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use model_export::validate::Invalid;
 
 use super::arithmetic::quantise_feature;
@@ -71,8 +72,8 @@ pub struct FrontEndOutput {
     pub input: f32,
     /// `v`, the output of the input path.
     pub path: f32,
-    /// `L`, the linear readout in normalised output.
-    pub linear: f32,
+    /// `L`, the readout in normalised output.
+    pub readout: f32,
     /// The sample was no measurement and the last good one was used.
     pub held: bool,
 }
@@ -201,6 +202,7 @@ impl FrontEnd {
             *memory = if first { sum } else { *memory + coefficient * (sum - *memory) };
             linear += weight * *memory;
         }
+        let readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
 
         state.input = input;
         state.path = path;
@@ -212,12 +214,12 @@ impl FrontEnd {
                 FeatureSource::PathDifference => path - last_path,
                 FeatureSource::Play(index) => element(&state.plays, index),
                 FeatureSource::Stop(index) => (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index),
-                FeatureSource::Readout => linear,
+                FeatureSource::Readout => readout,
                 FeatureSource::Creep(index) => element(&state.creeps, index),
             };
             *value = T::from_feature((signal - feature.offset) * feature.gain);
         }
-        FrontEndOutput { input, path, linear, held }
+        FrontEndOutput { input, path, readout, held }
     }
 
     /// Dead time by linear interpolation between the two samples around it.
@@ -234,6 +236,16 @@ impl FrontEnd {
         let (younger, older) = (at(self.delay_whole), at(self.delay_whole + 1));
         younger + self.delay_fraction * (older - younger)
     }
+}
+
+/// The curve at `sum`.
+fn bent(curve: &Curve, sum: f32) -> f32 {
+    let straight = curve.offset + curve.slope * sum;
+    curve.bend_points.iter().zip(&curve.bends).fold(straight, |value, (point, bend)| {
+        // Not `f32::max`: one comparison, and the same answer on every target.
+        let beyond = sum - point;
+        if beyond > 0.0 { value + bend * beyond } else { value }
+    })
 }
 
 /// Validation has put every index inside its table; the default is never taken.
@@ -271,7 +283,7 @@ mod tests {
         // u = -0.5, 0.5, 0.25, -0.5: the second operator goes -0.25, 0.25, 0.25, -0.25. All values are exact in binary.
         let expected = [(0.0, -0.3125), (2.0, 0.3125), (1.5, 0.1875), (0.0, -0.3125)];
         for (raw, readout) in expected {
-            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).linear, readout);
+            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).readout, readout);
         }
     }
 
@@ -306,8 +318,26 @@ mod tests {
         config.creep_weights.push(2.0).unwrap();
         let front_end = FrontEnd::new(&config, &channel()).unwrap();
         let mut state = FrontEndState::default();
-        assert_eq!(front_end.step(&mut state, 0.0, &mut [0.0; 0]).linear, -0.3125 * 3.0);
-        assert_eq!(front_end.step(&mut state, 2.0, &mut [0.0; 0]).linear, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+        assert_eq!(front_end.step(&mut state, 0.0, &mut [0.0; 0]).readout, -0.3125 * 3.0);
+        assert_eq!(front_end.step(&mut state, 2.0, &mut [0.0; 0]).readout, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+    }
+
+    #[test]
+    fn the_curve_bends_the_sum_by_hand() {
+        let curve = Curve {
+            offset: 0.25,
+            slope: 0.0,
+            bend_points: Vec::from_slice(&[-0.5, 0.0, 0.5]).unwrap(),
+            bends: Vec::from_slice(&[1.0, 1.0, -2.0]).unwrap(),
+        };
+        let config = schema::FrontEnd { lag_coefficient: 1.0, input_weight: 1.0, curve: Some(curve), ..schema::FrontEnd::default() };
+        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let mut state = FrontEndState::default();
+        // u = -1, -0.5, -0.25, 0, 0.25, 0.5, 1: flat, then slope 1, then slope 2, then flat again.
+        let expected = [(-1.0, 0.25), (0.0, 0.25), (0.5, 0.5), (1.0, 0.75), (1.5, 1.25), (2.0, 1.75), (3.0, 1.75)];
+        for (raw, readout) in expected {
+            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).readout, readout);
+        }
     }
 
     #[test]
@@ -345,7 +375,7 @@ mod tests {
             front_end.step(&mut reference, 2.0, &mut [0.0; 0]);
             let output = front_end.step(&mut state, bad, &mut [0.0; 0]);
             assert!(output.held);
-            assert_eq!(output.linear, front_end.step(&mut reference, 2.0, &mut [0.0; 0]).linear);
+            assert_eq!(output.readout, front_end.step(&mut reference, 2.0, &mut [0.0; 0]).readout);
             assert_eq!(state.held_samples(), 1);
         }
     }
@@ -355,7 +385,7 @@ mod tests {
         let front_end = FrontEnd::new(&config(), &channel()).unwrap();
         let (mut state, mut fresh) = (FrontEndState::default(), FrontEndState::default());
         // At rest: u = -0.5, as in the hand calculation.
-        assert_eq!(front_end.step(&mut state, f32::NAN, &mut [0.0; 0]).linear, -0.3125);
+        assert_eq!(front_end.step(&mut state, f32::NAN, &mut [0.0; 0]).readout, -0.3125);
         for raw in [2.5, 1.0, 1.7] {
             assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]), front_end.step(&mut fresh, raw, &mut [0.0; 0]));
         }
@@ -373,6 +403,18 @@ mod tests {
         assert_eq!(refused(|config| config.lag_coefficient = 0.0), "front_end.lag_coefficient");
         assert_eq!(refused(|config| config.play_thresholds[0] = 0.5), "front_end.play_thresholds");
         assert_eq!(refused(|config| config.play_weights.truncate(1)), "front_end.play_weights");
+        let curve = |points: &[f32], bends: &[f32]| {
+            Some(Curve {
+                slope: 1.0,
+                bend_points: Vec::from_slice(points).unwrap(),
+                bends: Vec::from_slice(bends).unwrap(),
+                ..Curve::default()
+            })
+        };
+        let refused_curve = |curve: Option<Curve>| FrontEnd::new(&schema::FrontEnd { curve, ..config() }, &channel()).unwrap_err().field;
+        assert_eq!(refused_curve(curve(&[0.5, 0.5], &[1.0, 1.0])), "front_end.curve.bend_points");
+        assert_eq!(refused_curve(curve(&[0.5], &[])), "front_end.curve.bends");
+        assert_eq!(refused_curve(curve(&[0.5], &[f32::NAN])), "front_end.curve.bends");
         assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Play(2))).unwrap()), "front_end.features");
         // The first operator has threshold zero: there is no stop to divide by.
         assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Stop(0))).unwrap()), "front_end.features");

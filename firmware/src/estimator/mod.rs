@@ -192,7 +192,7 @@ impl<'a, K: Kernel> Estimator<'a, K> {
             Mode::Streaming => network.step(kernel, &mut state.network, &features),
             Mode::Window { length } => self.run_window((network, kernel), state, usize::from(length), &features),
         });
-        let normalised = physics.linear + correction;
+        let normalised = physics.readout + correction;
         let band = self.front_end.config().stick_band;
         let stuck = state.stuck.map_or(normalised, |last| stick_band::step(band, normalised, last));
         state.stuck = Some(stuck);

@@ -228,6 +228,12 @@ fn print_model(model: &Model<'_>) {
     for (coefficient, weight) in front_end.creep_coefficients.iter().zip(&front_end.creep_weights) {
         say!("  creep         coefficient {coefficient}, weight {weight}");
     }
+    if let Some(curve) = &front_end.curve {
+        say!("  curve         offset {}, slope {} below the first bend", curve.offset, curve.slope);
+        for (point, bend) in curve.bend_points.iter().zip(&curve.bends) {
+            say!("  bend          at {point}, slope changes by {bend}");
+        }
+    }
     for feature in &front_end.features {
         say!("  feature       {:?}, (signal - {}) x {}", feature.source, feature.offset, feature.gain);
     }

@@ -81,9 +81,9 @@ impl<'a> Reference<'a> {
     pub fn step(&mut self, raw: f64, on_network_step: &mut dyn FnMut(&[LayerSignals])) -> f64 {
         let (input, output) = (&self.model.input, &self.model.output);
         let normalised = (raw - f64::from(input.offset)) / f64::from(input.scale);
-        let (linear, features) = self.front_end(normalised);
+        let (readout, features) = self.front_end(normalised);
         let correction = self.correction(features, on_network_step);
-        let free = linear + correction;
+        let free = readout + correction;
         let band = f64::from(self.model.front_end.stick_band);
         let stuck = match self.stuck {
             Some(stuck) if (free - stuck).abs() <= band => stuck,
@@ -115,6 +115,14 @@ impl<'a> Reference<'a> {
             *creep = if first { sum } else { *creep + a * (sum - *creep) };
             linear += w * *creep;
         }
+        let readout = match &config.curve {
+            None => linear,
+            Some(curve) => {
+                let beyond = wide(&curve.bend_points).map(|point| (linear - point).max(0.0));
+                let bends: f64 = beyond.zip(wide(&curve.bends)).map(|(beyond, bend)| bend * beyond).sum();
+                f64::from(curve.offset) + f64::from(curve.slope) * linear + bends
+            }
+        };
         self.last_path = path;
         let features = config.features.iter().map(|feature| {
             let signal = match feature.source {
@@ -124,12 +132,12 @@ impl<'a> Reference<'a> {
                 FeatureSource::PathDifference => path - last_path,
                 FeatureSource::Play(i) => self.plays[usize::from(i)],
                 FeatureSource::Stop(i) => (path - self.plays[usize::from(i)]) / f64::from(config.play_thresholds[usize::from(i)]),
-                FeatureSource::Readout => linear,
+                FeatureSource::Readout => readout,
                 FeatureSource::Creep(j) => self.creeps[usize::from(j)],
             };
             (signal - f64::from(feature.offset)) * f64::from(feature.gain)
         });
-        (linear, features.collect())
+        (readout, features.collect())
     }
 
     fn correction(&mut self, features: Vec<f64>, on_network_step: &mut dyn FnMut(&[LayerSignals])) -> f64 {

@@ -29,7 +29,7 @@ impl<'a> Single<'a> {
 
     /// One sample in the input's unit gives the output in its unit.
     pub fn step(&mut self, raw: f32) -> f32 {
-        let linear = self.front_end.step(&mut self.physics, raw, &mut self.features).linear;
+        let readout = self.front_end.step(&mut self.physics, raw, &mut self.features).readout;
         let mut correction = 0.0;
         if let (Some(network), Some(state)) = (&self.model.network, &mut self.network) {
             match self.model.mode {
@@ -47,6 +47,6 @@ impl<'a> Single<'a> {
                 }
             }
         }
-        self.model.output.offset + self.model.output.scale * (linear + correction)
+        self.model.output.offset + self.model.output.scale * (readout + correction)
     }
 }

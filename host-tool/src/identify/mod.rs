@@ -18,6 +18,7 @@ pub mod nnls;
 mod thresholds;
 
 pub use bank::{Family, Run, input_path, linear_problem};
+pub use curve::{Bent, Rows, fit as fit_curve};
 pub use model::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, ModelError, PhysicsModel, Provenance, Source};
 
 use crate::recording::Recording;
@@ -272,7 +273,8 @@ struct Shaped {
 impl Shaped {
     /// Behind the best curve; operators that carry nothing go where the thresholds were ours to choose.
     fn bend(mut self, runs: &[Run], config: &FitConfig) -> Self {
-        let bent = curve::fit(runs, &self.thresholds, self.family, &self.weights, config.curve_segments);
+        let rows = curve::BankRows { runs, thresholds: &self.thresholds, family: self.family };
+        let bent = curve::fit(&rows, &self.weights, config.curve_segments);
         let kept = |index: &usize| bent.weights[*index] != 0.0 || !matches!(config.thresholds, Thresholds::Free(_));
         let kept: Vec<usize> = (0..bent.weights.len()).filter(kept).collect();
         self.thresholds = kept.iter().map(|&index| self.thresholds[index]).collect();

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use hysteresis::play;
-use model_export::schema::{Channel, FrontEnd, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use serde::{Deserialize, Serialize};
 
 use super::bank::input_path;
@@ -73,6 +73,23 @@ impl Curve {
     #[must_use]
     pub fn at(&self, sum: f64) -> f64 {
         (0..self.slopes.len()).map(|index| self.slopes[index] * self.part(index, sum)).sum()
+    }
+
+    /// The same curve as the blob's superposition of dead zones, behind `constant`, in an output that has `offset` taken off and is
+    /// divided by `scale`, for a sum divided by `scale`. `None` when it has more bends than the blob holds.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
+    pub fn dead_zones(&self, constant: f64, offset: f64, scale: f64) -> Option<schema::Curve> {
+        let (first, slope) = (*self.breakpoints.first()?, *self.slopes.first()?);
+        let mut curve =
+            schema::Curve { offset: ((constant - offset - slope * first) / scale) as f32, slope: slope as f32, ..schema::Curve::default() };
+        for (point, pair) in self.breakpoints.iter().skip(1).zip(self.slopes.windows(2)) {
+            if pair[1] != pair[0] {
+                curve.bend_points.push((point / scale) as f32).ok()?;
+                curve.bends.push((pair[1] - pair[0]) as f32).ok()?;
+            }
+        }
+        Some(curve)
     }
 
     /// How much of segment `index` lies below `sum`.
@@ -319,12 +336,9 @@ impl PhysicsModel {
     /// and its scale the farthest excursion from it, the output's offset and scale are the middle and half of its range.
     ///
     /// # Errors
-    /// When the model has a curve, more operators than the blob holds, or too long a dead time.
+    /// When the model has more operators, creep filters or bends of its curve than the blob holds, or too long a dead time.
     pub fn front_end(&self) -> Result<(Channel<'_>, Channel<'_>, FrontEnd), ModelError> {
         let refuse = |problem: String| ModelError::NotRepresentable { problem };
-        if self.curve.is_some() {
-            return Err(refuse("a modified model's curve is not in the blob; identify with --model pi".to_owned()));
-        }
         let dead_time_samples = self.input_path.dead_time_s / self.sample_period_s;
         if dead_time_samples > MAX_DEAD_TIME_SAMPLES as f64 {
             return Err(refuse(format!("a dead time of {dead_time_samples:.1} samples, at most {MAX_DEAD_TIME_SAMPLES} fit")));
@@ -334,12 +348,15 @@ impl PhysicsModel {
         let output_offset = 0.5 * (self.output.maximum + self.output.minimum);
         let output_scale = positive(0.5 * (self.output.maximum - self.output.minimum));
         let gain = input_scale / output_scale;
-        let mut front_end = FrontEnd {
-            dead_time_samples: dead_time_samples as f32,
-            lag_coefficient: self.lag_coefficient() as f32,
-            bias: ((self.constant - output_offset) / output_scale) as f32,
-            ..FrontEnd::default()
-        };
+        let mut front_end =
+            FrontEnd { dead_time_samples: dead_time_samples as f32, lag_coefficient: self.lag_coefficient() as f32, ..FrontEnd::default() };
+        match &self.curve {
+            None => front_end.bias = ((self.constant - output_offset) / output_scale) as f32,
+            Some(curve) => {
+                let full = || refuse(format!("a curve of {} segments, at most {} fit", curve.slopes.len(), MAX_BENDS + 1));
+                front_end.curve = Some(curve.dead_zones(self.constant, output_offset, output_scale).ok_or_else(full)?);
+            }
+        }
         let mut input_weight = self.input_gain;
         for (&threshold, &weight) in self.thresholds.iter().zip(&self.weights) {
             if threshold == 0.0 {

@@ -44,7 +44,8 @@ impl NetworkModel {
 pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
     // Without plays, creep or readout weight the front end only prepares features and nothing in it was fitted.
     let linear = front_end.play_weights.len() + front_end.creep_weights.len();
-    if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 }
+    let curve = front_end.curve.as_ref().map_or(0, |curve| 2 + curve.bends.len());
+    if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 + curve }
 }
 
 /// What a front end with a network of these layer widths is, in words; `window` is the length of its window, 1 for streaming.

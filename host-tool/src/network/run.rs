@@ -154,7 +154,7 @@ impl Runner<'_> {
         #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
         let output = self.front_end.step(&mut self.front_end_state, raw as f32, &mut self.features);
         self.features.iter_mut().for_each(|feature| *feature = limit_feature(*feature));
-        output.linear
+        output.readout
     }
 
     /// The stick band, and back to output units.

@@ -424,7 +424,7 @@ fn residual_scale(tracks: &[Track]) -> f32 {
     let (mut sum, mut count) = (0.0, 0u64);
     for track in tracks {
         for sample in (0..track.len()).filter(|&sample| track.training[sample]) {
-            let left = f64::from(track.output[sample] - track.linear[sample]);
+            let left = f64::from(track.output[sample] - track.front_end[sample]);
             sum += beyond(left, f64::from(track.slack[sample])).powi(2);
             count += 1;
         }

@@ -1,17 +1,17 @@
 //! The hybrid's front end: physics identified from the training recordings, frozen before the network is trained.
 //!
 //! In order, each step judged by cross-validation over recordings: the *input path* (dead time and lag, a coarse grid, then a pattern
-//! search), the *bank* (how many operators, how wide, play or stop type), the *thresholds* (moved freely where that pays) and the
-//! *creep filters* of the play sum. Weights are non-negative least squares on the normal equations throughout. Play type is a
+//! search), the *bank* (how many operators, how wide, play or stop type), the *thresholds* (moved freely where that pays), the
+//! *creep filters* of the play sum and the *curve* that bends it. Weights are non-negative least squares on the normal equations throughout. Play type is a
 //! Prandtl-Ishlinskii sum that follows its input; stop type, `L = k v + sum e_i (v - H_i) / r_i`, is a force that saturates, and
 //! becomes play operators with negative weights.
 
-use model_export::schema::{self, Feature, FeatureSource, MAX_DEAD_TIME_SAMPLES};
+use model_export::schema::{self, Feature, FeatureSource, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 
 use super::fit::TrainError;
 use super::tracks::{Track, tracks};
 use crate::identify::nnls::{Normal, solve};
-use crate::identify::{Family, Run, free_thresholds, input_path};
+use crate::identify::{Family, Rows, Run, fit_curve, free_thresholds, input_path};
 use crate::network::Channel;
 use crate::recording::Recording;
 
@@ -23,6 +23,12 @@ const SEARCH_SAMPLES: usize = 30_000;
 const WORTH: f64 = 0.98;
 /// Mean square error, of a normalised output, below which the operators nearly explain the data.
 const NEARLY_EXACT: f64 = 1e-4;
+/// Mean square error, of a normalised output, below which there is nothing left to bend.
+const EXACT: f64 = 1e-10;
+/// Segments of the curves that are tried.
+const CURVE_SEGMENTS: [usize; 2] = [3, 8];
+/// Samples that the search for a curve looks at.
+const CURVE_SAMPLES: usize = 4_000;
 /// Free thresholds of stop operators at most.
 const FREE_STOPS: usize = 4;
 /// Share of all weights that a stop operator must have to stay.
@@ -52,6 +58,45 @@ struct Candidate {
     /// Creep coefficients, and the play weights that their sum is made with.
     creep: Vec<f64>,
     creep_sum: Vec<f64>,
+    /// Segments of the curve that bends the sum; 0 is none.
+    segments: usize,
+}
+
+/// What the training samples say about a candidate: a row of signals each.
+struct Samples {
+    /// Operators, path, creeps, constant.
+    columns: usize,
+    rows: Vec<f64>,
+    outputs: Vec<f64>,
+    /// The fold that each sample is left out with.
+    folds: Vec<usize>,
+}
+
+/// The samples of some folds: operators and path, which a curve bends.
+struct Folds<'a> {
+    samples: &'a Samples,
+    width: usize,
+    left_out: Option<usize>,
+}
+
+impl Rows for Folds<'_> {
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    fn visit(&self, each: &mut dyn FnMut(&[f64], f64)) {
+        for (row, output, fold) in self.samples.iter() {
+            if self.left_out != Some(fold) {
+                each(&row[..self.width], output);
+            }
+        }
+    }
+}
+
+impl Samples {
+    fn iter(&self) -> impl Iterator<Item = (&[f64], f64, usize)> {
+        self.rows.chunks_exact(self.columns).zip(&self.outputs).zip(&self.folds).map(|((row, output), fold)| (row, *output, *fold))
+    }
 }
 
 /// A candidate's weights and how well it does.
@@ -61,9 +106,10 @@ struct Fit {
     input_weight: f64,
     creep_weights: Vec<f64>,
     bias: f64,
+    curve: Option<schema::Curve>,
     /// Mean square error over the training samples.
     in_sample: f64,
-    /// Mean square error over the folds left out.
+    /// Mean square error over the folds left out; not a number where nobody judges by it.
     left_out: f64,
 }
 
@@ -107,6 +153,7 @@ pub fn front_end(
         thresholds: bank(12, 0.9),
         creep: Vec::new(),
         creep_sum: Vec::new(),
+        segments: 0,
     };
 
     // Kind first at rest, then path, then shape: the path hardly depends on the shape, the kind hardly on the path.
@@ -122,11 +169,12 @@ pub fn front_end(
     search.free_thresholds(&mut best)?;
     search.creep(&mut best, sample_period_s)?;
     search.refine_path(&mut best, 0.5)?;
+    search.bend(&mut best, &bank(MAX_PLAY, 1.0))?;
 
     if best.0.kind == Kind::Stop {
         best.0.keep_carrying(&best.1);
     }
-    let fit = all.fit(&best.0)?;
+    let fit = all.weights(&best.0)?;
     Ok(schema::FrontEnd { stick_band, ..assemble(&best.0, &fit) })
 }
 
@@ -190,6 +238,15 @@ impl Candidate {
         self.thresholds.retain(|_| carries.next().unwrap_or(true));
     }
 
+    /// Drops the operators without weight, unless that is all of them; the creep filters follow the sum of the others.
+    fn drop_idle(&mut self, fit: &Fit) {
+        let carrying = self.thresholds.iter().copied().zip(fit.weights.iter().copied()).filter(|(_, weight)| *weight > 0.0);
+        let (thresholds, weights): (Vec<f64>, Vec<f64>) = carrying.unzip();
+        if !thresholds.is_empty() {
+            (self.thresholds, self.creep_sum) = (thresholds, weights);
+        }
+    }
+
     /// The front end whose features are what the fit needs: path, plays, creeps.
     fn probe(&self) -> schema::FrontEnd {
         let mut front_end = self.bare();
@@ -224,12 +281,11 @@ fn index_u8(index: usize) -> u8 {
 }
 
 impl Data<'_> {
-    /// Fits the candidate's weights; the folds are whole recordings, or blocks where there are few.
-    fn fit(&self, candidate: &Candidate) -> Result<Fit, TrainError> {
+    /// The rows of a candidate; the folds are whole recordings, or blocks where there are few.
+    fn samples(&self, candidate: &Candidate) -> Result<Samples, TrainError> {
         let (n, creeps) = (candidate.thresholds.len(), candidate.creep.len());
-        // Columns: operators, path, creeps, constant.
         let columns = n + 1 + creeps + 1;
-        let mut folds = vec![Normal::new(columns); FOLDS];
+        let mut samples = Samples { columns, rows: Vec::new(), outputs: Vec::new(), folds: Vec::new() };
         let mut row = vec![1.0; columns];
         let prepared: Vec<Track> = tracks(
             self.recordings,
@@ -259,35 +315,36 @@ impl Data<'_> {
                 for index in 0..creeps {
                     row[n + 1 + index] = f64::from(features[1 + n + index]);
                 }
-                let fold = if alone { sample * FOLDS / track.len() } else { number % FOLDS };
-                folds[fold].add(&row, f64::from(track.output[sample]));
+                samples.rows.extend(&row);
+                samples.outputs.push(f64::from(track.output[sample]));
+                samples.folds.push(if alone { sample * FOLDS / track.len() } else { number % FOLDS });
             }
         }
-        folds.iter_mut().for_each(Normal::complete);
-        let total = Normal::sum(&folds, columns);
-        if total.rows < 10 * columns {
+        if samples.outputs.len() < 10 * columns {
             return Err(TrainError::Data(format!(
                 "only {} training samples: too few to identify {columns} weights of the hybrid's physics; record more or use a stream preset",
-                total.rows
+                samples.outputs.len()
             )));
         }
-        let bounded: Vec<bool> = (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
-        let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
-        let x = solution(&total);
-        let mut left_out = 0.0;
-        for out in 0..FOLDS {
-            let rest = Normal::sum(folds.iter().enumerate().filter(|(index, _)| *index != out).map(|(_, fold)| fold), columns);
-            left_out += folds[out].residual_square(&solution(&rest));
-        }
-        let rows = total.rows as f64;
-        Ok(Fit {
-            weights: x[..n].to_vec(),
-            input_weight: x[n],
-            creep_weights: x[n + 1..columns - 1].to_vec(),
-            bias: x[columns - 1],
-            in_sample: total.residual_square(&x) / rows,
-            left_out: left_out / rows,
+        Ok(samples)
+    }
+
+    /// Fits the candidate's weights, and its curve where it has one.
+    fn fit(&self, candidate: &Candidate) -> Result<Fit, TrainError> {
+        let samples = self.samples(candidate)?;
+        let straight = straight(candidate, &samples);
+        Ok(if candidate.segments == 0 {
+            straight
+        } else {
+            Fit { left_out: left_out(candidate, &samples, &straight), ..bent(candidate, &samples, &straight) }
         })
+    }
+
+    /// The same without the judgement by the folds, which costs a curve ten times as much.
+    fn weights(&self, candidate: &Candidate) -> Result<Fit, TrainError> {
+        let samples = self.samples(candidate)?;
+        let straight = straight(candidate, &samples);
+        Ok(if candidate.segments == 0 { straight } else { bent(candidate, &samples, &straight) })
     }
 
     /// Takes the candidate when its cross-validated error is below `worth` times the best one's (both as root mean squares).
@@ -385,6 +442,30 @@ impl Data<'_> {
         Ok(())
     }
 
+    /// Offers a curve behind the sum. Creep then carries no weight of its own and is left to the network, which sees the filters. The
+    /// operators that suit a straight sum may have been bent to stand in for the curve, so a fine grid is offered too.
+    fn bend(&self, best: &mut (Candidate, Fit), grid: &[f64]) -> Result<(), TrainError> {
+        if best.1.in_sample < EXACT {
+            return Ok(());
+        }
+        let samples = self.parts.iter().flatten().filter(|part| **part).count();
+        let thinned = Self { stride: samples.div_ceil(CURVE_SAMPLES).max(self.stride), ..*self };
+        let mut chosen = (best.0.clone(), thinned.fit(&best.0)?);
+        for thresholds in [best.0.thresholds.clone(), grid.to_vec()] {
+            for segments in CURVE_SEGMENTS {
+                let mut candidate = Candidate { segments, thresholds: thresholds.clone(), ..best.0.clone() };
+                let fit = thinned.fit(&candidate)?;
+                // What carries nothing goes: it would only be one more signal for the network to misread.
+                candidate.drop_idle(&fit);
+                thinned.improve(&mut chosen, candidate, WORTH)?;
+            }
+        }
+        if chosen.0.segments > 0 {
+            *best = chosen;
+        }
+        Ok(())
+    }
+
     /// Offers creep filters of the play sum, one after another.
     fn creep(&self, best: &mut (Candidate, Fit), sample_period_s: f64) -> Result<(), TrainError> {
         if best.0.kind == Kind::Stop {
@@ -414,6 +495,70 @@ impl Data<'_> {
     }
 }
 
+/// The weights of the linear sum, by non-negative least squares.
+fn straight(candidate: &Candidate, samples: &Samples) -> Fit {
+    let (n, columns) = (candidate.thresholds.len(), samples.columns);
+    let mut folds = vec![Normal::new(columns); FOLDS];
+    for (row, output, fold) in samples.iter() {
+        folds[fold].add(row, output);
+    }
+    folds.iter_mut().for_each(Normal::complete);
+    let total = Normal::sum(&folds, columns);
+    let bounded: Vec<bool> = (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
+    let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
+    let x = solution(&total);
+    let mut left_out = 0.0;
+    for out in 0..FOLDS {
+        let rest = Normal::sum(folds.iter().enumerate().filter(|(index, _)| *index != out).map(|(_, fold)| fold), columns);
+        left_out += folds[out].residual_square(&solution(&rest));
+    }
+    let rows = total.rows as f64;
+    Fit {
+        weights: x[..n].to_vec(),
+        input_weight: x[n],
+        creep_weights: x[n + 1..columns - 1].to_vec(),
+        bias: x[columns - 1],
+        curve: None,
+        in_sample: total.residual_square(&x) / rows,
+        left_out: left_out / rows,
+    }
+}
+
+/// Where the search for weights behind a curve starts: the weights without one.
+fn start(straight: &Fit) -> Vec<f64> {
+    straight.weights.iter().copied().chain([straight.input_weight.max(0.0)]).collect()
+}
+
+/// The weights behind the best curve.
+fn bent(candidate: &Candidate, samples: &Samples, straight: &Fit) -> Fit {
+    let n = candidate.thresholds.len();
+    let all = fit_curve(&Folds { samples, width: n + 1, left_out: None }, &start(straight), candidate.segments);
+    Fit {
+        curve: all.curve.dead_zones(all.constant, 0.0, 1.0),
+        weights: all.weights[..n].to_vec(),
+        input_weight: all.weights[n],
+        creep_weights: vec![0.0; candidate.creep.len()],
+        bias: 0.0,
+        in_sample: all.squared_residual / samples.outputs.len() as f64,
+        left_out: f64::NAN,
+    }
+}
+
+/// Mean square error of a curve and its weights on the folds left out.
+fn left_out(candidate: &Candidate, samples: &Samples, straight: &Fit) -> f64 {
+    let start = start(straight);
+    let mut sum = 0.0;
+    for out in 0..FOLDS {
+        let folds = Folds { samples, width: candidate.thresholds.len() + 1, left_out: Some(out) };
+        let bent = fit_curve(&folds, &start, candidate.segments);
+        for (row, output, _) in samples.iter().filter(|(.., fold)| *fold == out) {
+            let signal: f64 = bent.weights.iter().zip(row).map(|(weight, signal)| weight * signal).sum();
+            sum += (output - bent.constant - bent.curve.at(signal)).powi(2);
+        }
+    }
+    sum / samples.outputs.len() as f64
+}
+
 /// The front end with its weights, and everything that may help the network as features.
 fn assemble(candidate: &Candidate, fit: &Fit) -> schema::FrontEnd {
     let mut front_end = candidate.bare();
@@ -429,6 +574,7 @@ fn assemble(candidate: &Candidate, fit: &Fit) -> schema::FrontEnd {
     // The creep filters were fitted behind `creep_sum`, which settled on these weights.
     front_end.creep_weights = fit.creep_weights.iter().map(|value| narrow(*value)).collect();
     front_end.bias = narrow(fit.bias);
+    front_end.curve = fit.curve.clone();
 
     // A friction force without a spring beside it is the same anywhere in the range: then the network must not see where it is.
     let slope: f64 = fit.weights.iter().zip(&candidate.thresholds).map(|(weight, threshold)| weight / threshold).sum();

@@ -159,7 +159,7 @@ fn the_gradient_does_not_depend_on_the_number_of_threads_beyond_rounding() {
 fn track(length: usize, offset: f32) -> Track {
     #[expect(clippy::cast_precision_loss, reason = "small counts")]
     let values: Vec<f32> = (0..length).map(|sample| offset + sample as f32).collect();
-    Track { features: values.clone(), linear: vec![0.0; length], output: values, training: vec![true; length], slack: vec![0.0; length] }
+    Track { features: values.clone(), front_end: vec![0.0; length], output: values, training: vec![true; length], slack: vec![0.0; length] }
 }
 
 #[test]

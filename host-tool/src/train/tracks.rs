@@ -22,7 +22,7 @@ pub struct Track {
     /// `[sample][feature]`, as the network gets them.
     pub features: Vec<f32>,
     /// Front end's readout in normalised output.
-    pub linear: Vec<f32>,
+    pub front_end: Vec<f32>,
     /// Measured output, normalised.
     pub output: Vec<f32>,
     /// How far off in normalised output a sample says nothing, because the stick band held the output; 0 elsewhere.
@@ -62,7 +62,8 @@ pub fn tracks(
     for (recording, part) in recordings.iter().zip(parts) {
         for segment in recording.segments() {
             let mut state = FrontEndState::default();
-            let mut track = Track { features: Vec::new(), linear: Vec::new(), output: Vec::new(), training: Vec::new(), slack: Vec::new() };
+            let mut track =
+                Track { features: Vec::new(), front_end: Vec::new(), output: Vec::new(), training: Vec::new(), slack: Vec::new() };
             let mut features = vec![0.0; width];
             track.training.extend_from_slice(&part[segment.clone()]);
             for index in segment {
@@ -74,7 +75,7 @@ pub fn tracks(
                 let band = front_end.stick_band;
                 let rests = track.output.last().is_some_and(|last| (normalised - last).abs() < STICK_TOLERANCE * band);
                 track.slack.push(if rests { band } else { 0.0 });
-                track.linear.push(step.linear);
+                track.front_end.push(step.readout);
                 track.output.push(normalised);
             }
             tracks.push(track);
@@ -170,7 +171,7 @@ impl Walk {
         }
     }
 
-    /// Fills the next batch from the tracks, whose network targets are `(output - linear) / target_scale`.
+    /// Fills the next batch from the tracks, whose network targets are `(output - front_end) / target_scale`.
     pub fn fill(&mut self, tracks: &[Track], target_scale: f32, batch: &mut Batch) {
         let (steps, width) = (batch.steps, batch.width);
         for lane in 0..self.lanes {
@@ -187,7 +188,7 @@ impl Walk {
                 let sample = cursor.position + step;
                 let known = step < count;
                 batch.slack[row] = if known { track.slack[sample] / target_scale } else { 0.0 };
-                batch.targets[row] = if known { (track.output[sample] - track.linear[sample]) / target_scale } else { 0.0 };
+                batch.targets[row] = if known { (track.output[sample] - track.front_end[sample]) / target_scale } else { 0.0 };
                 batch.weights[row] = if known && sample >= cursor.counts_from && track.training[sample] { 1.0 } else { 0.0 };
             }
         }
@@ -300,7 +301,7 @@ impl Windows {
                 target.copy_from_slice(window_features(track, width, end, self.length, step));
             }
             let row = lane * steps + steps - 1;
-            batch.targets[row] = (track.output[end] - track.linear[end]) / target_scale;
+            batch.targets[row] = (track.output[end] - track.front_end[end]) / target_scale;
             batch.slack[row] = track.slack[end] / target_scale;
             batch.weights[row] = 1.0;
         }

@@ -52,7 +52,7 @@ impl Validation {
                 let track = &tracks[index];
                 for sample in (start..track.len().min(start + VALIDATION_STEPS)).filter(|&sample| !track.training[sample]) {
                     let output = sequence.outputs()[(sample - start) * VALIDATION_LANES + lane];
-                    let error = f64::from(track.output[sample] - track.linear[sample] - target_scale * output);
+                    let error = f64::from(track.output[sample] - track.front_end[sample] - target_scale * output);
                     let error = beyond(error, f64::from(track.slack[sample]));
                     sum += error * error;
                     count += 1;
@@ -108,7 +108,7 @@ impl Validation {
             for (lane, &(index, end)) in group.iter().enumerate() {
                 let track = &tracks[index];
                 let output = outputs[(length - 1) * VALIDATION_LANES + lane];
-                let error = f64::from(track.output[end] - track.linear[end] - target_scale * output);
+                let error = f64::from(track.output[end] - track.front_end[end] - target_scale * output);
                 let error = beyond(error, f64::from(track.slack[end]));
                 sum += error * error;
             }
