@@ -157,17 +157,31 @@ impl Clone for FrontEnd {
 
     /// In place: the microcontroller's stack has no room for a second one.
     fn clone_from(&mut self, source: &Self) {
-        let Self { play_thresholds, play_weights, creep_coefficients, creep_weights, features, .. } = self;
-        copy(play_thresholds, &source.play_thresholds);
-        copy(play_weights, &source.play_weights);
-        copy(creep_coefficients, &source.creep_coefficients);
-        copy(creep_weights, &source.creep_weights);
-        copy(features, &source.features);
-        self.dead_time_samples = source.dead_time_samples;
-        self.lag_coefficient = source.lag_coefficient;
-        self.input_weight = source.input_weight;
-        self.bias = source.bias;
-        self.stick_band = source.stick_band;
+        // Every field by name, so that a new one cannot be forgotten.
+        let Self {
+            dead_time_samples,
+            lag_coefficient,
+            play_thresholds,
+            play_weights,
+            creep_coefficients,
+            creep_weights,
+            input_weight,
+            bias,
+            curve,
+            stick_band,
+            features,
+        } = source;
+        self.dead_time_samples = *dead_time_samples;
+        self.lag_coefficient = *lag_coefficient;
+        copy(&mut self.play_thresholds, play_thresholds);
+        copy(&mut self.play_weights, play_weights);
+        copy(&mut self.creep_coefficients, creep_coefficients);
+        copy(&mut self.creep_weights, creep_weights);
+        self.input_weight = *input_weight;
+        self.bias = *bias;
+        self.curve.clone_from(curve);
+        self.stick_band = *stick_band;
+        copy(&mut self.features, features);
     }
 }
 
