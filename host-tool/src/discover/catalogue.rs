@@ -160,9 +160,13 @@ pub trait Form: Sync {
     fn cost(&self) -> usize {
         self.parameters().len() + self.weights()
     }
-    /// First step of the search around a start, in the logarithm or in a quarter of the range.
-    fn step(&self) -> f64 {
+    /// First step of the search for one parameter around a start, in the logarithm or in a quarter of the range.
+    fn step(&self, _parameter: usize) -> f64 {
         0.15
+    }
+    /// Logarithmic parameter across which the valleys of the search are much narrower than any grid.
+    fn across(&self) -> Option<usize> {
+        None
     }
     /// Whether its input path has no memory.
     fn is_static(&self) -> bool {

@@ -238,6 +238,7 @@ impl DiscoveredModel {
             session_s: time_s.iter().map(|time| time + self.session_s).collect(),
             time_s,
             role: vec![Role::Kept; input.len()],
+            screens: false,
             keep: vec![true; input.len()],
             rest: Vec::new(),
             history: self.memory.clone(),

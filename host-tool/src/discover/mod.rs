@@ -325,7 +325,14 @@ fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn
             break;
         }
         watch(["every effect", "a second effect", "a third effect"][round.min(2)]);
-        let tried = bench.round(&model);
+        let excess = (first_select - floor_square).max(0.05 * floor_square);
+        let least = if round == 0 {
+            rounds::LEAST_GAIN
+        } else {
+            let taken = (rounds::LEAST_FURTHER_SHARE * excess).max(rounds::LEAST_FURTHER_GAIN * (select - floor_square));
+            (taken / select).max(2.0 * rounds::LEAST_GAIN)
+        };
+        let tried = bench.round(&model, least);
         if round == 0 {
             for one in &tried {
                 if !found.candidates.iter().any(|candidate| candidate.name == one.form.name()) {
@@ -340,17 +347,8 @@ fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn
         let best = bench.polished(&tried, 20);
         let Some(chosen) = best.first() else { break };
         let gain = 1.0 - chosen.fitted.select / select;
-        let excess = (first_select - floor_square).max(0.05 * floor_square);
-        let enough = if round == 0 {
-            gain >= rounds::LEAST_GAIN
-        } else {
-            let taken = select - chosen.fitted.select;
-            taken >= rounds::LEAST_FURTHER_SHARE * excess
-                && taken >= rounds::LEAST_FURTHER_GAIN * (select - floor_square)
-                && gain >= 2.0 * rounds::LEAST_GAIN
-        };
         let deviations = rounds::deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
-        if !enough || deviations < rounds::LEAST_DEVIATIONS {
+        if gain < least || deviations < rounds::LEAST_DEVIATIONS {
             break;
         }
         if round == 0 {

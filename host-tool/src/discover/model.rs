@@ -47,6 +47,8 @@ pub struct Sums {
 /// Which samples a pass looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
+    /// A few of those that are fitted: for a first, coarse look.
+    Screen,
     /// Those that are fitted.
     Fit,
     /// Those that are fitted and those that select.
@@ -140,78 +142,41 @@ impl Model {
         }
     }
 
-    /// The play operators' columns.
+    /// The play operators' columns, several operators side by side so that none waits for its own last step.
     fn operators(&self, run: &Run, history: &[f64], path: &[f64], habit: &Habit, columns: &mut Columns) {
         let samples = path.len();
         let start = columns.values.len();
         columns.values.resize(start + samples * self.thresholds.len(), 0.0);
         columns.free.resize(columns.free.len() + self.thresholds.len(), false);
-        let bend = |v: f64| habit.envelope_bend * v * (1.0 - v);
-        let speed: Vec<f64> = if habit.growth_per_rate == 0.0 && habit.extra_per_rate == 0.0 {
-            Vec::new()
-        } else {
-            (0..samples)
-                .map(|index| {
-                    let (before, after) = (index.saturating_sub(1), (index + 1).min(samples - 1));
-                    ((path[after] - path[before]).abs() / ((after - before) as f64 * run.period_s)).powf(habit.rate_power)
-                })
-                .collect()
-        };
-        let growth = (2.0 * run.period_s / LOOKS as f64 / habit.viscous_s.max(1e-9)).min(700.0).exp();
-        let follow = if habit.viscous_s > 0.0 { 1.0 - (-run.period_s / habit.viscous_s).exp() } else { 1.0 };
-        if habit.is_plain() {
-            self.plain_operators(history, path, &mut columns.values[start..]);
-            return;
-        }
-        for (index, &threshold) in self.thresholds.iter().enumerate() {
-            let column = &mut columns.values[start + index * samples..start + (index + 1) * samples];
-            let mut state = 0.0_f64;
-            if self.carry {
-                for &value in history {
-                    let gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value).max(-threshold);
-                    state = state.clamp(value - gap, value + gap);
-                }
-            }
-            for (sample, (out, &value)) in column.iter_mut().zip(path).enumerate() {
-                let mut gap = threshold * (1.0 + habit.growth_per_input * value).max(0.0) + bend(value);
-                if let Some(speed) = speed.get(sample) {
-                    gap += speed * (habit.growth_per_rate * threshold + habit.extra_per_rate);
-                }
-                let gap = gap.max(0.0);
-                let bound = state.max(value - gap).min(value + gap);
-                state = if sample == 0 {
-                    bound
-                } else if habit.stiffening > 0.0 {
-                    stiffening(state, path[sample - 1], value, gap, growth, habit.stiffening)
-                } else {
-                    state + follow * (bound - state)
-                };
-                *out = state;
-            }
-        }
-    }
-
-    /// Plain operators, several side by side so that none waits for its own last step.
-    fn plain_operators(&self, history: &[f64], path: &[f64], values: &mut [f64]) {
-        const SIDE: usize = 6;
-        let samples = path.len();
+        let history = if self.carry { history } else { &[] };
+        let gaps =
+            |path: &[f64], moving: bool| if habit.is_plain() { Vec::new() } else { gaps(path, habit, moving.then_some(run.period_s)) };
+        let (before, now) = (gaps(history, false), gaps(path, true));
+        let values = &mut columns.values[start..];
         for (group, block) in self.thresholds.chunks(SIDE).zip(values.chunks_mut(SIDE * samples)) {
-            let mut gap = [0.0; SIDE];
-            gap[..group.len()].copy_from_slice(group);
+            let mut thresholds = [0.0; SIDE];
+            thresholds[..group.len()].copy_from_slice(group);
             let mut state = [0.0_f64; SIDE];
-            if self.carry {
-                for &value in history {
-                    for lane in 0..SIDE {
-                        state[lane] = state[lane].max(value - gap[lane]).min(value + gap[lane]);
+            for (at, &value) in history.iter().enumerate() {
+                play(&mut state, &thresholds, value, before.get(at));
+            }
+            let mut lanes: Vec<&mut [f64]> = block.chunks_exact_mut(samples).collect();
+            for (sample, &value) in path.iter().enumerate() {
+                let gap = now.get(sample);
+                if habit.viscous_s <= 0.0 || sample == 0 {
+                    play(&mut state, &thresholds, value, gap);
+                } else if habit.stiffening > 0.0 {
+                    stiffening(&mut state, &thresholds, [path[sample - 1], value], gap, run.period_s, habit);
+                } else {
+                    let follow = 1.0 - (-run.period_s / habit.viscous_s).exp();
+                    let mut bound = state;
+                    play(&mut bound, &thresholds, value, gap);
+                    for (state, bound) in state.iter_mut().zip(bound) {
+                        *state += follow * (bound - *state);
                     }
                 }
-            }
-            for (sample, &value) in path.iter().enumerate() {
-                for lane in 0..SIDE {
-                    state[lane] = state[lane].max(value - gap[lane]).min(value + gap[lane]);
-                }
-                for lane in 0..group.len() {
-                    block[lane * samples + sample] = state[lane];
+                for (lane, state) in lanes.iter_mut().zip(&state) {
+                    lane[sample] = *state;
                 }
             }
         }
@@ -224,6 +189,9 @@ impl Model {
         let mut sums: Option<Sums> = None;
         for run in &session.runs {
             let wanted = |role: Role| role == Role::Fit || (scope == Scope::Both && role == Role::Select);
+            if scope == Scope::Screen && !run.screens {
+                continue;
+            }
             if !run.role.iter().any(|&role| wanted(role)) {
                 continue;
             }
@@ -323,23 +291,61 @@ impl Model {
 /// Passes after the first where an effect acts on the model's own output.
 const PASSES: usize = 2;
 
+/// Operators side by side.
+const SIDE: usize = 8;
+
+/// What an operator's threshold is multiplied by, and what is added to it, at every sample of `path`; rates count where there is a
+/// sample period.
+fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 2]> {
+    let last = path.len().saturating_sub(1);
+    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
+    let gap = |(index, &value): (usize, &f64)| {
+        let rate = match period_s {
+            Some(period_s) if with_rate => {
+                let (before, after) = (index.saturating_sub(1), (index + 1).min(last));
+                ((path[after] - path[before]).abs() / ((after - before) as f64 * period_s)).powf(habit.rate_power)
+            }
+            _ => 0.0,
+        };
+        let factor = (1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate;
+        [factor, habit.envelope_bend * value * (1.0 - value) + habit.extra_per_rate * rate]
+    };
+    path.iter().enumerate().map(gap).collect()
+}
+
+/// One step of plain operators, or of ones whose thresholds are changed by `gap`.
+fn play(state: &mut [f64; SIDE], thresholds: &[f64; SIDE], value: f64, gap: Option<&[f64; 2]>) {
+    let &[factor, extra] = gap.unwrap_or(&[1.0, 0.0]);
+    for (state, threshold) in state.iter_mut().zip(thresholds) {
+        let gap = (factor * threshold + extra).max(0.0);
+        *state = state.max(value - gap).min(value + gap);
+    }
+}
+
 /// Steps of a stiffening operator inside a sample.
 const LOOKS: usize = 2;
 
-/// An operator that follows its bound at the speed `x / T (1 + (x / E)^2)` for a distance `x`: the first terms of Eyring's law.
-/// `growth` is `exp(2 t / T)` for one look.
-fn stiffening(mut state: f64, before: f64, now: f64, gap: f64, growth: f64, distance: f64) -> f64 {
-    let far = 1.0 / (distance * distance);
+/// Operators that follow their bounds at the speed `x / T (1 + (x / E)^2)` for a distance `x`: the first terms of Eyring's law.
+fn stiffening(
+    state: &mut [f64; SIDE],
+    thresholds: &[f64; SIDE],
+    [before, now]: [f64; 2],
+    gap: Option<&[f64; 2]>,
+    period_s: f64,
+    habit: &Habit,
+) {
+    let growth = (2.0 * period_s / LOOKS as f64 / habit.viscous_s).min(700.0).exp();
+    let far = 1.0 / (habit.stiffening * habit.stiffening);
     for look in 1..=LOOKS {
-        let value = before + (now - before) * look as f64 / LOOKS as f64;
-        let size = state.max(value - gap).min(value + gap) - state;
-        if size != 0.0 {
-            // Exact for a bound that stands still.
+        let mut bound = *state;
+        play(&mut bound, thresholds, before + (now - before) * look as f64 / LOOKS as f64, gap);
+        for (state, bound) in state.iter_mut().zip(bound) {
+            let size = bound - *state;
+            // Exact for a bound that stands still. At the bound the quotient is infinite and nothing is left, as it should be.
             let left = ((1.0 / (size * size) + far) * growth - far).sqrt().recip();
-            state += size - left.copysign(size);
+            *state += size - left.copysign(size);
         }
     }
-    state
 }
 
 /// Adds the samples of `range` to the sums. The last column is the measured output; masked samples are zero in all columns.

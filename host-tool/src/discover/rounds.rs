@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::catalogue::Form;
 use super::model::{Model, Scope};
 use super::noise;
-use super::search::{self, Fitted};
-use super::session::{Role, Session};
+use super::search::{self, Fitted, Started};
+use super::session::{Role, Run, Session};
 
 /// Least share of the mean square that the first effect takes away.
 pub const LEAST_GAIN: f64 = 0.012;
@@ -18,6 +18,14 @@ pub const LEAST_FURTHER_GAIN: f64 = 0.2;
 pub const LEAST_DEVIATIONS: f64 = 3.0;
 /// What a parameter must bring, as a share of the mean square, when effects compete.
 pub const PRICE: f64 = 0.012;
+
+/// Share of the least gain that a form's grid must show before its parameters are searched.
+const HOPELESS: f64 = 0.25;
+/// Share of the best form's gain that a form's grid must show before its parameters are searched: a grid point takes away at least that
+/// of what its valley does.
+const FAR_BEHIND: f64 = 0.15;
+/// Forms that search in smaller steps than this lie in valleys narrower than their grids: those say nothing about them.
+const NARROW: f64 = 0.05;
 
 /// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
 pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
@@ -92,23 +100,32 @@ pub struct Bench<'a> {
 impl Bench<'_> {
     /// Mean squares of the selecting blocks.
     pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
-        let residual = model.residuals(self.session);
+        let selects = |run: &Run| run.role.contains(&Role::Select);
+        let of = |run: &Run| run.output.iter().zip(model.predict(run)).map(|(y, p)| y - p).collect();
+        let residual: Vec<Vec<f64>> = self.session.runs.iter().map(|run| if selects(run) { of(run) } else { Vec::new() }).collect();
         noise::blocks(self.session, &residual, |run, sample| self.session.runs[run].role[sample] == Role::Select)
     }
 
-    /// Every form on top of `base`, best first.
-    pub fn round(&self, base: &Model) -> Vec<Tried> {
+    /// Every form on top of `base`, best first. Forms whose grid shows nowhere near the gain `least` are not searched further.
+    pub fn round(&self, base: &Model, least: f64) -> Vec<Tried> {
         let residual = base.residuals(self.session);
         let before = self.selecting_blocks(base);
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
-        let fitted = in_parallel(&forms, self.threads, |form| {
-            search::fit_form(base, *form, self.session, &residual).map(|fitted| {
-                let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
-                Tried { fitted, form: *form, deviations }
-            })
+        let started = in_parallel(&forms, self.threads, |form| search::start_form(base, *form, self.session, &residual));
+        let started: Vec<Started> = started.into_iter().flatten().collect();
+        let was = search::screened(base, self.session);
+        let gain = |started: &Started| 1.0 - started.square / was;
+        let broad = |started: &&Started| !started.form.discrete();
+        let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
+        let worth = (HOPELESS * least).max(FAR_BEHIND * most);
+        let mut tried = in_parallel(&started, self.threads, |started| {
+            let narrow = (0..started.form.parameters().len()).any(|parameter| started.form.step(parameter) < NARROW);
+            let hopeful = narrow || gain(started) > worth;
+            let fitted = if hopeful { search::refine_form(started, self.session) } else { search::settle_form(started, self.session) };
+            let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
+            Tried { fitted, form: started.form, deviations }
         });
-        let mut tried: Vec<Tried> = fitted.into_iter().flatten().collect();
         tried.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
         tried
     }

@@ -1,7 +1,7 @@
 //! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates, weights solved inside.
 
 use super::catalogue::{Form, Parameter};
-use super::model::{Model, Scope};
+use super::model::{Model, Scope, Slot};
 use super::session::Session;
 
 /// A fitted candidate.
@@ -13,25 +13,40 @@ pub struct Fitted {
     pub select: f64,
 }
 
-/// Parameters of all effects on one line, and where they are searched.
-fn specification(model: &Model) -> Vec<Parameter> {
-    model.slots.iter().flat_map(|slot| slot.form.parameters().iter().copied()).collect()
+/// A parameter as the search sees it.
+#[derive(Clone, Copy)]
+struct Axis {
+    parameter: Parameter,
+    /// First step: a unit of the search.
+    step: f64,
 }
 
-fn inward(specification: &[Parameter], values: &[f64]) -> Vec<f64> {
-    specification
-        .iter()
+/// Parameters of all effects on one line.
+fn axes(model: &Model) -> Vec<Axis> {
+    let of = |slot: &Slot| {
+        let form = slot.form;
+        form.parameters().iter().enumerate().map(|(index, &parameter)| Axis { parameter, step: form.step(index) })
+    };
+    model.slots.iter().flat_map(of).collect()
+}
+
+/// Values in units of the search: first steps, in the logarithm or in quarters of the range.
+fn inward(axes: &[Axis], values: &[f64]) -> Vec<f64> {
+    axes.iter()
         .zip(values)
-        .map(|(parameter, &value)| if parameter.logarithmic { value.ln() } else { value / (parameter.high - parameter.low) * 4.0 })
+        .map(
+            |(Axis { parameter, step }, &value)| {
+                if parameter.logarithmic { value.ln() / step } else { value / (parameter.high - parameter.low) * 4.0 / step }
+            },
+        )
         .collect()
 }
 
-fn outward(specification: &[Parameter], values: &[f64]) -> Vec<f64> {
-    specification
-        .iter()
+fn outward(axes: &[Axis], values: &[f64]) -> Vec<f64> {
+    axes.iter()
         .zip(values)
-        .map(|(parameter, &value)| {
-            let value = if parameter.logarithmic { value.exp() } else { value / 4.0 * (parameter.high - parameter.low) };
+        .map(|(Axis { parameter, step }, &value)| {
+            let value = if parameter.logarithmic { (value * step).exp() } else { value * step / 4.0 * (parameter.high - parameter.low) };
             value.clamp(parameter.low, parameter.high)
         })
         .collect()
@@ -48,20 +63,34 @@ fn place(model: &mut Model, values: &[f64]) {
 }
 
 /// Mean square of the fitted samples with the weights solved for and the model's own output as it is.
-fn objective(model: &Model, session: &Session) -> f64 {
-    let sums = model.sums(session, Scope::Fit);
+fn objective(model: &Model, session: &Session, scope: Scope) -> f64 {
+    let sums = model.sums(session, scope);
     let weights = sums.fit.solve(&sums.free);
     sums.fit.mean_square(&weights)
 }
 
+/// How long a search goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Samples that it looks at.
+    pub scope: Scope,
+    /// Length of the first steps, in those of the forms.
+    pub size: f64,
+    /// Most evaluations.
+    pub evaluations: usize,
+    /// Relative difference of the mean squares at which the corners count as equal.
+    pub spread: f64,
+}
+
 /// Improves the parameters at `indices` (on the line of all parameters) from where they are.
-pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], size: f64, evaluations: usize) -> f64 {
+pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: Effort) -> f64 {
+    let Effort { scope, size, evaluations, spread: enough } = effort;
     if indices.is_empty() {
-        return objective(model, session);
+        return objective(model, session, scope);
     }
-    let all = specification(model);
+    let all = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
-    let searched: Vec<Parameter> = indices.iter().map(|&index| all[index]).collect();
+    let searched: Vec<Axis> = indices.iter().map(|&index| all[index]).collect();
     let begin = inward(&searched, &indices.iter().map(|&index| line[index]).collect::<Vec<_>>());
     let mut trial = model.clone();
     let mut spent = 0;
@@ -72,7 +101,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], size: f6
             values[index] = value;
         }
         place(&mut trial, &values);
-        objective(&trial, session)
+        objective(&trial, session, scope)
     };
     let n = begin.len();
     let mut points: Vec<(f64, Vec<f64>)> = vec![(evaluate(&begin, &mut spent), begin.clone())];
@@ -85,7 +114,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], size: f6
         points.sort_by(|x, y| x.0.total_cmp(&y.0));
         let spread = (points[n].0 - points[0].0) / points[0].0.max(1e-30);
         let width = (0..n).map(|axis| (points[n].1[axis] - points[0].1[axis]).abs()).fold(0.0, f64::max);
-        if spread < 1e-6 || width < 1e-4 {
+        if spread < enough || width < 1e-3 {
             break;
         }
         let centre: Vec<f64> = (0..n).map(|axis| points[..n].iter().map(|point| point.1[axis]).sum::<f64>() / n as f64).collect();
@@ -129,62 +158,135 @@ fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
     (before..before + model.slots[slot].parameters.len()).collect()
 }
 
+/// One more effect at the best point of its grid.
+pub struct Started {
+    /// The model with it.
+    pub model: Model,
+    /// Its form.
+    pub form: &'static dyn Form,
+    /// Mean square that it leaves of the screening samples.
+    pub square: f64,
+}
+
+/// Mean square that `base` leaves of the samples that [`start_form`] looks at.
+#[must_use]
+pub fn screened(base: &Model, session: &Session) -> f64 {
+    objective(base, session, Scope::Screen)
+}
+
+/// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
+#[must_use]
+pub fn start_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
+    let look = |start: Vec<f64>| {
+        let mut model = base.with(form, start.clone());
+        let square = if form.discrete() {
+            let sums = model.sums(session, Scope::Both);
+            let weights = sums.fit.solve(&sums.free);
+            sums.fit.mean_square(&weights) + sums.select.mean_square(&weights)
+        } else if form.needs_sum() {
+            // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
+            // what remains once the weights have given that back.
+            model.fit(session, Scope::Screen).0
+        } else {
+            objective(&model, session, Scope::Screen)
+        };
+        (Started { model, form, square }, start)
+    };
+    let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(look).collect();
+    tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
+    if let Some(across) = form.across() {
+        // The valley is narrower than the grid, and the best point of the grid need not lie in the deepest: a walk across from a few.
+        let parameter = form.parameters()[across];
+        let step = form.step(across);
+        let near: Vec<Vec<f64>> = tried.iter().take(VALLEYS).map(|tried| tried.1.clone()).collect();
+        for begin in near {
+            for place in (-ACROSS..=ACROSS).filter(|place| *place != 0) {
+                let mut start = begin.clone();
+                start[across] = (start[across] * (f64::from(place) * step).exp()).clamp(parameter.low, parameter.high);
+                tried.push(look(start));
+            }
+        }
+    }
+    tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))
+}
+
+/// Starts from which a walk across a narrow valley begins.
+const VALLEYS: usize = 5;
+/// Steps of the walk to either side.
+const ACROSS: i32 = 6;
+
+/// The form as it was started, its weights fitted to all that is fitted.
+#[must_use]
+pub fn settle_form(started: &Started, session: &Session) -> Fitted {
+    let mut model = started.model.clone();
+    let (_, select) = model.fit(session, Scope::Both);
+    Fitted { model, select }
+}
+
+/// Improves the form's parameters on the screening samples from where it was started, the others' held.
+#[must_use]
+pub fn refine_form(started: &Started, session: &Session) -> Fitted {
+    let (mut model, form) = (started.model.clone(), started.form);
+    let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
+    let indices = if form.discrete() { Vec::new() } else { indices_of(&model, slot) };
+    let effort =
+        |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
+    if !indices.is_empty() {
+        simplex(&mut model, session, &indices, effort(1.0, 14));
+        if form.needs_sum() {
+            model.fit(session, Scope::Screen);
+            simplex(&mut model, session, &indices, effort(0.7, 10));
+        }
+    }
+    if let Some(across) = form.across() {
+        // A simplex ends in the nearest of many valleys: look over both rims of every parameter, then down again.
+        let others = (0..indices.len()).filter(|&parameter| parameter != across);
+        for parameter in others.chain([across]) {
+            walk(&mut model, session, slot, parameter, 2.0);
+            walk(&mut model, session, slot, across, 1.0);
+        }
+        simplex(&mut model, session, &indices, effort(0.7, 14));
+    }
+    let (_, select) = model.fit(session, Scope::Both);
+    Fitted { model, select }
+}
+
+/// Moves one logarithmic parameter of a slot to the best of a row of places about it, `stride` first steps apart.
+fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, stride: f64) {
+    let form = model.slots[slot].form;
+    let limits = form.parameters()[parameter];
+    let centre = model.slots[slot].parameters[parameter];
+    let mut best = (f64::MAX, centre);
+    for place in -ACROSS..=ACROSS {
+        let value = (centre * (f64::from(place) * stride * form.step(parameter)).exp()).clamp(limits.low, limits.high);
+        model.slots[slot].parameters[parameter] = value;
+        let square = objective(model, session, Scope::Screen);
+        if square < best.0 {
+            best = (square, value);
+        }
+    }
+    model.slots[slot].parameters[parameter] = best.1;
+}
+
 /// Fits one more effect in one form, the others held.
 #[must_use]
 pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
-    if form.discrete() {
-        let mut tried: Vec<(f64, Model)> = form
-            .starts(session, residual)
-            .into_iter()
-            .map(|start| {
-                let model = base.with(form, start);
-                let sums = model.sums(session, Scope::Both);
-                let weights = sums.fit.solve(&sums.free);
-                (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights), model)
-            })
-            .collect();
-        tried.sort_by(|x, y| x.0.total_cmp(&y.0));
-        let mut model = tried.into_iter().next()?.1;
-        let (_, select) = model.fit(session, Scope::Both);
-        return Some(Fitted { model, select });
-    }
-    let mut tried: Vec<(f64, Model)> = form
-        .starts(session, residual)
-        .into_iter()
-        .map(|start| {
-            let mut model = base.with(form, start);
-            // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
-            // what remains once the weights have given that back.
-            let square = if form.needs_sum() { model.fit(session, Scope::Fit).0 } else { objective(&model, session) };
-            (square, model)
-        })
-        .collect();
-    tried.sort_by(|x, y| x.0.total_cmp(&y.0));
-    let (_, mut model) = tried.into_iter().next()?;
-    let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
-    let indices = indices_of(&model, slot);
-    simplex(&mut model, session, &indices, form.step(), 14 * indices.len());
-    let (_, mut select) = model.fit(session, Scope::Both);
-    if model.slots[slot].form.needs_sum() && !indices.is_empty() {
-        simplex(&mut model, session, &indices, 0.7 * form.step(), 10 * indices.len());
-        (_, select) = model.fit(session, Scope::Both);
-    }
-    Some(Fitted { model, select })
+    start_form(base, form, session, residual).map(|started| refine_form(&started, session))
 }
 
 /// Improves all parameters of all effects together.
 #[must_use]
-pub fn polish(model: &Model, session: &Session, effort: usize) -> Fitted {
+pub fn polish(model: &Model, session: &Session, evaluations: usize) -> Fitted {
     let mut model = model.clone();
     let indices: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(&model, slot)).collect();
     let count = indices.len();
-    let size = model.slots.iter().map(|slot| slot.form.step()).fold(0.15, f64::min);
+    let effort = |size: f64, evaluations: usize| Effort { scope: Scope::Fit, size, evaluations, spread: 1e-6 };
     model.fit(session, Scope::Fit);
-    simplex(&mut model, session, &indices, 0.4 * size, effort * count);
+    simplex(&mut model, session, &indices, effort(0.4, evaluations * count));
     let (_, mut select) = model.fit(session, Scope::Both);
     if model.needs_sum() && count > 0 {
-        simplex(&mut model, session, &indices, 0.2 * size, effort * count / 2);
+        simplex(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
         (_, select) = model.fit(session, Scope::Both);
     }
     Fitted { model, select }
@@ -194,8 +296,8 @@ pub fn polish(model: &Model, session: &Session, effort: usize) -> Fitted {
 /// residuals take away (`correlation` of neighbouring samples). Discrete parameters have none.
 #[must_use]
 pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) -> Vec<f64> {
-    const STEP: f64 = 0.02;
-    let specification = specification(model);
+    const STEP: f64 = 0.13;
+    let axes = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
     let searched: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot)).collect();
@@ -205,14 +307,14 @@ pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) 
         return result;
     }
     let mut trial = model.clone();
-    let centre = inward(&specification, &line);
+    let centre = inward(&axes, &line);
     let mut value = |moves: &[(usize, f64)]| {
         let mut point = centre.clone();
         for &(axis, step) in moves {
             point[searched[axis]] += step;
         }
-        place(&mut trial, &outward(&specification, &point));
-        objective(&trial, session)
+        place(&mut trial, &outward(&axes, &point));
+        objective(&trial, session, Scope::Fit)
     };
     let here = value(&[]);
     let mut curvature = vec![0.0; n * n];
@@ -232,7 +334,8 @@ pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) 
         // One column of the inverse by Gauss and Jordan; a curvature that is not definite falls back on the diagonal.
         let variance = inverse_diagonal(&curvature, n, axis).filter(|value| *value > 0.0).unwrap_or(1.0 / curvature[axis * n + axis]);
         let deviation = (2.0 * here / samples * inflation * variance).sqrt();
-        let parameter = &specification[index];
+        let Axis { parameter, step } = &axes[index];
+        let deviation = deviation * step;
         result[index] = if parameter.logarithmic { line[index] * deviation } else { deviation / 4.0 * (parameter.high - parameter.low) };
     }
     result

@@ -39,6 +39,8 @@ pub struct Run {
     pub role: Vec<Role>,
     /// Whether each sample counts.
     pub keep: Vec<bool>,
+    /// Whether it takes part in the first, coarse look at every effect.
+    pub screens: bool,
     /// Stretches of rest.
     pub rest: Vec<std::ops::Range<usize>>,
     /// Turning points of the input before this recording, oldest first.
@@ -182,6 +184,7 @@ impl Session {
                     source: (position, segment.start),
                     period_s: recording.sample_period_s,
                     keep: vec![true; input.len()],
+                    screens: true,
                     role: vec![role; input.len()],
                     input,
                     output,
@@ -241,6 +244,7 @@ impl Session {
                 };
                 self.runs[run].role.fill(role);
             }
+            self.choose_screening();
             return;
         }
         for &run in &own {
@@ -257,6 +261,23 @@ impl Session {
                     Role::Select
                 };
             }
+        }
+    }
+
+    /// A third of the fitted recordings takes the first, coarse look: every third by how fast their input is, the fastest first, so that
+    /// slow and fast motion are both among them.
+    fn choose_screening(&mut self) {
+        let mut fitted: Vec<(f64, usize)> = Vec::new();
+        for (index, run) in self.runs.iter_mut().enumerate() {
+            run.screens = false;
+            if run.role[0] == Role::Fit {
+                let travel: f64 = run.input.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+                fitted.push((travel / run.input.len() as f64, index));
+            }
+        }
+        fitted.sort_by(|x, y| y.0.total_cmp(&x.0));
+        for &(_, index) in fitted.iter().step_by(3) {
+            self.runs[index].screens = true;
         }
     }
 

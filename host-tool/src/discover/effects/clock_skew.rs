@@ -53,7 +53,7 @@ impl Form for RunningOn {
         // Half a second at the end of the session is the most that still looks like the same stroke.
         ladder(0.02, 0.5, 5).into_iter().flat_map(|end_s| [vec![end_s / session.length_s], vec![-end_s / session.length_s]]).collect()
     }
-    fn step(&self) -> f64 {
+    fn step(&self, _: usize) -> f64 {
         0.005
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {

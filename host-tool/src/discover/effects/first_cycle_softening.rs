@@ -17,13 +17,13 @@ impl Form for Distance {
         "first-cycle-softening"
     }
     fn form(&self) -> &'static str {
-        "with the distance travelled since the recording began"
+        "with the distance that the displacement has travelled since the recording began"
     }
     fn place(&self) -> Place {
         Place::Material
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "distance", quantity: Quantity::Input, low: 0.1, high: 10.0, logarithmic: true }]
+        &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }]
     }
     fn weights(&self) -> usize {
         1
@@ -34,12 +34,12 @@ impl Form for Distance {
     fn needs_sum(&self) -> bool {
         true
     }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
         let mut travelled = 0.0;
-        let mut last = run.input[0];
+        let mut last = sum[0];
         columns.push(true, |sample| {
-            travelled += (run.input[sample] - last).abs();
-            last = run.input[sample];
+            travelled += (sum[sample] - last).abs();
+            last = sum[sample];
             sum[sample] * (-travelled / parameters[0]).exp()
         });
     }

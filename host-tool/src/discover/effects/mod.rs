@@ -21,8 +21,6 @@ pub mod stick_slip;
 pub mod supply_saturation;
 pub mod valve_dead_band;
 
-use super::session::{Role, Run, Session};
-
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
     let ratio = period_s / time_constant_s.max(1e-6);
@@ -56,24 +54,6 @@ fn shift(signal: &mut [f64], scratch: &[f64], delay: impl Fn(usize) -> f64) {
         let cubic = b + 0.5 * share * (c - a + share * (2.0 * a - 5.0 * b + 4.0 * c - d + share * (3.0 * (b - c) + d - a)));
         *value = cubic.clamp(b.min(c), b.max(c));
     }
-}
-
-/// How much of the residual's steps a signal explains whose steps are those of `signal`: the square of their correlation, 0 to 1.
-/// Every other recording that is fitted has a say.
-fn fit_of_steps(session: &Session, residual: &[Vec<f64>], signal: impl Fn(&Run) -> Vec<f64>) -> f64 {
-    let (mut cross, mut energy, mut own) = (0.0, 0.0, 1e-30);
-    let fitted = session.runs.iter().filter(|run| run.role.contains(&Role::Fit));
-    for run in fitted.step_by(2) {
-        let signal = signal(run);
-        let residual = &residual[run.index];
-        for sample in 1..signal.len() - 1 {
-            let (x, y) = (signal[sample + 1] - signal[sample - 1], residual[sample + 1] - residual[sample - 1]);
-            cross += x * y;
-            energy += x * x;
-            own += y * y;
-        }
-    }
-    if cross > 0.0 && energy > 0.0 { cross * cross / (energy * own) } else { 0.0 }
 }
 
 /// The `count` points of a grid with the highest scores, best first.

@@ -16,41 +16,84 @@ struct Beat;
 struct Triggered;
 struct Loose;
 
-const FREQUENCY: &[Parameter] =
-    &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: false }];
+const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: true }];
 
-/// Whether a frequency is a multiple of the input's own in a recording: what goes with the input is no rhythm from outside.
-fn belongs_to_input(run: &Run, frequency_hz: f64) -> bool {
-    let length_s = run.input.len() as f64 * run.period_s;
-    let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
-    let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
-    let own_hz = crossings as f64 / 2.0 / length_s;
-    let multiple = (frequency_hz / own_hz).round();
-    (1.0..=12.0).contains(&multiple) && (frequency_hz - multiple * own_hz).abs() < (0.6 / length_s).max(0.04 * own_hz)
+/// The residual of one recording, ready to be searched for lines.
+struct Line<'a> {
+    run: &'a Run,
+    residual: &'a [f64],
+    /// Frequency at which the input goes to and fro.
+    own_hz: f64,
 }
 
-/// Power of the residual at one frequency, recordings added without regard to phase.
-fn power(session: &Session, residual: &[Vec<f64>], frequency_hz: f64, coherent: bool) -> f64 {
-    let mut total = 0.0;
-    let (mut all_re, mut all_im) = (0.0, 0.0);
-    for (run, values) in session.runs.iter().zip(residual) {
-        if values.is_empty() || belongs_to_input(run, frequency_hz) {
-            continue;
-        }
-        let turn = 2.0 * PI * frequency_hz * run.period_s;
-        let (sine, cosine) = turn.sin_cos();
-        let (mut im, mut re) = (2.0 * PI * frequency_hz * run.session_s[0]).sin_cos();
-        let (mut sum_re, mut sum_im) = (0.0, 0.0);
-        for value in values {
-            sum_re += value * re;
-            sum_im += value * im;
-            (re, im) = (re * cosine - im * sine, re * sine + im * cosine);
-        }
-        total += sum_re * sum_re + sum_im * sum_im;
-        all_re += sum_re;
-        all_im += sum_im;
+impl<'a> Line<'a> {
+    fn new(run: &'a Run, residual: &'a [f64]) -> Self {
+        let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
+        let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
+        Self { run, residual, own_hz: crossings as f64 / 2.0 / (run.input.len() as f64 * run.period_s) }
     }
-    if coherent { all_re * all_re + all_im * all_im } else { total }
+
+    fn all(session: &'a Session, residual: &'a [Vec<f64>]) -> Vec<Self> {
+        session
+            .runs
+            .iter()
+            .zip(residual)
+            .filter(|(_, residual)| !residual.is_empty())
+            .map(|(run, residual)| Self::new(run, residual))
+            .collect()
+    }
+
+    /// Whether a frequency is a multiple of the input's own: what goes with the input is no rhythm from outside.
+    fn belongs_to_input(&self, frequency_hz: f64) -> bool {
+        let multiple = (frequency_hz / self.own_hz).round();
+        let resolved_hz = 0.6 / (self.run.input.len() as f64 * self.run.period_s);
+        (1.0..=12.0).contains(&multiple) && (frequency_hz - multiple * self.own_hz).abs() < resolved_hz.max(0.04 * self.own_hz)
+    }
+
+    /// Real and imaginary part of the residual's sums at several frequencies, side by side; the phase is that of the session.
+    fn transform(&self, frequencies_hz: &[f64; SIDE]) -> [[f64; SIDE]; 2] {
+        let each = |value: &dyn Fn(f64) -> f64| -> [f64; SIDE] { std::array::from_fn(|lane| value(2.0 * PI * frequencies_hz[lane])) };
+        let (sine, cosine) = (each(&|w| (w * self.run.period_s).sin()), each(&|w| (w * self.run.period_s).cos()));
+        let (mut im, mut re) = (each(&|w| (w * self.run.session_s[0]).sin()), each(&|w| (w * self.run.session_s[0]).cos()));
+        let mut sums = [[0.0; SIDE]; 2];
+        for value in self.residual {
+            for lane in 0..SIDE {
+                sums[0][lane] += value * re[lane];
+                sums[1][lane] += value * im[lane];
+                (re[lane], im[lane]) = (re[lane] * cosine[lane] - im[lane] * sine[lane], re[lane] * sine[lane] + im[lane] * cosine[lane]);
+            }
+        }
+        sums
+    }
+}
+
+/// Frequencies side by side.
+const SIDE: usize = 8;
+
+/// Power of the residual at every frequency: recordings added without regard to phase, or with it.
+fn powers(lines: &[Line<'_>], frequencies_hz: &[f64], coherent: bool) -> Vec<f64> {
+    let mut all = Vec::with_capacity(frequencies_hz.len());
+    for chunk in frequencies_hz.chunks(SIDE) {
+        let mut lanes = [chunk[0]; SIDE];
+        lanes[..chunk.len()].copy_from_slice(chunk);
+        let mut total = [0.0; SIDE];
+        let mut sums = [[0.0; SIDE]; 2];
+        for line in lines {
+            let [re, im] = line.transform(&lanes);
+            for lane in 0..SIDE {
+                if !line.belongs_to_input(lanes[lane]) {
+                    total[lane] += re[lane] * re[lane] + im[lane] * im[lane];
+                    sums[0][lane] += re[lane];
+                    sums[1][lane] += im[lane];
+                }
+            }
+        }
+        if coherent {
+            total = std::array::from_fn(|lane| sums[0][lane].powi(2) + sums[1][lane].powi(2));
+        }
+        all.extend_from_slice(&total[..chunk.len()]);
+    }
+    all
 }
 
 /// Distance of the lines that a recording can resolve, with some overlap, Hz.
@@ -62,12 +105,10 @@ fn spacing_hz(session: &Session) -> f64 {
 fn peaks(session: &Session, residual: &[Vec<f64>]) -> Vec<f64> {
     let spacing = spacing_hz(session);
     let period_s = session.runs[0].period_s;
-    let mut spectrum: Vec<(f64, f64)> = Vec::new();
-    let mut frequency = 0.3_f64.max(5.0 * spacing);
-    while frequency < 0.45 / period_s {
-        spectrum.push((power(session, residual, frequency, false), frequency));
-        frequency += spacing;
-    }
+    let lowest = 0.3_f64.max(5.0 * spacing);
+    let count = ((0.45 / period_s - lowest) / spacing).max(0.0) as usize;
+    let frequencies: Vec<f64> = (0..count).map(|step| lowest + step as f64 * spacing).collect();
+    let spectrum: Vec<(f64, f64)> = powers(&Line::all(session, residual), &frequencies, false).into_iter().zip(frequencies).collect();
     // Over their surroundings: the residual of a poor model is all low frequencies.
     let mut peaks: Vec<(f64, f64)> = (0..spectrum.len())
         .map(|index| {
@@ -113,21 +154,24 @@ impl Form for Beat {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spacing = spacing_hz(session);
+        let lines = Line::all(session, residual);
         let mut starts = Vec::new();
         for peak in peaks(session, residual) {
             // The phase runs on through the session: a comb of narrow lines under each peak.
             let fine = 0.2 / session.length_s;
             let steps = (1.2 * spacing / fine).ceil() as i64;
-            let best = (-steps..=steps)
-                .map(|step| peak + step as f64 * fine)
-                .map(|frequency| (power(session, residual, frequency, true), frequency))
-                .max_by(|x, y| x.0.total_cmp(&y.0));
-            if let Some((_, frequency)) = best {
+            let comb: Vec<f64> = (-steps..=steps).map(|step| peak + step as f64 * fine).collect();
+            let found = powers(&lines, &comb, true).into_iter().zip(comb).max_by(|x, y| x.0.total_cmp(&y.0));
+            if let Some((_, frequency)) = found {
                 starts.push(vec![frequency]);
                 starts.push(vec![frequency / 2.0]);
             }
         }
         starts
+    }
+    fn step(&self, _: usize) -> f64 {
+        // The comb is a fifth of what the session resolves.
+        1e-4
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         for harmonic in 1..=HARMONICS {
@@ -163,7 +207,7 @@ impl Form for Triggered {
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect()
     }
-    fn step(&self) -> f64 {
+    fn step(&self, _: usize) -> f64 {
         0.002
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
@@ -200,7 +244,7 @@ impl Form for Loose {
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect()
     }
-    fn step(&self) -> f64 {
+    fn step(&self, _: usize) -> f64 {
         0.002
     }
     fn needs_sum(&self) -> bool {

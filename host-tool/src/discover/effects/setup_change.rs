@@ -33,8 +33,10 @@ impl Form for Step {
     fn discrete(&self) -> bool {
         true
     }
-    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        (1..session.runs.len()).map(|run| vec![run as f64 - 0.5]).collect()
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
+        let places = (1..sums.len()).map(|first| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]));
+        best(places.collect())
     }
     fn needs_sum(&self) -> bool {
         true
@@ -72,19 +74,14 @@ impl Form for Twice {
         true
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // Which pairs of recordings divide the session best, judged by a line of the residual over the model's output in each part.
         let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
         let count = sums.len();
-        let left = |part: &[[f64; 6]]| line_residual(&part.iter().fold([0.0; 6], |all, one| std::array::from_fn(|at| all[at] + one[at])));
-        let mut pairs: Vec<(f64, Vec<f64>)> = Vec::new();
-        for first in 1..count {
-            for second in first + 1..count {
-                let energy = left(&sums[..first]) + left(&sums[first..second]) + left(&sums[second..]);
-                pairs.push((energy, vec![first as f64 - 0.5, second as f64 - 0.5]));
-            }
-        }
-        pairs.sort_by(|x, y| x.0.total_cmp(&y.0));
-        pairs.into_iter().take(4).map(|pair| pair.1).collect()
+        let pairs = (1..count).flat_map(|first| (first + 1..count).map(move |second| (first, second)));
+        let place = |(first, second): (usize, usize)| {
+            let energy = left(&sums[..first]) + left(&sums[first..second]) + left(&sums[second..]);
+            (energy, vec![first as f64 - 0.5, second as f64 - 0.5])
+        };
+        best(pairs.map(place).collect())
     }
     fn needs_sum(&self) -> bool {
         true
@@ -105,6 +102,17 @@ impl Form for Twice {
             ("second_gain".to_owned(), 1.0 + weights[3]),
         ])
     }
+}
+
+/// What a line of the residual over the model's output leaves of these recordings.
+fn left(part: &[[f64; 6]]) -> f64 {
+    line_residual(&part.iter().fold([0.0; 6], |all, one| std::array::from_fn(|at| all[at] + one[at])))
+}
+
+/// The four places that divide the session best.
+fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
+    places.sort_by(|x, y| x.0.total_cmp(&y.0));
+    places.into_iter().take(4).map(|place| place.1).collect()
 }
 
 /// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2. Kept-out recordings have no say.

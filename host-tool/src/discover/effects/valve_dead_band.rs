@@ -1,29 +1,29 @@
 //! `valve-dead-band`: the pressure holds until the error passes the band, then the valve opens and follows until little error is left.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
-use crate::discover::session::{Run, Session};
+use crate::discover::session::{Role, Run, Session};
 
-use super::{best_starts, fit_of_steps, ladder};
+use super::{best_starts, ladder};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Follow];
 
 struct Follow;
 
-/// Moments inside a sample at which the valve looks.
-const LOOKS: usize = 4;
+/// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
+const LOOKS: usize = 2;
 
-/// A valve that opens at `band` and closes again at `closing`, seen at `looks` moments a sample.
-fn follow(path: &mut [f64], band: f64, closing: f64, flow_s: f64, period_s: f64, looks: usize) {
-    let step_s = period_s / looks as f64;
+/// A valve that opens at `band` and closes again at `closing`; the pressure stands `begin` above the command at first.
+fn follow(path: &mut [f64], begin: f64, [band, closing, flow_s]: [f64; 3], period_s: f64) {
+    let step_s = period_s / LOOKS as f64;
     let keep = (-step_s / flow_s).exp();
-    let mut state = path[0];
+    let mut state = path[0] + begin;
     let mut last = path[0];
     let mut open = false;
     for value in path {
         let begin = last;
-        for look in 1..=looks {
-            let wanted = begin + (*value - begin) * look as f64 / looks as f64;
+        for look in 1..=LOOKS {
+            let wanted = begin + (*value - begin) * look as f64 / LOOKS as f64;
             let rate = (wanted - last) / step_s;
             let mut error = last - state;
             let (mut left_s, mut decay) = (step_s, keep);
@@ -39,8 +39,11 @@ fn follow(path: &mut [f64], band: f64, closing: f64, flow_s: f64, period_s: f64,
                 // Exact for a command on a straight line.
                 let after = rate * flow_s + (error - rate * flow_s) * decay;
                 if after.abs() < closing {
-                    let share = if error.abs() <= closing { 1.0 } else { (error.abs() - closing) / (error.abs() - after.abs()) };
-                    state = wanted - rate * left_s * (1.0 - share) - error.signum() * closing.min(error.abs());
+                    // The moment of closing, on the exponential.
+                    let (drag, aim) = (rate * flow_s, closing.copysign(error));
+                    let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).ln() };
+                    let error = if error.abs() <= closing { error } else { aim };
+                    state = wanted - rate * (left_s - spent_s.clamp(0.0, left_s)) - error;
                     open = false;
                 } else {
                     state = wanted - after;
@@ -72,25 +75,96 @@ impl Form for Follow {
         ]
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let grid = ladder(0.006, 0.3, 160).into_iter().flat_map(|travel| {
-            [1.005, 1.08, 1.2, 1.35, 1.6]
-                .into_iter()
-                .flat_map(move |wider| [0.004, 0.02, 0.05].map(|flow_s| vec![travel * wider, travel, flow_s]))
-        });
+        // A valve that closes with no error left is a fast one.
+        let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
+        let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
+        let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
+        // What the valve does to the steps of the command against what the model misses of those of the output.
         let score = |parameters: &Vec<f64>| {
-            fit_of_steps(session, residual, |run| {
+            let (mut cross, mut energy) = (0.0, 1e-30);
+            for run in &runs {
                 let mut path = run.input.clone();
-                follow(&mut path, parameters[0], parameters[0] - parameters[1], parameters[2], run.period_s, 2);
-                path.iter().zip(&run.input).map(|(after, before)| after - before).collect()
-            })
+                self.input_from(parameters, run, &mut path, 2, 0);
+                let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
+                for (behind, missed) in behind.windows(3).zip(residual[run.index].windows(3)) {
+                    let (x, y) = (behind[2] - behind[0], missed[2] - missed[0]);
+                    cross += x * y;
+                    energy += x * x;
+                }
+            }
+            cross / energy.sqrt()
         };
-        best_starts(grid, score, 14)
+        best_starts(ladder(0.008, 0.2, 150).into_iter().flat_map(of), score, 24)
     }
-    fn step(&self) -> f64 {
-        0.01
+    fn across(&self) -> Option<usize> {
+        Some(1)
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [0.02, 0.01, 0.1][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let closing = (parameters[0] - parameters[1]).max(0.005 * parameters[0]);
-        follow(path, parameters[0], closing, parameters[2], run.period_s, LOOKS);
+        self.input_from(parameters, run, path, 6, 2);
     }
+}
+
+impl Follow {
+    /// The command after the valve; where it begins is searched at so many places and refined so often.
+    fn input_from(&self, parameters: &[f64], run: &Run, path: &mut [f64], places: i32, refinements: usize) {
+        let law = law(parameters);
+        let begin = begin(law, run, path, places, refinements);
+        follow(path, begin.at, law, run.period_s);
+    }
+}
+
+/// Errors at which the valve opens and closes, and the time constant of its flow, s.
+fn law(parameters: &[f64]) -> [f64; 3] {
+    [parameters[0], (parameters[0] - parameters[1]).max(0.005 * parameters[0]), parameters[2]]
+}
+
+/// Where the pressure stood, and how well the jumps that follow go with those of the measured output.
+struct Begin {
+    /// Above the command, normalised.
+    at: f64,
+    /// Sum of products of the steps.
+    cross: f64,
+    /// Sum of squares of the valve's steps.
+    energy: f64,
+}
+
+/// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
+/// stair hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
+/// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
+/// and finer ones about the best.
+fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> Begin {
+    if run.output.iter().all(|value| *value == 0.0) {
+        return Begin { at: 0.0, cross: 0.0, energy: 1.0 };
+    }
+    let mut scratch = vec![0.0; path.len()];
+    let mut agreement = |begin_at: f64| -> Begin {
+        scratch.copy_from_slice(path);
+        follow(&mut scratch, begin_at, law, run.period_s);
+        let mut begin = Begin { at: begin_at, cross: 0.0, energy: 1e-30 };
+        for sample in 1..path.len() - 1 {
+            if run.keep[sample - 1] && run.keep[sample + 1] {
+                let (x, y) = (scratch[sample + 1] - scratch[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
+                begin.cross += x * y;
+                begin.energy += x * x;
+            }
+        }
+        begin
+    };
+    let better = |one: Begin, other: Begin| if other.cross / other.energy.sqrt() > one.cross / one.energy.sqrt() { other } else { one };
+    let mut best = agreement(0.0);
+    let mut spacing = law[0] / f64::from(places);
+    for place in (-places..=places).filter(|place| *place != 0) {
+        best = better(best, agreement(spacing * f64::from(place) * 0.999));
+    }
+    for _ in 0..refinements {
+        spacing /= 3.0;
+        let centre = best.at;
+        for at in [centre - spacing, centre + spacing] {
+            best = better(best, agreement(at));
+        }
+    }
+    best
 }
