@@ -4,6 +4,8 @@ fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=../memory.x");
     println!("cargo:rustc-check-cfg=cfg(planted_panic)");
+    // The macro of embedded-test asks for it.
+    println!("cargo:rustc-check-cfg=cfg(rust_analyzer)");
     if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
         let root = std::path::Path::new(&std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default()).join("..");
         println!("cargo:rustc-link-search={}", root.display());

@@ -9,7 +9,7 @@ use model_export::link::hello::{Hello, HelloError};
 use model_export::link::message::*;
 use model_export::link::settings::{INFO, SettingError, SettingValue, Settings, by_name};
 use model_export::link::state::{ResetCause, State};
-use model_export::link::{Kind, SCHEMA_HASH};
+use model_export::link::{Kind, SCHEMA_HASH, abuse};
 use proptest::prelude::*;
 
 /// Name and frame of one example of everything that can be said.
@@ -386,6 +386,29 @@ fn a_frame_is_found_behind_garbage_and_too_long_ones_are_dropped_whole() {
     assert!(outcomes[1].is_ok() && outcomes[2].is_ok());
     assert_eq!(encode(&[0; MAX_PAYLOAD + 1]), Err(FrameError::TooLong));
     assert!(encode(&[1; MAX_PAYLOAD]).is_ok());
+}
+
+/// Thousands of scripts of a bad line, from fixed seeds; the same body as the fuzz target `link_parser`.
+#[test]
+fn a_bad_line_breaks_nothing_forges_nothing_and_holds_nothing_up() {
+    let mut noise = 0x9e37_79b9_7f4a_7c15u64;
+    let mut sum = abuse::Account::default();
+    for _ in 0..4000 {
+        let script: std::vec::Vec<u8> = (0..3 * abuse::MAX_STEPS)
+            .map(|_| {
+                noise ^= noise << 13;
+                noise ^= noise >> 7;
+                noise ^= noise << 17;
+                noise.to_le_bytes()[3]
+            })
+            .collect();
+        let account = abuse::carry_out(&script);
+        sum.accepted += account.accepted;
+        sum.refused += account.refused;
+        sum.understood += account.understood;
+    }
+    // All three happen, and often.
+    assert!(sum.accepted > 60_000 && sum.refused > 60_000 && sum.understood > 40_000, "{sum:?}");
 }
 
 /// The largest of everything fits a frame.

@@ -2,6 +2,7 @@
 
 pub mod emulator;
 pub mod figures;
+pub mod flashable;
 pub mod hybrid;
 pub mod models;
 pub mod snapshot;

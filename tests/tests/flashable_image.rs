@@ -4,112 +4,14 @@
 //! the guard started without a sample; and no flash that could be written. The image must come up all the same, say what is wrong, and
 //! stay vented. `cargo xtask test` builds the image and runs this; by hand, `FLASHABLE_IMAGE` names it.
 
-use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
 
 use model_export::link::fault::{Blocker, Fault};
-use model_export::link::frame::{self, Decoder};
-use model_export::link::hello::Hello;
-use model_export::link::message::{Message, Refusal, Reply, ReplyFrame, Request, RequestFrame, Status, Telemetry};
+use model_export::link::message::{Message, Refusal, Reply, Request, Telemetry};
 use model_export::link::settings::SettingValue;
 use model_export::link::state::{ResetCause, State};
-use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
-
-/// Wall clock for one answer; the emulator shares the machine with other tests.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-struct Emulator {
-    child: Child,
-    line: ChildStdin,
-    payloads: Receiver<Vec<u8>>,
-    token: u16,
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Emulator {
-    fn start(image: &Path) -> Self {
-        let mut child = Command::new("qemu-system-arm")
-            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "stdio", "-kernel"])
-            .arg(image)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("qemu-system-arm");
-        let line = child.stdin.take().unwrap();
-        let mut output = child.stdout.take().unwrap();
-        let (sender, payloads) = channel();
-        std::thread::spawn(move || {
-            let mut decoder = Decoder::new();
-            let mut bytes = [0; 4096];
-            while let Ok(length @ 1..) = output.read(&mut bytes) {
-                for byte in &bytes[..length] {
-                    let Some(payload) = decoder.push(*byte) else { continue };
-                    if sender.send(payload.expect("every frame is sound").to_vec()).is_err() {
-                        return;
-                    }
-                }
-            }
-        });
-        Self { child, line, payloads, token: 0 }
-    }
-
-    fn send(&mut self, bytes: &[u8]) {
-        self.line.write_all(bytes).unwrap();
-        self.line.flush().unwrap();
-    }
-
-    fn wait_for<T>(&mut self, what: &str, mut take: impl FnMut(&[u8]) -> Option<T>) -> T {
-        let end = Instant::now() + PATIENCE;
-        loop {
-            let left = end.checked_duration_since(Instant::now()).unwrap_or_else(|| panic!("no {what}"));
-            let payload = self.payloads.recv_timeout(left).unwrap_or_else(|error| panic!("no {what}: {error}"));
-            if let Some(found) = take(&payload) {
-                return found;
-            }
-        }
-    }
-
-    /// Asks until there is an answer: what comes before the line is set up is lost, as on the real one.
-    fn hello(&mut self) -> Hello {
-        let end = Instant::now() + PATIENCE;
-        while Instant::now() < end {
-            self.send(&frame::encode(&[Kind::HelloRequest.byte()]).unwrap());
-            let next = Instant::now() + Duration::from_millis(500);
-            while let Ok(payload) = self.payloads.recv_timeout(next.saturating_duration_since(Instant::now())) {
-                if let Ok(hello) = Hello::decode(&payload) {
-                    return hello;
-                }
-            }
-        }
-        panic!("no hello");
-    }
-
-    fn ask(&mut self, request: Request) -> Reply {
-        self.token += 1;
-        let token = self.token;
-        self.send(&RequestFrame { token, request }.to_wire().unwrap());
-        self.wait_for("reply", |payload| {
-            let frame = ReplyFrame::from_payload(payload).ok()?;
-            (frame.token == token).then_some(frame.reply)
-        })
-    }
-
-    fn status(&mut self) -> Status {
-        match self.ask(Request::Status) {
-            Reply::Status(status) => status,
-            other => panic!("{other:?}"),
-        }
-    }
-}
+use model_export::link::{PROTOCOL, SCHEMA_HASH};
+use rig_tests::flashable::Emulator;
 
 fn image() -> PathBuf {
     std::env::var_os("FLASHABLE_IMAGE").expect("FLASHABLE_IMAGE names the image; `cargo xtask test` sets it").into()

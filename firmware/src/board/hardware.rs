@@ -16,6 +16,8 @@
 //! Nothing on the board decides anything: a pull-down on every output and a dump valve that opens without current make a board in reset
 //! a vented rig.
 
+use model_export::link::LINE_BAUD;
+
 use crate::calibration::ConverterConfig;
 use crate::tick::RigFacts;
 
@@ -82,16 +84,14 @@ impl Rates {
     /// USART divider of the link, rounded to nearest; with 16-fold oversampling it is the register's value (RM0090 section 30.3.4).
     pub const fn link_divider(self) -> u16 {
         // At most 84 MHz over 921,600 baud: far below 16 bits.
-        let [low, high, ..] = ((self.fast_bus_hz + LINK_BAUD / 2) / LINK_BAUD).to_le_bytes();
+        let [low, high, ..] = ((self.fast_bus_hz + LINE_BAUD / 2) / LINE_BAUD).to_le_bytes();
         u16::from_le_bytes([low, high])
     }
 }
 const _: () = assert!(Rates::FAST.timer_hz.is_multiple_of(TICK_HZ) && Rates::INTERNAL.timer_hz.is_multiple_of(TICK_HZ));
 
-/// Speed of the link, bit/s; 8 data bits, no parity, one stop bit.
-pub const LINK_BAUD: u32 = 921_600;
 // 0.2 % off with the phase-locked loop; a receiver tolerates about 3 %.
-const _: () = assert!((Rates::FAST.link_divider() as u32 * LINK_BAUD).abs_diff(Rates::FAST.fast_bus_hz) < Rates::FAST.fast_bus_hz / 333);
+const _: () = assert!((Rates::FAST.link_divider() as u32 * LINE_BAUD).abs_diff(Rates::FAST.fast_bus_hz) < Rates::FAST.fast_bus_hz / 333);
 /// Bytes the link receives in a tick at most, and a reserve of the background's longest pause while energised.
 pub const RECEIVE_QUEUE: usize = 1024;
 /// Bytes waiting for the line: two of the longest frames.

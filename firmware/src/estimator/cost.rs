@@ -1,8 +1,8 @@
 //! What a step costs on the Cortex-M4 with the packed kernel, in instructions.
 //!
 //! The kernel's part is counted off its assembly and exact. The rest is compiled code: its constants are fitted to counts in the emulator
-//! (rustc 1.95, release), and a test holds the whole to within 3 % of what the emulator counts. A board's cycles are more, by about a fifth
-//! to a half: loads of several words, taken branches, flash wait states.
+//! (rustc 1.95, release), and a test holds the whole to within 3 % of what the emulator counts. A board's cycles are more, by an
+//! estimated 1.3 to 1.5 for each instruction: loads of several words, taken branches, flash wait states.
 
 use model_export::schema::{Activation, Layer, Mode, Model};
 

@@ -27,7 +27,7 @@ pub(crate) use in_process::device_outputs;
 pub use in_process::{FIRMWARE, HostDevice, InProcess};
 pub use lockstep::{Boot, Lockstep, Observer, Processor, TickRecord, Turn, WATCHDOG_MS};
 pub use qemu::{EMULATOR, Qemu, QemuConfig};
-pub use serial::{BAUD, Serial};
+pub use serial::Serial;
 pub use words::{fault_in_words, in_words, refusal_in_words, state_name};
 
 /// A line to a device.

@@ -3,10 +3,9 @@
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-use super::{LinkError, Transport};
+use model_export::link::LINE_BAUD;
 
-/// Speed of the board's line; a rate that cheap adapters and the board's clock both meet exactly enough.
-pub const BAUD: u32 = 921_600;
+use super::{LinkError, Transport};
 
 /// A serial port.
 pub struct Serial {
@@ -21,7 +20,7 @@ impl Serial {
     /// # Errors
     /// [`LinkError::CannotOpen`], with the ports there are.
     pub fn open(port: &str) -> Result<Self, LinkError> {
-        let opened = serial2::SerialPort::open(port, BAUD).map_err(|error| LinkError::CannotOpen {
+        let opened = serial2::SerialPort::open(port, LINE_BAUD).map_err(|error| LinkError::CannotOpen {
             place: port.to_owned(),
             problem: error.to_string(),
             remedy: remedy(&error),

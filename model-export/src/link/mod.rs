@@ -11,6 +11,8 @@
 //!
 //! [postcard]: https://postcard.jamesmunns.com/wire-format
 
+#[cfg(not(target_os = "none"))]
+pub mod abuse;
 pub mod fault;
 pub mod frame;
 pub mod hello;
@@ -20,6 +22,10 @@ pub mod state;
 
 /// Version of all postcard messages; raised whenever an existing message changes its bytes.
 pub const PROTOCOL: u16 = 1;
+
+/// Speed of a board's serial line, bit/s, with 8 data bits, no parity and one stop bit: a rate that cheap adapters and the board's clock both
+/// meet exactly enough.
+pub const LINE_BAUD: u32 = 921_600;
 
 /// CRC-32 over one example frame of every message, in the order of `tests/link_wire.rs`, which recomputes it.
 pub const SCHEMA_HASH: u32 = 0xd97e_cfd4;

@@ -1,22 +1,26 @@
 //! Measures the firmware's figures in the emulator: a table for people, JSON for tools. `cargo xtask bench firmware` runs this.
 //!
-//! Arguments: `--json FILE` writes the figures there, `--bless` renews the record that the tests compare with.
+//! Arguments: `--json FILE` writes the figures there, `--bless` renews the record that the tests compare with, `--image FILE --stack BYTES` names
+//! the flashable image, of whose stack it then measures how much is used.
 
 use std::process::ExitCode;
 
 use rig_tests::figures::{Cost, LIVELY, configurations, costs, mean_quantisation_error, tick_costs, worst_tick};
+use rig_tests::flashable::stack_used_bytes;
 use rig_tests::snapshot;
 use serde_json::json;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
-    let (mut json_path, mut bless) = (None, false);
+    let (mut json_path, mut bless, mut image, mut reserved_bytes) = (None, false, None, 0);
     while let Some(argument) = arguments.next() {
         match (argument.as_str(), arguments.len()) {
             ("--bless", _) => bless = true,
             ("--json", 1..) => json_path = arguments.next(),
+            ("--image", 1..) => image = arguments.next(),
+            ("--stack", 1..) => reserved_bytes = arguments.next().and_then(|bytes| bytes.parse().ok()).unwrap_or(0),
             _ => {
-                eprintln!("error: {argument}: only `--json FILE` and `--bless` are understood");
+                eprintln!("error: {argument}: only `--json FILE`, `--image FILE`, `--stack BYTES` and `--bless` are understood");
                 return ExitCode::FAILURE;
             }
         }
@@ -30,6 +34,10 @@ fn main() -> ExitCode {
         percent(worst_tick(&ticks))
     );
     println!("stack of a tick: {} bytes", stack_bytes.unwrap_or(0));
+    let used_bytes = image.map(|image| stack_used_bytes(image.as_ref(), reserved_bytes));
+    if let Some(used_bytes) = used_bytes {
+        println!("stack of the flashable image, watermark in the emulator: {used_bytes} of {reserved_bytes} bytes");
+    }
     println!("\nMean squared error against f64, ten random 2x64 tanh networks, 200 steps:\n");
     println!("| weights | hidden states | output | variance of the states |\n| --- | --- | --- | --- |");
     for (name, gain) in [("as PyTorch draws them", 1.0), ("three times that", LIVELY)] {
@@ -46,6 +54,7 @@ fn main() -> ExitCode {
             "hybrid": most("hybrid"),
         },
         "tick_worst_instructions": worst_tick(&ticks),
+        "stack_bytes": used_bytes,
     });
     let record = snapshot::record(&costs, &ticks);
     let files = [(json_path.map(Into::into), figures), (bless.then(snapshot::path), record)];

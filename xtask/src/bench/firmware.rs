@@ -15,6 +15,7 @@ pub fn measure(bless: bool) -> Result<Value> {
     let path = fresh_folder("firmware")?.join("figures.json");
     let mut count = cargo();
     count.args(["run", "--release", "--package", "rig-tests", "--bin", "firmware_figures", "--", "--json"]).arg(&path);
+    count.arg("--image").arg(firmware::image()).arg("--stack").arg(sizes.stack.to_string());
     if bless {
         count.arg("--bless");
     }
@@ -22,7 +23,7 @@ pub fn measure(bless: bool) -> Result<Value> {
     println!("Flashable image: {} bytes of flash, {} of RAM, of which {} are stack.", sizes.flash, sizes.ram, sizes.stack);
     let text = std::fs::read_to_string(&path).with_context(|| format!("the figures are missing: {}", path.display()))?;
     let mut figures: Value = serde_json::from_str(&text).with_context(|| format!("{}: no JSON", path.display()))?;
-    for (name, bytes) in [("flash_bytes", sizes.flash), ("ram_bytes", sizes.ram), ("stack_bytes", sizes.stack)] {
+    for (name, bytes) in [("flash_bytes", sizes.flash), ("ram_bytes", sizes.ram), ("stack_reserved_bytes", sizes.stack)] {
         figures[name] = json!(bytes);
     }
     Ok(figures)
