@@ -9,26 +9,25 @@ use model_export::schema::{Activation, Layer, Mode, Model};
 use super::packed::Shape;
 
 /// A step without network, operators, filters and features.
-const STEP: usize = 328;
+const STEP: usize = 168;
 /// What a network adds to that, besides its layers.
-const NETWORK: usize = 287;
+const NETWORK: usize = 215;
 const PLAY: usize = 28;
 const CREEP: usize = 13;
-const FEATURE: usize = 15;
-/// Rounding of a feature.
-const QUANTISED_FEATURE: usize = 16;
+/// A feature with its rounding; without a network there are none.
+const FEATURE: usize = 28;
 /// Glue around a layer's kernel, and a unit's share of the dense output.
-const LAYER: usize = 66;
-const DENSE_UNIT: usize = 6;
+const LAYER: usize = 24;
+const DENSE_UNIT: usize = 3;
 /// Copying and clearing around each run of the network in window mode.
-const WINDOW_SAMPLE: usize = 310;
+const WINDOW_SAMPLE: usize = 157;
 
 /// Estimated instructions of one step of a valid model.
 #[must_use]
 pub fn step_instructions(model: &Model<'_>) -> usize {
     let front_end = &model.front_end;
     let features = front_end.features.len();
-    let physics = STEP + PLAY * front_end.play_thresholds.len() + CREEP * front_end.creep_coefficients.len() + FEATURE * features;
+    let physics = STEP + PLAY * front_end.play_thresholds.len() + CREEP * front_end.creep_coefficients.len();
     let Some(network) = &model.network else { return physics };
     let activation = network.activation().unwrap_or(Activation::Tanh);
     let layers: usize = network.layers.iter().map(|layer| LAYER + layer_instructions(layer, activation)).sum();
@@ -37,7 +36,7 @@ pub fn step_instructions(model: &Model<'_>) -> usize {
         Mode::Streaming => run,
         Mode::Window { length } => usize::from(length) * (run + WINDOW_SAMPLE),
     };
-    physics + NETWORK + QUANTISED_FEATURE * features + runs
+    physics + NETWORK + FEATURE * features + runs
 }
 
 /// Instructions of the assembly for one layer, as it stands in `smlad`.

@@ -187,7 +187,9 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     /// Runs in the control tick. In window mode the network runs once per sample of the window.
     pub fn step(&self, state: &mut EstimatorState, raw: f32) -> Estimate {
         let mut features = [0; MAX_WIDTH];
-        let physics = self.front_end.step(&mut state.front_end, raw, &mut features);
+        // Without a network nobody sees the features.
+        let wanted = if self.network.is_some() { &mut features[..] } else { &mut [] };
+        let physics = self.front_end.step(&mut state.front_end, raw, wanted);
         let correction = self.network.as_ref().map_or(0.0, |(network, kernel)| match self.mode {
             Mode::Streaming => network.step(kernel, &mut state.network, &features),
             Mode::Window { length } => self.run_window((network, kernel), state, usize::from(length), &features),
