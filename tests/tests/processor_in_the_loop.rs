@@ -12,11 +12,13 @@ use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment;
 use host_tool::journal::{Event, Header, Journal, Recorder, replay};
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Processor, Qemu, QemuConfig};
+use host_tool::network::Mode;
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::fault::{Blocker, Fault};
-use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, Request};
+use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, Request, Telemetry};
 use model_export::link::settings::Settings;
 use model_export::link::state::{ResetCause, State};
+use rig_tests::models;
 
 type Rig<P> = Client<Lockstep<P, Recorder>>;
 
@@ -156,6 +158,48 @@ fn an_experiment_with_the_model_in_the_tick_is_equal_to_the_bit_on_both_kernels(
         assert!(estimates.len() == 150 && high - low > 5.0, "{units:?}: {} estimates from {low} to {high} mm", estimates.len());
         agree(&journal(here), &journal(target));
     }
+}
+
+#[test]
+fn tracking_by_every_feed_forward_and_through_a_lost_laser_is_equal_to_the_bit() {
+    let Some(config) = image() else { return };
+    let physics = models::model(models::physics_front_end(5, 8, 2), None, Mode::Streaming);
+    let blob = models::exported_with(&physics, 5, Some(models::compensation()));
+    // Three seconds of a sine with a corner in it, within reach of the simulated muscle.
+    let points_mm: Vec<f64> = (0..150).map(|point| 4.0 - 2.0 * (f64::from(point) * 0.08).cos() + f64::from(point / 100)).collect();
+    for (feed_forward, feedback_sensor) in [(0, 1), (1, 2), (2, 1), (3, 3)] {
+        let settings = Settings {
+            control_law: 2,
+            feed_forward,
+            feedback_sensor,
+            pid_proportional: 0.2,
+            pid_integral_per_s: 2.0,
+            pid_limit_mm: 8.0,
+            laser_required: false,
+            mismatch_displacement_mm: 0.0,
+            ..Settings::default()
+        };
+        let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
+        let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
+        let samples = track(&mut target, &points_mm);
+        assert_eq!(samples, track(&mut here, &points_mm));
+        let outputs = samples.iter().map(|sample| sample.output_ubar);
+        let (low, high) = outputs.fold((i32::MAX, i32::MIN), |(low, high), output| (low.min(output), high.max(output)));
+        assert!(high - low > 200_000, "feed-forward {feed_forward}: from {low} to {high} microbar");
+        assert!(samples.iter().any(|sample| sample.displacement_mm.is_none()), "the laser was lost");
+        agree(&journal(here), &journal(target));
+    }
+}
+
+/// Follows a path and loses the laser on the way.
+fn track<P: Processor>(rig: &mut Rig<P>, points_mm: &[f64]) -> Vec<Telemetry> {
+    experiment::settle(rig).unwrap();
+    let lose = |transport: &mut Lockstep<P, Recorder>, sample: &Telemetry| {
+        if sample.playback_index > 75 {
+            transport.hardware().set_breakage(Some(Breakage::LaserCode(1396)));
+        }
+    };
+    host_tool::track::run::run(rig, points_mm, &mut { lose }).unwrap()
 }
 
 #[test]

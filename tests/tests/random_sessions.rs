@@ -5,14 +5,17 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::OnceLock;
 
 use firmware::device::exchange::Sabotage;
 use host_tool::experiment;
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Observer, TickRecord, Transport};
+use host_tool::network::Mode;
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::message::{PlaybackChunk, Quantity, Request};
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
+use rig_tests::models;
 
 /// Sessions in a test run; all 10,000 take about a minute.
 const SLICE: u64 = 150;
@@ -43,6 +46,7 @@ impl Random {
 /// What a session saw.
 #[derive(Default)]
 struct Seen {
+    tracks: bool,
     ticks: u64,
     energised_ticks: u64,
     highest_ubar: i32,
@@ -98,6 +102,38 @@ fn any_number(random: &mut Random) -> f32 {
     }
 }
 
+/// A model with everything that the controllers need of the actuator; not that of the simulated one, so that they err.
+fn model() -> &'static [u8] {
+    static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
+    MODEL.get_or_init(|| {
+        let physics = models::model(models::physics_front_end(3, 8, 2), None, Mode::Streaming);
+        models::exported_with(&physics, 3, Some(models::compensation()))
+    })
+}
+
+/// Settings of a session; any way of tracking, with gains from sensible to absurd.
+fn any_settings(random: &mut Random) -> Settings {
+    Settings {
+        ceiling_bar: random.between(0.5, 3.5) as f32,
+        slew_up_bar_per_s: random.between(0.5, 60.0) as f32,
+        slew_down_bar_per_s: random.between(0.5, 60.0) as f32,
+        control_law: random.below(4).min(2) as u32,
+        playback_period_ms: random.between(1.0, 40.0) as u32,
+        laser_required: random.below(2) == 0,
+        feed_forward: random.below(4) as u32,
+        feedback_sensor: random.below(4) as u32,
+        pid_proportional: 10f64.powf(random.between(-2.0, 2.0)) as f32,
+        pid_integral_per_s: 10f64.powf(random.between(-1.0, 3.0)) as f32,
+        pid_derivative_s: 10f64.powf(random.between(-3.0, 1.0)) as f32,
+        pid_limit_mm: random.between(0.0, 1000.0) as f32,
+        transfer_s: 10f64.powf(random.between(-3.0, 1.0)) as f32,
+        outside_domain: random.below(3) as u32,
+        estimate_by_physics: random.below(2) == 0,
+        mismatch_displacement_mm: if random.below(2) == 0 { 0.0 } else { 5.0 },
+        ..Settings::default()
+    }
+}
+
 fn any_request(random: &mut Random, index: &mut u32) -> Request {
     match random.below(30) {
         0 | 1 => Request::Arm,
@@ -115,6 +151,7 @@ fn any_request(random: &mut Random, index: &mut u32) -> Request {
             *index += values_bar.len() as u32;
             Request::Playback(PlaybackChunk { first_index, last: random.below(10) == 0, values_bar })
         }
+        19..=22 => Request::SetPoint { quantity: Quantity::Displacement, value: 3.0 * any_number(random) },
         _ => Request::SetPoint { quantity: Quantity::Pressure, value: any_number(random) },
     }
 }
@@ -142,17 +179,10 @@ fn any_breakage(random: &mut Random) -> Option<Breakage> {
 /// One session; what it saw.
 fn session(seed: u64) -> Seen {
     let mut random = Random(seed);
-    let settings = Settings {
-        ceiling_bar: random.between(0.5, 3.5) as f32,
-        slew_up_bar_per_s: random.between(0.5, 60.0) as f32,
-        slew_down_bar_per_s: random.between(0.5, 60.0) as f32,
-        control_law: random.below(2) as u32,
-        playback_period_ms: random.between(1.0, 40.0) as u32,
-        laser_required: random.below(2) == 0,
-        ..Settings::default()
-    };
+    let settings = any_settings(&mut random);
+    let tracks = settings.control_law == 2;
     let (ceiling_bar, up, down) = (settings.ceiling_bar, settings.slew_up_bar_per_s, settings.slew_down_bar_per_s);
-    let seen = Rc::new(RefCell::new(Seen::default()));
+    let seen = Rc::new(RefCell::new(Seen { tracks, ..Seen::default() }));
     let watch = Watch {
         seen: Rc::clone(&seen),
         ceiling_ubar: (f64::from(ceiling_bar) * 1e6) as i32,
@@ -161,7 +191,8 @@ fn session(seed: u64) -> Seen {
         before_ubar: 0,
         before: State::Boot,
     };
-    let flash = FlashMemory::default().with_settings(&settings).unwrap();
+    let flash = if tracks { FlashMemory::with_model(model()).unwrap() } else { FlashMemory::default() };
+    let flash = flash.with_settings(&settings).unwrap();
     let plant = Plant::new(PlantConfig::default()).unwrap();
     // The wiring instructions: the supply is set to the ceiling.
     let config = HardwareConfig { supply_bar: f64::from(ceiling_bar), seed: seed as u32, ..HardwareConfig::default() };
@@ -179,7 +210,9 @@ fn session(seed: u64) -> Seen {
     let mut index = 2;
     for turn in 0..TURNS {
         let calm = turn < TURNS / 3 && random.below(8) > 0;
-        let request = if calm {
+        let request = if calm && tracks {
+            Request::SetPoint { quantity: Quantity::Displacement, value: random.between(0.0, 20.0) as f32 }
+        } else if calm {
             Request::SetPoint { quantity: Quantity::Pressure, value: random.between(0.0, 4.0) as f32 }
         } else {
             any_request(&mut random, &mut index)
@@ -212,15 +245,20 @@ fn session(seed: u64) -> Seen {
 fn no_random_session_exceeds_ceiling_or_slew() {
     let sessions = std::env::var("CATHETER_SESSIONS").ok().and_then(|count| count.parse().ok()).unwrap_or(SLICE);
     let (mut ticks, mut energised, mut faults, mut highest_ubar) = (0, 0, 0, 0);
+    let mut tracking = (0, 0);
     for seed in 0..sessions {
         let seen = session(seed);
         assert!(seen.violation.is_none(), "seed {seed}: {}", seen.violation.unwrap_or_default());
         (ticks, energised, faults) = (ticks + seen.ticks, energised + seen.energised_ticks, faults + seen.faults);
         highest_ubar = highest_ubar.max(seen.highest_ubar);
+        if seen.tracks {
+            tracking = (tracking.0 + seen.ticks, tracking.1 + seen.energised_ticks);
+        }
     }
     println!("{sessions} sessions, {ticks} ticks, {energised} of them energised, {faults} faults, highest output {highest_ubar} microbar");
     // The sessions must be worth something: pressure in a good part of them, and faults in most.
     assert!(energised * 10 > ticks, "{energised} of {ticks} ticks energised");
+    assert!(tracking.0 * 3 > ticks && tracking.1 * 10 > tracking.0, "{tracking:?} ticks tracking, of them energised");
     assert!(faults > sessions / 3, "{faults} faults in {sessions} sessions");
     assert!(highest_ubar > 2_500_000, "{highest_ubar}");
 }

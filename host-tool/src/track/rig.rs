@@ -1,9 +1,12 @@
 //! The rig a reference is run on: the firmware library in this process with the all-effects rig around it, and who watches the true tip.
 
 use std::cell::RefCell;
+use std::path::Path;
 use std::rc::Rc;
 
-use crate::link::{Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, TickRecord};
+use crate::link::{
+    Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu, QemuConfig, TickRecord,
+};
 use crate::rig::live::{AllEffects, Probe};
 
 /// Ticks of a window of the decimation filter.
@@ -58,6 +61,14 @@ pub fn hardware(seed: u64, session: usize) -> (Hardware, Probe) {
     // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
     let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: seed as u32 ^ 0x5eed, ..HardwareConfig::default() };
     (Hardware::new(config, Box::new(rig)), probe)
+}
+
+/// The firmware as ARM code in the emulator with an empty flash; the image is looked for where cargo leaves it when absent.
+///
+/// # Errors
+/// When emulator or image are missing.
+pub fn emulator(image: Option<&Path>) -> Result<Qemu, LinkError> {
+    Qemu::start(QemuConfig::find(image)?, &FlashMemory::default())
 }
 
 /// A client of the all-effects rig around a processor.
