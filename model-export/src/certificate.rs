@@ -24,10 +24,10 @@ use std::vec;
 use std::vec::Vec;
 
 use crate::fixed::{FEATURE_FRACTION, hidden_fraction};
-use crate::schema::{Activation, Layer, Network};
+use crate::schema::{Activation, Network};
 
 /// Largest feature: Q1.14 saturates there.
-const LARGEST_FEATURE: f64 = 2.0;
+pub const LARGEST_FEATURE: f64 = 2.0;
 /// Steps after which a network that has not forgotten counts as one that does not: ten minutes at 50 Hz.
 const MOST_STEPS: usize = 30_000;
 /// Rounds of the bounds, each of which uses the last one's.
@@ -50,7 +50,45 @@ impl Certificate {
     }
 }
 
-/// One layer in real numbers, with its bounds.
+/// One layer in real numbers.
+#[derive(Clone, Debug)]
+pub struct RealLayer {
+    /// Hidden units.
+    pub units: usize,
+    /// Rows of the gates i, f, g, o, `units` each, one column an input.
+    pub input_weights: Vec<f64>,
+    /// The same rows, one column a hidden unit.
+    pub recurrent_weights: Vec<f64>,
+    /// One for each row.
+    pub biases: Vec<f64>,
+    /// Largest magnitude of a cell.
+    pub cell_limit: f64,
+    /// Of the cells.
+    pub activation: Activation,
+}
+
+/// What holds for one layer, whatever comes in.
+#[derive(Clone, Debug)]
+pub struct LayerBounds {
+    /// Spectral radius of the layer's comparison system, from above.
+    pub radius: f64,
+    /// Largest opening of each forget gate.
+    pub forget_gates: Vec<f64>,
+    /// Largest magnitude of each hidden state.
+    pub hidden: Vec<f64>,
+}
+
+impl RealLayer {
+    /// The bounds for inputs of at most these magnitudes, one for each column.
+    #[must_use]
+    pub fn bounds(&self, inputs: &[f64]) -> LayerBounds {
+        let bounded = bounds(self, inputs);
+        let [_, forget_gates, _] = &bounded.gates;
+        LayerBounds { radius: spectral_radius(&bounded), forget_gates: forget_gates.clone(), hidden: bounded.hidden() }
+    }
+}
+
+/// One layer with its bounds.
 struct Bounded {
     units: usize,
     /// Row-major, gates i, f, g, o.
@@ -71,12 +109,20 @@ pub fn certificate(network: &Network<'_>, tolerance: f64) -> Option<Certificate>
     let mut layers: Vec<(Bounded, Vec<f64>)> = Vec::new();
     for layer in &network.layers {
         let hidden = hidden_fraction(activation, layer.cell_exponent, layer.hidden_shift);
-        let gains = input_gains(layer, fraction);
-        let bounded = bounds(layer, activation, &inputs, &gains, hidden);
+        let units = usize::from(layer.units);
+        let real = RealLayer {
+            units,
+            input_weights: real(layer.input_weights, layer.input_multipliers, usize::from(layer.inputs), fraction),
+            recurrent_weights: real(layer.recurrent_weights, layer.recurrent_multipliers, units, hidden),
+            biases: layer.biases.as_chunks::<8>().0.iter().map(|bytes| i64::from_le_bytes(*bytes) as f64 * 2f64.powi(-48)).collect(),
+            cell_limit: f64::from(layer.cell_limit) * 2f64.powi(i32::from(layer.cell_exponent) - 30),
+            activation,
+        };
+        let bounded = bounds(&real, &inputs);
         radius = radius.max(spectral_radius(&bounded));
-        inputs = (0..bounded.units).map(|unit| bounded.gates[2][unit] * bounded.activated[unit]).collect();
+        inputs = bounded.hidden();
         fraction = hidden;
-        layers.push((bounded, gains));
+        layers.push((bounded, real.input_weights));
     }
     let dense = network.dense.weights.as_chunks::<2>().0.iter();
     let scale = f64::from(network.dense.scale.abs()) * 2f64.powi(fraction);
@@ -96,21 +142,14 @@ fn real(weights: &[u8], multipliers: &[u8], columns: usize, fraction: i32) -> Ve
         .collect()
 }
 
-/// The input matrix, rows of all four gates.
-fn input_gains(layer: &Layer<'_>, fraction: i32) -> Vec<f64> {
-    real(layer.input_weights, layer.input_multipliers, usize::from(layer.inputs), fraction)
-}
-
 fn sigmoid(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
-fn bounds(layer: &Layer<'_>, activation: Activation, inputs: &[f64], gains: &[f64], hidden: i32) -> Bounded {
-    let units = usize::from(layer.units);
-    let all = real(layer.recurrent_weights, layer.recurrent_multipliers, units, hidden);
-    let biases: Vec<f64> = layer.biases.as_chunks::<8>().0.iter().map(|bytes| i64::from_le_bytes(*bytes) as f64 * 2f64.powi(-48)).collect();
-    let recurrent = [0, 1, 2, 3].map(|gate| all[gate * units * units..(gate + 1) * units * units].to_vec());
-    let limit = f64::from(layer.cell_limit) * 2f64.powi(i32::from(layer.cell_exponent) - 30);
+fn bounds(layer: &RealLayer, inputs: &[f64]) -> Bounded {
+    let RealLayer { units, cell_limit: limit, activation, .. } = *layer;
+    let (gains, biases) = (&layer.input_weights, &layer.biases);
+    let recurrent = [0, 1, 2, 3].map(|gate| layer.recurrent_weights[gate * units * units..(gate + 1) * units * units].to_vec());
     let activate = |x: f64| match activation {
         Activation::Tanh => x.tanh(),
         Activation::Relu => x.clamp(0.0, limit),
@@ -150,6 +189,11 @@ fn bounds(layer: &Layer<'_>, activation: Activation, inputs: &[f64], gains: &[f6
 }
 
 impl Bounded {
+    /// Largest magnitude of each hidden state.
+    fn hidden(&self) -> Vec<f64> {
+        self.gates[2].iter().zip(&self.activated).map(|(gate, activated)| gate * activated).collect()
+    }
+
     /// One step of the comparison system: the differences of cell and hidden state, and what differing inputs add to the pre-activations.
     fn step(&self, cells: &[f64], hiddens: &[f64], inputs: &dyn Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
         let n = self.units;
@@ -230,7 +274,7 @@ fn recovery(layers: &[(Bounded, Vec<f64>)], dense: &[f64], tolerance: f64) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::schema::{Dense, MAX_LAYERS};
+    use crate::schema::{Dense, Layer, MAX_LAYERS};
 
     /// One unit: weights of the gates i, f, g, o from the input and from the hidden state, and their biases, as bytes.
     struct Unit {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, anyhow, bail};
 
 use super::{Common, Data, Outcome};
+use crate::recording::Recording;
 use crate::train::{CheckpointPlan, Ended, PRESETS, Progress, TrainConfig, TrainReport, train};
 use crate::{network, output, recording};
 
@@ -33,6 +34,15 @@ pub struct Arguments {
     /// Peak learning rate.
     #[arg(long, value_name = "RATE", value_parser = positive::<f32>)]
     learning_rate: Option<f32>,
+    /// Keep the network certified to forget where it started; costs accuracy. The field `certified_radius` sets the bound.
+    #[arg(long)]
+    certified: bool,
+    /// Train with input and output exchanged: an inverse, for the controller `learned-inverse`.
+    #[arg(long)]
+    inverse: bool,
+    /// How far ahead of the pressure an inverse sees the displacement, ms; about dead time and lags together.
+    #[arg(long, value_name = "MS", default_value_t = 120.0, requires = "inverse")]
+    look_ahead_ms: f64,
     /// TOML file whose fields replace those of the preset.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -43,6 +53,9 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     stop_after_steps: Option<u64>,
 }
+
+/// Bound on the spectral radius with `--certified`: a hundredth of room for the rounding of the weights.
+const CERTIFIED_RADIUS: f64 = 0.99;
 
 #[derive(serde::Serialize)]
 struct Written<'a> {
@@ -80,6 +93,9 @@ fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
         config.epochs = None;
     }
     config.epochs = arguments.epochs.or(config.epochs);
+    if arguments.certified && config.certified_radius == 0.0 {
+        config.certified_radius = CERTIFIED_RADIUS;
+    }
     config.lanes = arguments.batch.unwrap_or(config.lanes);
     config.learning_rate = arguments.learning_rate.unwrap_or(config.learning_rate);
     config.validate().map_err(|problem| match &arguments.config {
@@ -100,7 +116,11 @@ fn positive<T: std::str::FromStr + Into<f64> + Copy>(text: &str) -> Result<T, St
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let config = configuration(arguments)?;
-    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let mut recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    if arguments.inverse {
+        let exchange = |recording: &Recording| recording.exchanged(arguments.look_ahead_ms / 1e3);
+        recordings = recordings.iter().map(exchange).collect::<Result<_, _>>()?;
+    }
     let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
     inputs.extend(arguments.config.clone());
     let mut outputs = vec![arguments.out.as_path()];
@@ -147,6 +167,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             report.val_rmse,
             report.val_rmse_front_end,
         );
+        if arguments.inverse {
+            // The device shows the inverse the reference as it will be, the recordings what it was on average over a sample.
+            let ahead_ms = arguments.look_ahead_ms + 500.0 * model.sample_period_s;
+            crate::say!("export it with --compensation, and set control.learned_look_ahead_ms to {ahead_ms:.0}");
+        }
     }
     if let Some(path) = &arguments.common.json {
         let result = Written {

@@ -154,6 +154,21 @@ impl Recording {
         })
     }
 
+    /// The recording with input and output exchanged, for training an inverse: beside each sample of what was the input stands what became
+    /// of it `look_ahead_s` later. The end of each stretch, whose consequences were not recorded, is left out.
+    ///
+    /// # Errors
+    /// When no stretch is longer than that.
+    pub fn exchanged(&self, look_ahead_s: f64) -> Result<Self, RecordingError> {
+        let ahead = (look_ahead_s / self.sample_period_s).round().max(0.0) as usize;
+        let kept: Vec<usize> = self.segments().into_iter().flat_map(|segment| segment.start..segment.end.saturating_sub(ahead)).collect();
+        let pick = |values: &[f64], ahead: usize| kept.iter().map(|index| values[index + ahead]).collect();
+        let (input, output) = (self.output_signal.clone(), self.input_signal.clone());
+        let mut exchanged = Self::new(&self.path, input, output, pick(&self.time_s, 0), pick(&self.output, ahead), pick(&self.input, 0))?;
+        exchanged.sha256.clone_from(&self.sha256);
+        Ok(exchanged)
+    }
+
     /// Number of samples.
     #[must_use]
     pub fn len(&self) -> usize {

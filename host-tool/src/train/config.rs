@@ -62,6 +62,9 @@ pub struct TrainConfig {
     pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,
+    /// Keeps the network certified to forget where it started, with this bound on the spectral radius of its comparison system, below one;
+    /// 0 does not. See [`super::stability`].
+    pub certified_radius: f64,
     /// Look for a stick band in the data and put one on the hybrid's output. Off by default: it lowers the error where a tip sticks, but
     /// f32 and fixed point then jump at different samples, and differ there by the whole band.
     pub stick_band: bool,
@@ -115,6 +118,7 @@ impl TrainConfig {
             middle_starts: 0.0,
             sufficient: 1e-5,
             longest_visit: 2000,
+            certified_radius: 0.0,
             stick_band: false,
             synthetic: 0,
             synthetic_limit: 0.003,
@@ -170,6 +174,7 @@ impl TrainConfig {
         check(fraction(self.rise), "rise: 0 to 1")?;
         check(fraction(self.middle_starts), "middle_starts: 0 to 1")?;
         check(self.sufficient.is_finite() && self.sufficient >= 0.0, "sufficient: 0 or above")?;
+        check(self.certified_radius == 0.0 || (0.5..1.0).contains(&self.certified_radius), "certified_radius: 0, or 0.5 to below 1")?;
         check(self.longest_visit >= self.chunk, "longest_visit: at least one chunk")?;
         check(self.synthetic <= 10_000, "synthetic: at most 10000")?;
         check(self.synthetic_limit.is_finite() && self.synthetic_limit > 0.0, "synthetic_limit: above 0")?;

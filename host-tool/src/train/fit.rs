@@ -16,6 +16,7 @@ use super::front_end;
 use super::optimizer::Method;
 use super::quantised;
 use super::split::split;
+use super::stability;
 use super::team::Team;
 use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks as prepare};
 use super::validation::Validation;
@@ -141,6 +142,8 @@ const NOMINAL_FIXED_UNIT_S: f64 = 60e-9;
 const QUANTISED_VALIDATIONS: u64 = 5;
 /// Changes the seed for the quantised phase, whose visits are others.
 const QUANTISED_SEED: u64 = 0x5155_414e;
+/// Optimiser steps from one projection onto certified weights to the next.
+const PROJECTION_INTERVAL: u64 = 32;
 /// Share of the budget that optimiser steps may plan with; the rest is validation and preparation.
 const STEP_SHARE: f64 = 0.9;
 
@@ -621,16 +624,31 @@ impl Run<'_> {
             Feed::Windows(windows) => windows.fill(&self.tracks, self.target_scale, &mut self.team.batch()),
         }
         let loss = self.team.step(learning_rate);
+        if self.config.certified_radius > 0.0 && self.team.steps_made().is_multiple_of(PROJECTION_INTERVAL) {
+            let mut state = self.team.state();
+            state.values = self.certified(state.values);
+            self.team.restore(&state);
+        }
         found.training_square = if first { loss } else { 0.98 * found.training_square + 0.02 * loss };
         clock.elapsed().as_secs_f64()
     }
 
     /// The parameters that would be kept now.
     fn result(&self) -> Vec<f32> {
-        match self.config.optimizer.average_decay > 0.0 {
+        self.certified(match self.config.optimizer.average_decay > 0.0 {
             true => self.team.averaged_parameters(),
             false => self.team.parameters(),
+        })
+    }
+
+    /// The parameters, brought to where the certificate holds if that is wanted.
+    fn certified(&self, parameters: Vec<f32>) -> Vec<f32> {
+        if self.config.certified_radius == 0.0 {
+            return parameters;
         }
+        let mut network = Network::from_flat(self.team.architecture(), &parameters);
+        stability::project(&mut network, self.config.certified_radius);
+        network.to_flat()
     }
 
     fn validate(&mut self, parameters: Vec<f32>, found: &mut Found) {

@@ -14,6 +14,7 @@ mod hybrid;
 pub mod optimizer;
 pub mod quantised;
 pub mod split;
+pub mod stability;
 pub mod team;
 pub mod tracks;
 mod validation;

@@ -69,6 +69,22 @@ fn a_small_network_learns_a_play_operator() {
 }
 
 #[test]
+fn a_network_trained_to_be_certified_is_and_still_learns_and_one_that_is_not_is_said_not_to_be() {
+    let examine = |certified_radius| {
+        let config = TrainConfig { certified_radius, epochs: Some(200.0), ..small_config() };
+        let (model, report) = run(&config, 1, 2, &CheckpointPlan::default());
+        let bytes = crate::export::export(&model, &recordings()).unwrap().bytes;
+        let network = model_export::blob::decode(&bytes).unwrap().model.network.unwrap();
+        (model_export::certificate::certificate(&network, 0.01).unwrap(), report.val_rmse)
+    };
+    let ((free, free_rmse), (kept, kept_rmse)) = (examine(0.0), examine(0.99));
+    assert!(!free.holds(), "{free:?}");
+    assert!(kept.holds() && kept.recovery_steps.is_some(), "{kept:?}");
+    // No function of the input alone gets below about 0.3 mm.
+    assert!(kept_rmse < 0.25, "certified {kept_rmse} mm, free {free_rmse} mm");
+}
+
+#[test]
 fn equal_seeds_and_threads_give_equal_bytes_and_other_seeds_do_not() {
     for threads in [1, 2, 3] {
         let bytes = |seed| to_bytes(&run(&small_config(), seed, threads, &CheckpointPlan::default()).0).unwrap();
