@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use model_export::blob;
+use model_export::compensation::Compensation;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
@@ -34,6 +36,10 @@ pub struct Arguments {
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
     #[arg(long, value_name = "MAP")]
     columns: Option<String>,
+    /// A blob of `catheter tune`: what the controllers need of the actuator is copied from it, so that an inverse has something to fall
+    /// back to.
+    #[arg(long, value_name = "FILE.blob")]
+    compensation: Option<PathBuf>,
     /// The blob to write.
     #[arg(long, value_name = "FILE.blob", value_parser = output::file_argument("blob"))]
     out: PathBuf,
@@ -61,13 +67,23 @@ struct Summary<'a> {
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let model = load(&arguments.model)?;
-    let recordings = recording::load(&arguments.calibration, arguments.columns.as_deref())?;
+    let mut recordings = recording::load(&arguments.calibration, arguments.columns.as_deref())?;
+    // An inverse is calibrated on the recordings it was trained on; their ranges do not depend on how far it looks ahead.
+    if (model.input.unit.as_str(), model.output.unit.as_str()) == ("mm", "bar") {
+        recordings = recordings.iter().map(|recording| recording.exchanged(0.0)).collect::<Result<_, _>>()?;
+    }
+    let compensation = match &arguments.compensation {
+        Some(path) => Some(compensation(path)?),
+        None => None,
+    };
     let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
     inputs.push(arguments.model.clone());
+    inputs.extend(arguments.compensation.clone());
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());
     output::refuse_overwriting(&inputs, &outputs)?;
-    let export = export::export(&model, &recordings).with_context(|| format!("cannot export {}", arguments.model.display()))?;
+    let export =
+        export::export_with(&model, &recordings, compensation).with_context(|| format!("cannot export {}", arguments.model.display()))?;
     output::write_atomic(&arguments.out, &export.bytes)?;
     print(&arguments.out, &model, &export, recordings.len());
     if let Some(path) = &arguments.common.json {
@@ -86,6 +102,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_json(path, &summary)?;
     }
     Ok(Outcome::Success)
+}
+
+/// The compensation part of a blob.
+fn compensation(path: &Path) -> Result<Compensation> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let blob = blob::decode(&bytes).with_context(|| path.display().to_string())?;
+    let extension = blob.model.extension().with_context(|| path.display().to_string())?;
+    extension.compensation.with_context(|| format!("{}: has no compensation part; give the blob of `catheter tune`", path.display()))
 }
 
 fn load(path: &Path) -> Result<TrainedModel> {

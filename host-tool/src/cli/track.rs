@@ -9,9 +9,10 @@ use serde::Serialize;
 use super::{Common, Outcome};
 use crate::link::{Client, Serial};
 use crate::track::compare::{self, Run};
-use crate::track::rig::Truth;
-use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings};
-use crate::{output, report, say};
+use crate::track::rig::{self, Truth};
+use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, setting};
+use crate::tune::Tuned;
+use crate::{output, recording, report, say};
 
 /// Follow a reference with one controller after the other.
 ///
@@ -24,6 +25,7 @@ References: steps, a, b, c, d (the paper's families), point-to-point, hand (synt
 Examples:
   catheter track --reference point-to-point --controllers open-loop,physics-inverse,sensorless --json tracking.json
   catheter track --reference a --controllers pid,physics-inverse+pid --report tracking.html --seed 7
+  catheter track --backend qemu --reference steps --controllers sensorless
   catheter track --backend serial --port /dev/ttyACM0 --settings tuned/settings.toml --model tuned/control.blob --reference path.csv --controllers physics-inverse+pid")]
 pub struct Arguments {
     /// Where to run.
@@ -32,6 +34,9 @@ pub struct Arguments {
     /// Serial port of the board.
     #[arg(long, value_name = "PORT", required_if_eq("backend", "serial"))]
     port: Option<PathBuf>,
+    /// The image that the emulator runs, if it is not where cargo leaves it.
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
     /// The virtual rig.
     #[arg(long, value_enum, default_value_t = Preset::AllEffects)]
     preset: Preset,
@@ -44,9 +49,18 @@ pub struct Arguments {
     /// Settings that `catheter tune` wrote.
     #[arg(long, value_name = "FILE.toml", requires = "model")]
     settings: Option<PathBuf>,
-    /// The model that `catheter tune` wrote; for learned-inverse, an inverse model.
+    /// The model that `catheter tune` wrote.
     #[arg(long, value_name = "FILE.blob", requires = "settings")]
     model: Option<PathBuf>,
+    /// The model of learned-inverse: `catheter train --inverse`, exported with `--compensation`.
+    #[arg(long, value_name = "FILE.blob")]
+    inverse_model: Option<PathBuf>,
+    /// How far ahead the inverse model is shown the reference, ms; `catheter train --inverse` says it.
+    #[arg(long, value_name = "MS", default_value_t = 130, value_parser = clap::value_parser!(u32).range(0..=500))]
+    look_ahead_ms: u32,
+    /// Leave the recordings and the model of the tuning on the virtual rig in this folder.
+    #[arg(long, value_name = "DIR", conflicts_with = "settings")]
+    keep: Option<PathBuf>,
     /// Lowest and highest displacement of a named reference, mm; where the recordings lay when absent.
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_reach)]
     reach_mm: Option<Reach>,
@@ -57,10 +71,15 @@ pub struct Arguments {
     common: Common,
 }
 
+/// The controller whose model runs the other way round.
+const LEARNED: &str = "learned-inverse";
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Backend {
     /// The firmware in this process around a simulated rig.
     Virtual,
+    /// The firmware as ARM code in QEMU around the same rig.
+    Qemu,
     /// A board.
     Serial,
 }
@@ -82,66 +101,125 @@ struct Summary<'a> {
 /// On bad input, or when the device refuses.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let chosen: Vec<Controller> = arguments.controllers.iter().filter_map(|name| controller(name)).collect();
-    if arguments.model.is_none() && chosen.iter().any(|controller| controller.name == "learned-inverse") {
-        bail!("learned-inverse needs an inverse model; train one with input and output exchanged and give it with --model and --settings");
+    if arguments.inverse_model.is_none() && chosen.iter().any(|controller| controller.name == LEARNED) {
+        bail!("{LEARNED} needs --inverse-model: an inverse model, made by `catheter train --inverse` and `catheter export`");
     }
+    let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let inverse = arguments.inverse_model.as_ref().map(read).transpose()?;
+    let look_ahead = setting("control.learned_look_ahead_ms", SettingValue::Integer(arguments.look_ahead_ms));
     let given = match (&arguments.settings, &arguments.model) {
-        (Some(settings), Some(model)) => {
-            Some((read_settings(settings)?, std::fs::read(model).with_context(|| format!("cannot read {}", model.display()))?))
-        }
+        (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read(model)? }),
         _ => None,
     };
     let seed = arguments.common.seed;
-    let (name, runs) = match (arguments.backend, given) {
-        (Backend::Virtual, None) => {
-            let (tuned, _) = compare::tune_virtual_rig(seed, seed)?;
-            let reference = the_reference(arguments, Some(tuned.reach))?;
-            let runs = compare::on_the_virtual_rig(&tuned, seed, &reference, &chosen)?;
-            (reference.name, runs)
-        }
-        (Backend::Virtual, Some((settings, blob))) => {
-            let reference = the_reference(arguments, None)?;
-            let one = |controller: &Controller| -> Result<Run> {
-                let (mut client, truth) = crate::track::rig::in_process(seed, 1)?;
-                let settings = with(settings.clone(), *controller);
-                Ok(compare::run_one(&mut client, &truth, &settings, Some(&blob), *controller, &reference)?)
-            };
-            let runs: Vec<Run> = chosen.iter().map(one).collect::<Result<_>>()?;
-            (reference.name, runs)
-        }
-        (Backend::Serial, None) => bail!("a board needs --settings and --model; `catheter tune` makes both from a recording"),
-        (Backend::Serial, Some((settings, blob))) => {
+    let (reference, runs) = match arguments.backend {
+        Backend::Serial => {
+            let Some(control) = given else { bail!("a board needs --settings and --model; `catheter tune` makes both from a recording") };
             let reference = the_reference(arguments, None)?;
             let port = arguments.port.as_deref().context("--port is needed")?;
             let mut client = Client::connect(Serial::open(&port.to_string_lossy())?)?;
-            let mut runs = Vec::new();
-            for (index, controller) in chosen.iter().enumerate() {
-                let model = (index == 0).then_some(blob.as_slice());
-                let settings = with(settings.clone(), *controller);
-                runs.push(compare::run_one(&mut client, &Truth::default(), &settings, model, *controller, &reference)?);
-            }
-            (reference.name, runs)
+            let mut loaded: Option<&[u8]> = None;
+            let one = |controller: &Controller| {
+                let mut settings = control.settings(*controller);
+                settings.push(look_ahead);
+                let blob = control.blob_for(*controller, inverse.as_deref());
+                // A model stays on the board until another is wanted.
+                let fresh = Some(blob).filter(|blob| loaded != Some(*blob));
+                loaded = Some(blob);
+                compare::run_one(&mut client, &Truth::default(), &settings, fresh, *controller, &reference)
+            };
+            let runs = chosen.iter().map(one).collect::<Result<Vec<Run>, _>>()?;
+            (reference, runs)
+        }
+        // Every controller gets a rig of its own that begins at rest.
+        simulated => {
+            let control = match given {
+                Some(control) => control,
+                None => {
+                    let (tuned, recordings) = compare::tune_virtual_rig(seed, seed)?;
+                    if let Some(folder) = &arguments.keep {
+                        for recording in &recordings {
+                            recording::write(&folder.join("recordings").join(&recording.path), recording)?;
+                        }
+                        output::write_atomic(&folder.join("control.blob"), &tuned.blob)?;
+                    }
+                    Control::Tuned(Box::new(tuned))
+                }
+            };
+            let reference = the_reference(arguments, control.reach())?;
+            let one = |controller: &Controller| -> Result<Run> {
+                let mut settings = control.settings(*controller);
+                settings.push(look_ahead);
+                let blob = Some(control.blob_for(*controller, inverse.as_deref()));
+                Ok(if simulated == Backend::Qemu {
+                    let processor = rig::emulator(arguments.image.as_deref())?;
+                    let (mut client, truth) = rig::connect(processor, seed, 1, "the all-effects rig around QEMU")?;
+                    compare::run_one(&mut client, &truth, &settings, blob, *controller, &reference)?
+                } else {
+                    let (mut client, truth) = rig::in_process(seed, 1)?;
+                    compare::run_one(&mut client, &truth, &settings, blob, *controller, &reference)?
+                })
+            };
+            let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
+            (reference, runs)
         }
     };
+    let name = reference.name;
     print(&name, &runs);
     if let Some(path) = &arguments.common.json {
         output::write_json(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect() })?;
     }
     if let Some(path) = &arguments.report {
-        let rig = if arguments.backend == Backend::Virtual { "the all-effects rig" } else { "a board" };
+        let rig = match arguments.backend {
+            Backend::Virtual => "the all-effects rig",
+            Backend::Qemu => "the all-effects rig around QEMU",
+            Backend::Serial => "a board",
+        };
         output::write_atomic(path, report::track::page(&name, rig, &runs).as_bytes())?;
     }
     Ok(Outcome::Success)
 }
 
-/// The settings of a controller on top of those given.
-fn with(mut settings: SettingValues, controller: Controller) -> SettingValues {
-    let mut all = rig_settings();
-    let chosen = controller.settings();
-    settings.retain(|(number, _)| !chosen.iter().any(|(taken, _)| taken == number));
-    all.extend(settings);
-    all.extend(chosen);
-    all
+/// What the controllers are set up with.
+enum Control {
+    /// On recordings made just before.
+    Tuned(Box<Tuned>),
+    /// By files.
+    Given { settings: SettingValues, blob: Vec<u8> },
+}
+
+impl Control {
+    fn blob(&self) -> &[u8] {
+        match self {
+            Self::Tuned(tuned) => &tuned.blob,
+            Self::Given { blob, .. } => blob,
+        }
+    }
+
+    /// The model that a controller runs with.
+    fn blob_for<'a>(&'a self, controller: Controller, inverse: Option<&'a [u8]>) -> &'a [u8] {
+        inverse.filter(|_| controller.name == LEARNED).unwrap_or(self.blob())
+    }
+
+    fn reach(&self) -> Option<Reach> {
+        match self {
+            Self::Tuned(tuned) => Some(tuned.reach),
+            Self::Given { .. } => None,
+        }
+    }
+
+    /// All settings of a controller; what chooses it comes last and wins.
+    fn settings(&self, controller: Controller) -> SettingValues {
+        let mut all = rig_settings();
+        match self {
+            Self::Tuned(tuned) => all.extend(tuned.settings(controller)),
+            Self::Given { settings, .. } => {
+                all.extend(settings.iter().copied());
+                all.extend(controller.settings());
+            }
+        }
+        all
+    }
 }
 
 /// Two displacements with a comma between them.

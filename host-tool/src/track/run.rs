@@ -99,9 +99,12 @@ pub fn prepare<T: Transport>(client: &mut Client<T>, settings: &SettingValues, b
             let bytes = piece.iter().copied().collect();
             client.request(&Request::ModelChunk { offset, bytes })?;
         }
-        client.command(&Request::ModelFinish)?;
-        client.command(&Request::ModelActivate)?;
-        wait_for(client, State::Idle)?;
+        for request in [Request::ModelFinish, Request::ModelActivate] {
+            client.command(&request)?;
+            // The self-test that follows either begins with the next tick.
+            pass(client, Duration::from_millis(5))?;
+            wait_for(client, State::Idle)?;
+        }
     }
     // New settings make the sensors prove themselves again.
     pass(client, Duration::from_millis(500))?;

@@ -55,7 +55,22 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
             assert!(controller.get(key).is_some(), "the key {key} is missing from {controller}");
         }
     }
-    assert!(String::from_utf8(bench.read("out.html")).expect("text").contains("open-loop"));
+    let page = String::from_utf8(bench.read("out.html")).expect("text");
+    assert!(page.contains("open-loop") && page.contains("<svg"), "a table and plots");
+
+    // An inverse that has hardly learned anything still runs, and has the physics to fall back to.
+    bench.works("train --inverse --look-ahead-ms 100 --data recordings --preset stream-1x32 --epochs 2 --out inverse.safetensors");
+    bench.works("export inverse.safetensors --calibration recordings --compensation tuned/control.blob --out inverse.blob");
+    bench.refuses("export inverse.safetensors --calibration recordings --compensation nowhere.blob --out other.blob", &["nowhere.blob"]);
+    let inspected = bench.works("inspect inverse.blob");
+    assert!(inspected.stdout.contains("play operators; 95 %"), "{}", inspected.stdout);
+    bench.works(
+        "track --settings tuned/settings.toml --model tuned/control.blob --inverse-model inverse.blob --look-ahead-ms 110 --reach-mm 3,8 --reference a --controllers physics-inverse,learned-inverse --json learned.json",
+    );
+    let tracked = bench.json("learned.json");
+    assert_eq!(tracked["controllers"][1]["name"], "learned-inverse");
+    let errors: Vec<f64> = (0..2).map(|index| tracked["controllers"][index]["rmse_mm"].as_f64().expect("a number")).collect();
+    assert!(errors[1].is_finite() && errors[0] != errors[1], "the inverse model is in charge: {errors:?}");
 }
 
 #[test]
