@@ -28,6 +28,9 @@ pub struct Arguments {
     /// The virtual rig.
     #[arg(long, value_enum, default_value = "physics")]
     rig: Generator,
+    /// Record the pressure in the muscle too (the physics rig).
+    #[arg(long)]
+    measured_pressure: bool,
     /// Folder to write to.
     #[arg(long, value_name = "DIR", value_parser = crate::output::folder_argument())]
     out: PathBuf,
@@ -45,6 +48,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         "--noise is a share of the range between 0 and 0.2, not {}",
         arguments.noise
     );
+    anyhow::ensure!(
+        !arguments.measured_pressure || arguments.rig == Generator::Physics,
+        "only the physics rig has a pressure to measure; leave out --rig rival or --measured-pressure"
+    );
     let config = CaseConfig {
         effects: arguments.effects.clone(),
         seed: arguments.common.seed,
@@ -52,6 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         coloured_noise: arguments.coloured,
         excitation: arguments.excitation,
         generator: arguments.rig,
+        measured_pressure: arguments.measured_pressure,
     };
     let case = rig::hide(&config)?;
     rig::write(&arguments.out, &case)?;

@@ -80,6 +80,7 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
                 coloured_noise: config.coloured_noise,
                 excitation: config.excitation,
                 generator: config.generator,
+                measured_pressure: false,
             })?;
             let begin = Instant::now();
             let settings = DiscoverConfig { threads: config.threads, ..DiscoverConfig::default() };

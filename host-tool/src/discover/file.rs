@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::catalogue::{self, Quantity};
+use super::catalogue::{self, Columns, Quantity};
 use super::model::{Model, Slot};
 use super::session::{Role, Run, Session};
 use crate::recording::Signal;
@@ -226,9 +226,13 @@ impl DiscoveredModel {
         if input.is_empty() {
             return Ok(Vec::new());
         }
-        let model = self.build()?;
+        Ok(self.build()?.predict(&self.run(input)).into_iter().map(|value| value * self.output_scale).collect())
+    }
+
+    /// A recording with this input after the session's last.
+    fn run(&self, input: &[f64]) -> Run {
         let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * self.sample_period_s).collect();
-        let run = Run {
+        Run {
             name: String::new(),
             index: self.session_recordings,
             source: (0, 0),
@@ -242,8 +246,23 @@ impl DiscoveredModel {
             keep: vec![true; input.len()],
             rest: Vec::new(),
             history: self.memory.clone(),
+        }
+    }
+
+    /// What an effect of the sensor does to the model's output where the session ended: gain, and offset (normalised).
+    ///
+    /// # Errors
+    /// When the effect is not known.
+    pub fn at_the_end(&self, effect: &EffectEntry) -> Result<(f64, f64), String> {
+        let model = self.build()?;
+        let slot = model.slots.iter().find(|slot| slot.form.name() == effect.name).ok_or_else(|| effect.name.clone())?;
+        let run = Run { session_s: vec![self.session_s], ..self.run(&[self.input_offset]) };
+        let of = |sum: f64| {
+            let mut columns = Columns { samples: 1, ..Columns::default() };
+            slot.form.output(&slot.parameters, &run, &[sum], &mut columns);
+            sum + columns.values.iter().zip(&slot.weights).map(|(value, weight)| value * weight).sum::<f64>()
         };
-        Ok(model.predict(&run).into_iter().map(|value| value * self.output_scale).collect())
+        Ok((of(1.0) - of(0.0), of(0.0)))
     }
 
     /// Numbers that were fitted.

@@ -1,6 +1,8 @@
 //! The part of a discovered model that the microcontroller can run: play operators behind dead time and lag, with creep.
 //!
-//! The blob's front end knows these and no more (see `model_export::schema::FrontEnd`). A model with any other effect stays on the desktop;
+//! The blob's front end knows these and no more (see `model_export::schema::FrontEnd`). What wanders with the session's time (drift of zero
+//! and gain, a change of set-up) goes into weights and constant as it was when the session ended: that is the rig as it is now. A skew of
+//! the clocks belongs to the recordings, not to the rig, and is left out. A model with any other effect stays on the desktop;
 //! [`physics_model`] then says which effect it is.
 
 use crate::identify::{ChannelRange, CreepFilters, InputPath, Kind, PhysicsModel, Provenance, Source};
@@ -16,6 +18,7 @@ use super::file::DiscoveredModel;
 pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Result<PhysicsModel, String> {
     let mut input_path = InputPath::default();
     let mut creep = CreepFilters::default();
+    let (mut scale, mut shift) = (1.0, 0.0);
     for effect in &model.effects {
         match (effect.name.as_str(), effect.form.as_str()) {
             ("dead-time", _) => input_path.dead_time_s += effect.normalised[0],
@@ -28,10 +31,15 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
                 let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
                 (creep.time_constants_s, creep.gains) = active.map(|(time_s, weight)| (*time_s, *weight)).unzip();
             }
+            ("offset-drift" | "gain-drift" | "setup-change", _) => {
+                let (gain, offset) = model.at_the_end(effect)?;
+                (scale, shift) = (scale * gain, shift * gain + offset);
+            }
+            ("clock-skew", _) => {}
             (name, form) => return Err(format!("{name} ({form})")),
         }
     }
-    let gain = model.output_scale / model.input_scale;
+    let gain = scale * model.output_scale / model.input_scale;
     let active = || model.thresholds.iter().zip(&model.weights).filter(|(_, weight)| **weight != 0.0);
     let thresholds: Vec<f64> = active().map(|(threshold, _)| threshold * model.input_scale).collect();
     // A stop is what a play lacks to the input.
@@ -66,7 +74,7 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
         thresholds,
         weights,
         input_gain,
-        constant: model.constant * model.output_scale,
+        constant: (model.constant + shift) * model.output_scale,
         thresholds_95: Vec::new(),
         weights_95: Vec::new(),
         constant_95: None,
@@ -143,6 +151,10 @@ mod tests {
             (vec![], false, 1e-9),
             (vec![], true, 1e-9),
             (vec![creep], false, 2e-2),
+            // Nothing of these moves on in a run of 20 s that ends a session of 100 s, but the drift by 20 s in 600 s.
+            (vec![entry("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08])], false, 1e-9),
+            (vec![entry("offset-drift", "cubic in the session's time", &[], &[0.02, 0.0, 0.0])], false, 1e-2),
+            (vec![entry("gain-drift", "quadratic in the session's time", &[], &[0.1, 0.0])], true, 5e-2),
             // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
             (vec![entry("dead-time", "constant", &[0.137], &[])], false, 4e-2),
             (vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false, 4e-2),

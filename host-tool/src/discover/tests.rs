@@ -53,6 +53,54 @@ fn names_what_another_rig_with_other_laws_hides() {
 }
 
 #[test]
+fn a_slice_of_the_corpus_is_answered_right() {
+    // One case each of what differs most: in the input path, the material, the tip, the session's time, the sensor; nothing; none of ours.
+    let slices: [(Generator, &[&str]); 2] = [
+        (Generator::Physics, &["supply-saturation", "leakage", "offset-drift", "alien-breathing-gain"]),
+        (Generator::Rival, &["resonance", "outliers", "none", "alien-wall"]),
+    ];
+    for (generator, names) in slices {
+        let config = corpus::CorpusConfig {
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+            seeds: SEED + 30..SEED + 31,
+            noise: 0.005,
+            coloured_noise: false,
+            excitation: rig::Excitation::Paper,
+            generator,
+            threads: 2,
+        };
+        let results = corpus::run(&config, |_| {}).expect("cases");
+        assert_eq!(results.len(), names.len());
+        for result in &results {
+            assert!(corpus::right(result), "{generator:?}: {result:?}");
+            let aliens_or_none = result.hidden.first().is_none_or(|name| name.starts_with("alien-"));
+            assert!(aliens_or_none || result.gap_closed > 0.9, "{generator:?}: {result:?}");
+        }
+    }
+}
+
+#[test]
+fn a_measured_pressure_tells_the_pneumatics_from_the_rest() {
+    let discovery = |effect: &str| {
+        let effects = vec![effect.to_owned()];
+        let config = CaseConfig { effects, seed: SEED + 40, measured_pressure: true, ..CaseConfig::default() };
+        let mut case = rig::hide(&config).expect("a case");
+        case.recordings.truncate(12);
+        let config = DiscoverConfig { most_effects: 1, ..DiscoverConfig::default() };
+        discover(&case.recordings, &case.kept_out, &config).expect("a finding").discovery
+    };
+    // Two orifices lie before the sensor of the pressure: its recording shows them, and so does the displacement.
+    let named = discovery("fill-vent-asymmetry");
+    assert_eq!(named.pressure_path.as_deref(), Some(&["fill-vent-asymmetry".to_owned()][..]), "{named:?}");
+    assert_eq!(named.effects.first().map(|effect| effect.name.as_str()), Some("fill-vent-asymmetry"));
+    // A swinging tip lies behind it: the pressure follows the command, and no pneumatic effect is even tried on the displacement.
+    let named = discovery("resonance");
+    assert_eq!(named.pressure_path.as_deref(), Some(&[][..]), "{named:?}");
+    assert_eq!(named.effects.first().map(|effect| effect.name.as_str()), Some("resonance"));
+    assert!(named.candidates.iter().all(|candidate| !PNEUMATIC.contains(&candidate.name.as_str())), "{:?}", named.candidates);
+}
+
+#[test]
 fn motion_during_rest_does_not_pass_for_noise() {
     let mut case = case(&[], SEED + 6, 0.005);
     case.recordings.truncate(6);

@@ -24,6 +24,8 @@ use crate::recording::{ExtraColumn, Recording, RecordingError, Signal};
 use draw::{Chain, Sampler};
 use stages::{Moment, STEP_S};
 
+/// Noise of a pressure sensor, relative to the command's range: 0.2 % is an ordinary industrial one.
+const PRESSURE_NOISE: f64 = 0.002;
 /// Integration steps per sample: 50 Hz.
 const STEPS_PER_SAMPLE: usize = 200;
 
@@ -52,6 +54,8 @@ pub struct CaseConfig {
     pub excitation: Excitation,
     /// The rig.
     pub generator: Generator,
+    /// Whether the pressure in the muscle is recorded too (the physics rig only), with noise of 0.2 % of its range.
+    pub measured_pressure: bool,
 }
 
 impl Default for CaseConfig {
@@ -64,6 +68,7 @@ impl Default for CaseConfig {
             coloured_noise: false,
             excitation: Excitation::Paper,
             generator: Generator::Physics,
+            measured_pressure: false,
         }
     }
 }
@@ -163,21 +168,25 @@ pub fn hide(config: &CaseConfig) -> Result<Case, RigError> {
     let mut raw = Vec::new();
     for (recording, (name, shape)) in all {
         let start_s = recording as f64 * (length_s + pause_s);
-        let (time_s, input, output) = record(&mut chain, recording, start_s, length_s, &|time| shape.at(time - command::REST_S));
-        raw.push((name.clone(), start_s, time_s, input, output));
+        let (time_s, input, pressure, output) = record(&mut chain, recording, start_s, length_s, &|time| shape.at(time - command::REST_S));
+        raw.push((name.clone(), start_s, time_s, input, pressure, output));
     }
-    let highest = raw.iter().flat_map(|run| &run.4).copied().fold(f64::MIN, f64::max);
-    let lowest = raw.iter().flat_map(|run| &run.4).copied().fold(f64::MAX, f64::min);
+    let highest = raw.iter().flat_map(|run| &run.5).copied().fold(f64::MIN, f64::max);
+    let lowest = raw.iter().flat_map(|run| &run.5).copied().fold(f64::MAX, f64::min);
     let noise_mm = config.noise * (highest - lowest);
     let mut recordings = Vec::new();
     let mut kept_out = Vec::new();
-    for (index, (name, start_s, time_s, input, mut output)) in raw.into_iter().enumerate() {
+    for (index, (name, start_s, time_s, input, mut pressure, mut output)) in raw.into_iter().enumerate() {
         add_noise(&mut output, noise_mm, config.coloured_noise, &mut noise_draws);
         chain.sampler.spoil(&mut output, highest - lowest, &mut noise_draws);
         let session: Vec<f64> = time_s.iter().map(|time| time + start_s).collect();
         let path = PathBuf::from(format!("{name}_{index:02}.csv"));
         let mut recording = Recording::new(&path, Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)?;
         recording.extra.push(ExtraColumn { name: "session_time_s".into(), values: session });
+        if config.measured_pressure {
+            add_noise(&mut pressure, PRESSURE_NOISE * 2.0 * command::AMPLITUDE_BAR, false, &mut noise_draws);
+            recording.extra.push(ExtraColumn { name: "pressure_measured_bar".into(), values: pressure });
+        }
         if index < commands.len() { recordings.push(recording) } else { kept_out.push(recording) }
     }
     let truth = Truth {
@@ -237,20 +246,21 @@ fn hide_in_rival(
     Ok(Case { recordings, kept_out, truth })
 }
 
-/// Runs one recording: sample times, command and displacement. A skewed clock of the displacement reads at its own times.
+/// Runs one recording: sample times, command, pressure in the muscle and displacement. A skewed clock of the displacement reads at its own times.
 fn record(
     chain: &mut Chain,
     recording: usize,
     start_s: f64,
     length_s: f64,
     command_bar: &dyn Fn(f64) -> f64,
-) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     if !chain.continuous {
         chain.muscle.relax();
     }
     let Sampler { skew, .. } = chain.sampler;
     let samples = (length_s / STEP_S).round() as usize / STEPS_PER_SAMPLE;
     let mut output = Vec::with_capacity(samples);
+    let mut pressures = Vec::with_capacity(samples);
     let step = |chain: &mut Chain, recording_s: f64, command: f64| {
         let moment = Moment { session_s: start_s + recording_s, recording };
         let mut pressure = command;
@@ -261,13 +271,13 @@ fn record(
         for stage in &mut chain.behind {
             place = stage.step(place, &moment);
         }
-        place
+        (pressure, place)
     };
     // The rig stood at zero for a while: ten seconds nobody recorded, the last one in full.
     for settling in 0..(10.0 / STEP_S) as usize {
         let _ = step(chain, settling as f64 * STEP_S - 10.0, 0.0);
     }
-    let mut previous = 0.0;
+    let mut previous = (0.0, 0.0);
     let mut index = 0_usize;
     let mut next_s = 0.0;
     let mut steps = 0_usize;
@@ -276,7 +286,8 @@ fn record(
         let value = step(chain, now_s, command_bar(now_s));
         while output.len() < samples && next_s <= now_s {
             let share = if steps == 0 { 1.0 } else { 1.0 - (now_s - next_s) / STEP_S };
-            output.push(previous + share * (value - previous));
+            output.push(previous.1 + share * (value.1 - previous.1));
+            pressures.push(previous.0 + share * (value.0 - previous.0));
             index += 1;
             next_s = index as f64 * STEPS_PER_SAMPLE as f64 * STEP_S * (1.0 + skew);
         }
@@ -293,7 +304,7 @@ fn record(
     }
     let time_s: Vec<f64> = (0..samples).map(|sample| sample as f64 * STEPS_PER_SAMPLE as f64 * STEP_S).collect();
     let input = time_s.iter().map(|&time| command_bar(time)).collect();
-    (time_s, input, output)
+    (time_s, input, pressures, output)
 }
 
 /// A normal deviate by the polar method.
