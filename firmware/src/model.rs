@@ -30,11 +30,11 @@ pub struct ModelFacts {
 
 /// A place for a model: an estimator, if there is one, with its memory and the blob's contents.
 ///
-/// It stays where it is and models come and go in it, since each of these is too long for a small stack. On a board the memory lies
+/// It stays where it is and models come and go in it, since each of these is too long for a small stack. On a board memory and contents lie
 /// elsewhere, so that the rest is short enough to be made on the stack.
 #[derive(Debug)]
-pub struct RunningModel<'a, K: Kernel, S = EstimatorState> {
-    model: Model<'a>,
+pub struct RunningModel<'a, K: Kernel, S = EstimatorState, M = Model<'a>> {
+    model: M,
     estimator: Estimator<'a, K>,
     state: S,
     is_ready: bool,
@@ -78,14 +78,14 @@ impl Companion {
 
 impl<K: Kernel> Default for RunningModel<'_, K> {
     fn default() -> Self {
-        Self::with_state(EstimatorState::new())
+        Self::over(EstimatorState::new(), Model::default())
     }
 }
 
-impl<'a, K: Kernel, S: BorrowMut<EstimatorState>> RunningModel<'a, K, S> {
-    /// An empty place with memory that lies wherever the caller wants.
-    pub fn with_state(state: S) -> Self {
-        Self { model: Model::default(), estimator: Estimator::default(), state, is_ready: false, companion: Companion::default() }
+impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> RunningModel<'a, K, S, M> {
+    /// An empty place, with memory and contents that lie wherever the caller wants.
+    pub fn over(state: S, model: M) -> Self {
+        Self { model, estimator: Estimator::default(), state, is_ready: false, companion: Companion::default() }
     }
 
     /// Checks a blob as the self-test does, and lets its model in if it passes: frame, checksum, schema, sample period, golden vectors, and
@@ -101,7 +101,7 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>> RunningModel<'a, K, S> {
     pub fn admit(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
         self.forget();
         let facts = self.build(bytes, kernel)?;
-        check(&self.estimator, self.state.borrow_mut(), &self.model.golden)?;
+        check(&self.estimator, self.state.borrow_mut(), &self.model.borrow().golden)?;
         self.reset();
         self.is_ready = true;
         Ok(facts)
@@ -116,6 +116,7 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>> RunningModel<'a, K, S> {
     #[inline(never)]
     fn build(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
         let Self { model, estimator, companion, .. } = self;
+        let model = model.borrow_mut();
         let header = blob::decode_into(bytes, model).map_err(|error| fault_of(&error))?;
         let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
         companion.rebuild(model)?;
@@ -125,7 +126,7 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>> RunningModel<'a, K, S> {
     }
 }
 
-impl<K: Kernel, S: BorrowMut<EstimatorState>> ModelStep for RunningModel<'_, K, S> {
+impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> ModelStep for RunningModel<'a, K, S, M> {
     fn step(&mut self, input: f32) -> f32 {
         let Companion { guard, guard_state, is_outside, .. } = &mut self.companion;
         *is_outside = self.is_ready && guard.is_outside(guard_state, input);

@@ -75,6 +75,7 @@ mod image {
         use firmware::link::{Link, LinkBuffers, LinkConfig};
         use firmware::tick::{BootReport, Rig, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
+        use model_export::schema::Model;
 
         use super::EXCHANGE;
 
@@ -108,6 +109,7 @@ mod image {
             transmit: TransmitQueue = TransmitQueue::new(),
             model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
             model_state: EstimatorState = EstimatorState::new(),
+            model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
             program: [&'static [u8]; 4] = [&[]; 4],
             task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
             background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
@@ -187,7 +189,8 @@ mod image {
                 keeper: unsafe { crash::Keeper::new() },
             };
             let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
-            let place = in_place(context.local.model_home, || BoardModel::with_state(context.local.model_state));
+            let contents = in_place(context.local.model_contents, Model::default);
+            let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
             let settings = background.link().settings();
             let task = in_place(context.local.task_home, || {
                 // The link's settings go together, and so do the defaults; a test holds the latter.

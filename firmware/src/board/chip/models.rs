@@ -3,6 +3,7 @@
 use core::mem::MaybeUninit;
 
 use model_export::link::fault::Fault;
+use model_export::schema::Model;
 use rtic::Mutex;
 
 use crate::background::ModelPlace;
@@ -12,7 +13,7 @@ use crate::model::{ModelFacts, RunningModel};
 use crate::tick::{Direction, ModelStep};
 
 /// A place for a model as the board runs it.
-pub type BoardModel = RunningModel<'static, Packed<'static>, &'static mut EstimatorState>;
+pub type BoardModel = RunningModel<'static, Packed<'static>, &'static mut EstimatorState, &'static mut Model<'static>>;
 
 /// Weights in the order in which the kernel reads them. Start-up code does not touch this memory, and nobody does where it is missing: no
 /// model is let in before everything else has passed.
