@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::{Value, json};
 
 use super::table::{Spread, markdown};
@@ -41,7 +41,7 @@ const SETS: [Set; 3] = [
             Model { everything: false, ..Model::preset("paper-window", 30) },
         ],
     },
-    Set { name: "rich", simulate: "simulate rich", models: &[Model::preset("stream-2x64", 240), Model::preset("stream-1x32", 90)] },
+    Set { name: "rich", simulate: "simulate rich", models: &[Model::preset("stream-2x64", 240), Model::preset("stream-1x32", 240)] },
     Set { name: "all-effects", simulate: "simulate rich --plant all-effects", models: &[Model::preset("hybrid", 60)] },
 ];
 
@@ -58,8 +58,10 @@ struct Job {
 
 /// Measures every set and prints one table.
 pub fn measure(arguments: &Arguments) -> Result<Value> {
-    let jobs: Vec<Job> =
-        (0..arguments.seeds).flat_map(|index| SETS.iter().map(move |set| Job { set, seed: FIRST_REPORTING_SEED + index })).collect();
+    let sets: Vec<&Set> = SETS.iter().filter(|set| arguments.only.as_ref().is_none_or(|name| name == set.name)).collect();
+    ensure!(!sets.is_empty(), "there is no such data; give --only paper, rich or all-effects");
+    let seeds = (0..arguments.seeds).map(|index| FIRST_REPORTING_SEED + index);
+    let jobs: Vec<Job> = seeds.flat_map(|seed| sets.iter().map(move |&set| Job { set, seed })).collect();
     let results: Mutex<BTreeMap<(usize, String), Figures>> = Mutex::new(BTreeMap::new());
     let failures: Mutex<Vec<anyhow::Error>> = Mutex::new(Vec::new());
     let next = AtomicUsize::new(0);

@@ -34,6 +34,9 @@ pub struct Arguments {
     /// Processor seconds each training may use, instead of what the figure is stated for.
     #[arg(long, value_name = "S")]
     budget_cpu_s: Option<u64>,
+    /// Of `accuracy`, only the data of this name: paper, rich or all-effects.
+    #[arg(long, value_name = "NAME")]
+    only: Option<String>,
     /// Folder with the measured sets `piezo-picma` and `friction-damper-backlash`; docs/your-own-recordings.md says where to get them.
     #[arg(long, value_name = "FOLDER")]
     recordings: Option<PathBuf>,
