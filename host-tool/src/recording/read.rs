@@ -90,7 +90,7 @@ pub fn parse(path: &Path, bytes: &[u8], map: &ColumnMap) -> Result<Recording, Re
     if text.iter().all(u8::is_ascii_whitespace) {
         return Err(RecordingError::Empty { path: file() });
     }
-    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(text);
+    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).comment(Some(b'#')).from_reader(text);
     let mut row = StringRecord::new();
     let mut columns: Option<Columns> = None;
     let mut samples = Samples::default();
