@@ -22,7 +22,10 @@ fn bad_files_are_refused_with_file_line_and_remedy() {
         (rows("0,1,2\n1,,3\n"), "run.csv:3: column `pressure_bar` holds nothing"),
         (rows("0,1,2\n1,abc,3\n"), "run.csv:3: column `pressure_bar` holds `abc`"),
         (rows("0,1,2\n\n\n1,0x10,3\n"), "run.csv:5: column `pressure_bar` holds `0x10`"),
-        ("# a rig\ntime_s,pressure_bar,displacement_mm\n# a pause\n0,1,2\n1,oops,3\n".into(), "run.csv:5: column `pressure_bar` holds `oops`"),
+        (
+            "# a rig\ntime_s,pressure_bar,displacement_mm\n# a pause\n0,1,2\n1,oops,3\n".into(),
+            "run.csv:5: column `pressure_bar` holds `oops`",
+        ),
         (rows("0,1,2\r\n\r\n1,oops,3"), "run.csv:4: column `pressure_bar` holds `oops`"),
         (rows("0,1,2\n1,1,3\n1,1,4\n"), "run.csv:4: the time 1 s does not come after the 1 s"),
         (rows("0,1,2\n1,1,3\n0.5,1,4\n"), "run.csv:4: the time 0.5 s does not come after the 1 s"),
