@@ -2,10 +2,12 @@
 
 use std::io::Write;
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result};
 
 use super::{Common, Outcome};
-use crate::discover::corpus::{self, CorpusConfig};
+use crate::discover::corpus::{self, CaseResult, CorpusConfig};
 use crate::rig::{Excitation, Generator};
 
 /// Measure how well the tool does; for developers.
@@ -58,6 +60,9 @@ struct Discover {
     /// Print every case.
     #[arg(long)]
     verbose: bool,
+    /// Go on with an interrupted run: cases that are in the file of --json already are not run again.
+    #[arg(long, requires = "json")]
+    resume: bool,
     /// Counted from the first seed, `--seed`.
     #[command(flatten)]
     common: Common,
@@ -105,7 +110,18 @@ fn run_discover(discover: &Discover) -> Result<Outcome> {
         generator: discover.rig,
         threads: discover.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
     };
-    let results = corpus::run(&config, |case| {
+    let settings = serde_json::json!({
+        "noise": config.noise,
+        "coloured_noise": config.coloured_noise,
+        "excitation": format!("{:?}", config.excitation),
+        "rig": format!("{:?}", config.generator),
+    });
+    let done = match &discover.common.json {
+        Some(path) if discover.resume && path.exists() => finished(path, &settings)?,
+        _ => Vec::new(),
+    };
+    let results = corpus::run(&config, done, |cases| {
+        let Some(case) = cases.last() else { return Ok(()) };
         if discover.verbose {
             crate::say!(
                 "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.5} {:.5} floor {:.5} left {:.3} {:.2} s  [{}] 2nd {}",
@@ -124,10 +140,24 @@ fn run_discover(discover: &Discover) -> Result<Outcome> {
                 case.runner_up,
             );
         }
+        if let Some(path) = &discover.common.json {
+            crate::output::write_json(path, &serde_json::json!({ "settings": settings, "rows": corpus::rows(cases), "cases": cases }))?;
+        }
+        anyhow::Ok(())
     })?;
     crate::output::print_bytes(corpus::summary(&results).as_bytes());
-    if let Some(path) = &discover.common.json {
-        crate::output::write_json(path, &serde_json::json!({ "rows": corpus::rows(&results), "cases": results }))?;
-    }
     Ok(Outcome::Success)
+}
+
+/// The cases of an interrupted run.
+fn finished(path: &Path, settings: &serde_json::Value) -> Result<Vec<CaseResult>> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let mut file: serde_json::Value = serde_json::from_str(&text).with_context(|| format!("{}: no JSON", path.display()))?;
+    anyhow::ensure!(
+        file["settings"] == *settings,
+        "{} holds cases of other settings ({}); give --json another file, or leave out --resume",
+        path.display(),
+        file["settings"]
+    );
+    serde_json::from_value(file["cases"].take()).with_context(|| format!("{}: no cases", path.display()))
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{DiscoverConfig, Effect, Verdict, discover};
 use crate::rig::{self, CaseConfig, EFFECTS, Excitation, Generator, RigError};
@@ -28,7 +28,7 @@ pub struct CorpusConfig {
 }
 
 /// One case, told and found.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CaseResult {
     /// What was hidden.
     pub hidden: Vec<String>,
@@ -54,12 +54,16 @@ pub struct CaseResult {
     pub seconds: f64,
 }
 
-/// Runs the corpus; `each` sees every result as it comes.
+/// Runs the corpus but for the cases that are `done` already; `each` sees all results whenever one more is there, the new one last.
 ///
 /// # Errors
-/// When a name is unknown.
-pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<Vec<CaseResult>, RigError> {
-    let mut all = Vec::new();
+/// When a name is unknown, or when `each` fails.
+pub fn run<E: From<RigError>>(
+    config: &CorpusConfig,
+    done: Vec<CaseResult>,
+    mut each: impl FnMut(&[CaseResult]) -> Result<(), E>,
+) -> Result<Vec<CaseResult>, E> {
+    let mut all = done;
     let mut names: Vec<Vec<String>> = Vec::new();
     for name in &config.names {
         match name.as_str() {
@@ -73,6 +77,9 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
     for seed in config.seeds.clone() {
         for hidden in &names {
             let hidden = if hidden.first().is_some_and(|name| name == "pairs") { pair(seed) } else { hidden.clone() };
+            if all.iter().any(|result| result.seed == seed && result.hidden == hidden) {
+                continue;
+            }
             let case = rig::hide(&CaseConfig {
                 effects: hidden.clone(),
                 seed,
@@ -98,8 +105,8 @@ pub fn run(config: &CorpusConfig, mut each: impl FnMut(&CaseResult)) -> Result<V
                 errors: errors(&case.truth.parameters, &finding.discovery.effects),
                 seconds: begin.elapsed().as_secs_f64(),
             };
-            each(&result);
             all.push(result);
+            each(&all)?;
         }
     }
     Ok(all)

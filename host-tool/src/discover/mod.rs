@@ -24,7 +24,7 @@ pub mod whereabouts;
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use diagnosis::{Correlation, LoopArea, Residual, Share};
 pub use model::{Model, Slot};
@@ -53,7 +53,7 @@ impl Default for DiscoverConfig {
 }
 
 /// What was found out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The model explains the recordings down to the noise.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::session::{Run, Session};
+use crate::discover::session::{Role, Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &Loose];
@@ -21,7 +21,8 @@ const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quant
 /// The residual of one recording, ready to be searched for lines.
 struct Line<'a> {
     run: &'a Run,
-    residual: &'a [f64],
+    /// Kept-out samples are zero: they have no say.
+    residual: Vec<f64>,
     /// Frequency at which the input goes to and fro.
     own_hz: f64,
 }
@@ -30,17 +31,13 @@ impl<'a> Line<'a> {
     fn new(run: &'a Run, residual: &'a [f64]) -> Self {
         let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
         let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
+        let residual = residual.iter().zip(&run.role).map(|(value, role)| if *role == Role::Kept { 0.0 } else { *value }).collect();
         Self { run, residual, own_hz: crossings as f64 / 2.0 / (run.input.len() as f64 * run.period_s) }
     }
 
     fn all(session: &'a Session, residual: &'a [Vec<f64>]) -> Vec<Self> {
-        session
-            .runs
-            .iter()
-            .zip(residual)
-            .filter(|(_, residual)| !residual.is_empty())
-            .map(|(run, residual)| Self::new(run, residual))
-            .collect()
+        let worked = |run: &Run| run.role.iter().any(|role| *role != Role::Kept);
+        session.runs.iter().zip(residual).filter(|(run, _)| worked(run)).map(|(run, residual)| Self::new(run, residual)).collect()
     }
 
     /// Whether a frequency is a multiple of the input's own: what goes with the input is no rhythm from outside.
@@ -56,7 +53,7 @@ impl<'a> Line<'a> {
         let (sine, cosine) = (each(&|w| (w * self.run.period_s).sin()), each(&|w| (w * self.run.period_s).cos()));
         let (mut im, mut re) = (each(&|w| (w * self.run.session_s[0]).sin()), each(&|w| (w * self.run.session_s[0]).cos()));
         let mut sums = [[0.0; SIDE]; 2];
-        for value in self.residual {
+        for value in &self.residual {
             for lane in 0..SIDE {
                 sums[0][lane] += value * re[lane];
                 sums[1][lane] += value * im[lane];
@@ -122,6 +119,15 @@ fn peaks(session: &Session, residual: &[Vec<f64>]) -> Vec<f64> {
     peaks.into_iter().take(3).filter(|entry| entry.0 > 1.5).map(|entry| entry.1).collect()
 }
 
+/// Takes out the starts of which some harmonic goes with the input in every recording: no recording can tell such a rhythm from what the
+/// input itself causes.
+fn apart_from_input(session: &Session, residual: &[Vec<f64>], mut starts: Vec<Vec<f64>>, harmonics: usize) -> Vec<Vec<f64>> {
+    let lines = Line::all(session, residual);
+    let goes_with_it = |frequency_hz: f64| lines.iter().all(|line| line.belongs_to_input(frequency_hz));
+    starts.retain(|start| (1..=harmonics).all(|harmonic| !goes_with_it(harmonic as f64 * start[0])));
+    starts
+}
+
 /// Sizes of the harmonics from their sines and cosines.
 fn tell_harmonics(weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
     let unit = &session.output_unit;
@@ -167,7 +173,7 @@ impl Form for Beat {
                 starts.push(vec![frequency / 2.0]);
             }
         }
-        starts
+        apart_from_input(session, residual, starts, HARMONICS)
     }
     fn step(&self, _: usize) -> f64 {
         // The comb is a fifth of what the session resolves.
@@ -205,7 +211,8 @@ impl Form for Triggered {
         3
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect()
+        let starts = peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, HARMONICS)
     }
     fn step(&self, _: usize) -> f64 {
         0.002
@@ -242,7 +249,8 @@ impl Form for Loose {
         5
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect()
+        let starts = peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, 1)
     }
     fn step(&self, _: usize) -> f64 {
         0.002
@@ -274,5 +282,40 @@ impl Form for Loose {
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("share_of_the_line".to_owned(), weights[0])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    fn session(input_hz: &[f64], beat_hz: f64) -> (Session, Vec<Vec<f64>>) {
+        let recordings: Vec<Recording> = input_hz
+            .iter()
+            .map(|hz| {
+                let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+                let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (2.0 * PI * hz * time).cos()).collect();
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                    .expect("a recording")
+            })
+            .collect();
+        let session = Session::new(&recordings, &[]).expect("a session");
+        let residual =
+            session.runs.iter().map(|run| run.session_s.iter().map(|time| 0.1 * (2.0 * PI * beat_hz * time).sin()).collect()).collect();
+        (session, residual)
+    }
+
+    #[test]
+    fn a_rhythm_of_the_input_itself_is_no_disturbance_unless_other_recordings_tell_them_apart() {
+        let begins_near = |input_hz: &[f64], beat_hz: f64| {
+            let (session, residual) = session(input_hz, beat_hz);
+            Beat.starts(&session, &residual).iter().any(|start| (start[0] - beat_hz).abs() < 0.01)
+        };
+        assert!(!begins_near(&[1.0], 3.0), "the third harmonic of the only input");
+        assert!(begins_near(&[1.0], 3.37));
+        assert!(begins_near(&[1.0, 0.7], 3.0), "the second recording tells");
     }
 }
