@@ -17,7 +17,8 @@ pub fn headline(discovery: &Discovery) -> String {
         Verdict::None => "Nothing is missing: the model leaves no more than the noise.".to_owned(),
         Verdict::Unknown if names.is_empty() => "Something is missing, and it is none of the effects in the catalogue.".to_owned(),
         Verdict::Unknown => {
-            format!("Something is missing that the catalogue does not explain; {} explains a part of it.", names.join(" and "))
+            let explain = if names.len() == 1 { "explains" } else { "explain" };
+            format!("Something is missing that the catalogue does not explain; {} {explain} a part of it.", names.join(" and "))
         }
         Verdict::Ambiguous => {
             let second = discovery.runner_up.as_ref().map_or("another effect", |second| second.name.as_str());
