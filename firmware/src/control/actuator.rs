@@ -130,7 +130,7 @@ impl Actuator {
     /// The pressure in the muscle, bar, that brings the tip to `wanted_mm` from where it is, as near as the supply allows.
     ///
     /// # Deadline
-    /// At most [`MOST_STEPS`] loops over the play operators; four to six as a rule.
+    /// At most `MOST_STEPS` loops over the play operators; four to six as a rule.
     pub fn pressure_for(&self, state: &ActuatorState, wanted_mm: f32) -> f32 {
         let creep_mm: f32 = self.parameters.creep.iter().zip(&state.creeps_mm).map(|([_, gain], memory)| gain * memory).sum();
         let wanted_sum_mm = self.inverse_curve(wanted_mm) - creep_mm;
