@@ -7,8 +7,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
+use model_export::blob::crc32;
 use model_export::link::fault::Blocker;
-use model_export::link::message::{FaultRecord, MAX_CHUNK_POINTS, PlaybackChunk, Refusal, Reply, Request, Status, Telemetry};
+use model_export::link::message::{
+    FaultRecord, MAX_CHUNK_BYTES, MAX_CHUNK_POINTS, PlaybackChunk, Refusal, Reply, Request, Status, Telemetry,
+};
 use model_export::link::settings::{SettingValue, by_name};
 use model_export::link::state::State;
 
@@ -69,8 +72,37 @@ fn wait(rig: &mut Client<impl Transport>, what: &str, reached: impl Fn(&Status) 
     }
 }
 
+/// Sends a blob piece by piece, which the device then checks; `each` is told the bytes that have arrived.
+///
+/// # Errors
+/// When the device refuses it or is gone.
+pub fn upload(rig: &mut Client<impl Transport>, bytes: &[u8], each: &mut dyn FnMut(u32)) -> Result<()> {
+    let length = u32::try_from(bytes.len()).context("the blob is too long")?;
+    rig.command(&Request::ModelBegin { length, crc32: crc32(0, bytes) })?;
+    for (index, piece) in bytes.chunks(MAX_CHUNK_BYTES).enumerate() {
+        let offset = u32::try_from(index * MAX_CHUNK_BYTES).context("the blob is too long")?;
+        let bytes = heapless::Vec::from_slice(piece).unwrap_or_default();
+        let request = Request::ModelChunk { offset, bytes };
+        let Reply::Uploaded(next) = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
+        each(next);
+    }
+    rig.command(&Request::ModelFinish)?;
+    // The check may take the place of the model in use, after which the device tests itself.
+    settle_after_change(rig)?;
+    Ok(())
+}
+
+/// Waits for the self-test that begins with the next tick.
+///
+/// # Errors
+/// When it does not end.
+pub fn settle_after_change(rig: &mut Client<impl Transport>) -> Result<Status> {
+    rig.listen(Duration::from_millis(5))?;
+    settle(rig)
+}
+
 /// Lets time pass while listening.
-fn pass(rig: &mut Client<impl Transport>, time: Duration) -> Result<(), LinkError> {
+pub(crate) fn pass(rig: &mut Client<impl Transport>, time: Duration) -> Result<(), LinkError> {
     let until = rig.elapsed() + time;
     while rig.elapsed() < until {
         rig.listen(until - rig.elapsed())?;

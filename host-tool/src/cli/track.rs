@@ -7,7 +7,7 @@ use model_export::link::settings::{INFO, SettingValue, by_name};
 use serde::Serialize;
 
 use super::{Common, Outcome};
-use crate::link::{Client, Serial};
+use crate::link::{Client, FlashMemory, InProcess, Processor, Serial};
 use crate::track::compare::{self, Run};
 use crate::track::rig::{self, Truth};
 use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, setting};
@@ -58,6 +58,9 @@ pub struct Arguments {
     /// How far ahead the inverse model is shown the reference, ms; `catheter train --inverse` says it.
     #[arg(long, value_name = "MS", default_value_t = 130, value_parser = clap::value_parser!(u32).range(0..=500))]
     look_ahead_ms: u32,
+    /// Leave a journal of every run in this folder, for `catheter replay`; simulated rigs only.
+    #[arg(long, value_name = "DIR")]
+    journals: Option<PathBuf>,
     /// Leave the recordings and the model of the tuning on the virtual rig in this folder.
     #[arg(long, value_name = "DIR", conflicts_with = "settings")]
     keep: Option<PathBuf>,
@@ -150,15 +153,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let one = |controller: &Controller| -> Result<Run> {
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
-                let blob = Some(control.blob_for(*controller, inverse.as_deref()));
-                Ok(if simulated == Backend::Qemu {
-                    let processor = rig::emulator(arguments.image.as_deref())?;
-                    let (mut client, truth) = rig::connect(processor, seed, 1, "the all-effects rig around QEMU")?;
-                    compare::run_one(&mut client, &truth, &settings, blob, *controller, &reference)?
-                } else {
-                    let (mut client, truth) = rig::in_process(seed, 1)?;
-                    compare::run_one(&mut client, &truth, &settings, blob, *controller, &reference)?
-                })
+                let blob = control.blob_for(*controller, inverse.as_deref());
+                let on = Simulated { arguments, settings, blob, controller: *controller, reference: &reference };
+                match simulated {
+                    Backend::Qemu => on.run(rig::emulator(arguments.image.as_deref())?, "qemu"),
+                    _ => on.run(InProcess::new(FlashMemory::default()), "virtual"),
+                }
             };
             let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
             (reference, runs)
@@ -178,6 +178,30 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_atomic(path, report::track::page(&name, rig, &runs).as_bytes())?;
     }
     Ok(Outcome::Success)
+}
+
+/// One run on a simulated rig.
+struct Simulated<'a> {
+    arguments: &'a Arguments,
+    settings: SettingValues,
+    blob: &'a [u8],
+    controller: Controller,
+    reference: &'a Reference,
+}
+
+impl Simulated<'_> {
+    fn run(self, processor: impl Processor, backend: &str) -> Result<Run> {
+        let Self { arguments, settings, blob, controller, reference } = self;
+        let seed = arguments.common.seed;
+        let recorder = arguments.journals.is_some().then(|| rig::recorder(backend, seed));
+        let (mut client, truth) = rig::connect(processor, seed, 1, &format!("the all-effects rig, {backend}"), recorder)?;
+        let run = compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?;
+        let rig = client.into_transport();
+        if let (Some(folder), Some(journal)) = (&arguments.journals, rig.observer().journal()) {
+            journal.write(&folder.join(format!("{}.journal", controller.name)))?;
+        }
+        Ok(run)
+    }
 }
 
 /// What the controllers are set up with.

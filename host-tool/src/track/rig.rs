@@ -4,6 +4,8 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
 
+use crate::backend::VIRTUAL_BOARD;
+use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
     Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu, QemuConfig, TickRecord,
 };
@@ -37,14 +39,26 @@ impl Truth {
     }
 }
 
-/// Writes the tip down at every tick.
+/// Writes the tip down at every tick, and a journal if one is wanted.
 pub struct Watch {
     probe: Probe,
     truth: Truth,
+    recorder: Option<Recorder>,
+}
+
+impl Watch {
+    /// What went into the device and came out of it.
+    #[must_use]
+    pub fn journal(&self) -> Option<&Journal> {
+        self.recorder.as_ref().map(Recorder::journal)
+    }
 }
 
 impl Observer for Watch {
-    fn see(&mut self, record: &TickRecord<'_>, _hardware: &Hardware) {
+    fn see(&mut self, record: &TickRecord<'_>, hardware: &Hardware) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.see(record, hardware);
+        }
         let mut tips_mm = self.truth.tips_mm.borrow_mut();
         match record {
             TickRecord::Boot { .. } => tips_mm.clear(),
@@ -71,7 +85,13 @@ pub fn emulator(image: Option<&Path>) -> Result<Qemu, LinkError> {
     Qemu::start(QemuConfig::find(image)?, &FlashMemory::default())
 }
 
-/// A client of the all-effects rig around a processor.
+/// A journal's beginning, for [`connect`].
+#[must_use]
+pub fn recorder(backend: &str, seed: u64) -> Recorder {
+    Recorder::new(Header::new(backend, VIRTUAL_BOARD, format!("the all-effects rig with seed {seed}"), &FlashMemory::default()))
+}
+
+/// A client of the all-effects rig around a processor with an empty flash.
 ///
 /// # Errors
 /// When the processor does not start or answer.
@@ -80,11 +100,12 @@ pub fn connect<P: Processor>(
     seed: u64,
     session: usize,
     place: &str,
+    recorder: Option<Recorder>,
 ) -> Result<(Client<Lockstep<P, Watch>>, Truth), LinkError> {
     let (hardware, probe) = hardware(seed, session);
     let truth = Truth::default();
-    let watch = Watch { probe, truth: truth.clone() };
-    let lockstep = Lockstep::new(processor, hardware, watch, place, "virtual")?;
+    let watch = Watch { probe, truth: truth.clone(), recorder };
+    let lockstep = Lockstep::new(processor, hardware, watch, place, VIRTUAL_BOARD)?;
     Ok((Client::connect(lockstep)?, truth))
 }
 
@@ -93,5 +114,5 @@ pub fn connect<P: Processor>(
 /// # Errors
 /// When it does not start.
 pub fn in_process(seed: u64, session: usize) -> Result<(Client<Lockstep<InProcess, Watch>>, Truth), LinkError> {
-    connect(InProcess::new(FlashMemory::default()), seed, session, "the all-effects rig in this process")
+    connect(InProcess::new(FlashMemory::default()), seed, session, "the all-effects rig in this process", None)
 }

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use model_export::blob::crc32;
 use model_export::link::fault::Notice;
-use model_export::link::message::{MAX_CHUNK_BYTES, MAX_CHUNK_POINTS, PlaybackChunk, Reply, Request, Status, Telemetry};
+use model_export::link::message::{MAX_CHUNK_POINTS, PlaybackChunk, Reply, Request, Telemetry};
 use model_export::link::settings::SettingValue;
 use model_export::link::state::State;
 
 use super::figures::Sample;
 use super::rig::Truth;
+use crate::experiment::{self, pass, status};
 use crate::link::{Client, LinkError, Transport};
 
 /// How often the host looks after the device.
@@ -26,6 +26,9 @@ pub enum RunError {
     /// The link or the device refused.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The model did not get onto the device.
+    #[error("{0:#}")]
+    Model(anyhow::Error),
     /// The device did not get there.
     #[error("the device stays {found:?} instead of becoming {wanted:?}{}", why(*.fault))]
     State {
@@ -48,17 +51,6 @@ fn why(fault: u8) -> String {
     if fault == 0 { String::new() } else { format!(": {}", crate::link::fault_in_words(fault)) }
 }
 
-/// The device's status.
-///
-/// # Errors
-/// When it does not answer.
-pub fn status<T: Transport>(client: &mut Client<T>) -> Result<Status, LinkError> {
-    match client.request(&Request::Status)? {
-        Reply::Status(status) => Ok(status),
-        _ => Err(client.unexpected(&Request::Status)),
-    }
-}
-
 fn wait_for<T: Transport>(client: &mut Client<T>, wanted: State) -> Result<(), RunError> {
     let until = client.elapsed() + STATE_WITHIN;
     loop {
@@ -73,15 +65,6 @@ fn wait_for<T: Transport>(client: &mut Client<T>, wanted: State) -> Result<(), R
     }
 }
 
-/// Lets time pass, listening.
-fn pass<T: Transport>(client: &mut Client<T>, time: Duration) -> Result<(), LinkError> {
-    let until = client.elapsed() + time;
-    while client.elapsed() < until {
-        client.listen(until - client.elapsed())?;
-    }
-    Ok(())
-}
-
 /// Puts settings and, if given, a model into force; the device is idle afterwards.
 ///
 /// # Errors
@@ -92,19 +75,10 @@ pub fn prepare<T: Transport>(client: &mut Client<T>, settings: &SettingValues, b
         client.command(&Request::SettingSet { number: *number, value: *value })?;
     }
     if let Some(blob) = blob {
-        let length = u32::try_from(blob.len()).unwrap_or(u32::MAX);
-        client.command(&Request::ModelBegin { length, crc32: crc32(0, blob) })?;
-        for (index, piece) in blob.chunks(MAX_CHUNK_BYTES).enumerate() {
-            let offset = u32::try_from(index * MAX_CHUNK_BYTES).unwrap_or(u32::MAX);
-            let bytes = piece.iter().copied().collect();
-            client.request(&Request::ModelChunk { offset, bytes })?;
-        }
-        for request in [Request::ModelFinish, Request::ModelActivate] {
-            client.command(&request)?;
-            // The self-test that follows either begins with the next tick.
-            pass(client, Duration::from_millis(5))?;
-            wait_for(client, State::Idle)?;
-        }
+        experiment::upload(client, blob, &mut |_| {}).map_err(RunError::Model)?;
+        client.command(&Request::ModelActivate)?;
+        experiment::settle_after_change(client).map_err(RunError::Model)?;
+        wait_for(client, State::Idle)?;
     }
     // New settings make the sensors prove themselves again.
     pass(client, Duration::from_millis(500))?;

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
-use model_export::blob::{self, crc32};
+use model_export::blob;
 use model_export::link::fault::Fault;
-use model_export::link::message::{MAX_CHUNK_BYTES, Reply, Request, Status};
+use model_export::link::message::Request;
 use model_export::link::state::State;
 use serde::Serialize;
 
@@ -68,34 +68,17 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
 pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<usize> {
     let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     blob::decode(&bytes).map_err(|error| anyhow::anyhow!("{}: is no blob this program knows: {error}", path.display()))?;
-    let length = u32::try_from(bytes.len()).context("the blob is too long")?;
-    rig.command(&Request::ModelBegin { length, crc32: crc32(0, &bytes) })?;
-    let bar = output::progress(length.into(), "upload");
-    for (index, piece) in bytes.chunks(MAX_CHUNK_BYTES).enumerate() {
-        let offset = u32::try_from(index * MAX_CHUNK_BYTES).context("the blob is too long")?;
-        let piece = heapless::Vec::from_slice(piece).unwrap_or_default();
-        let request = Request::ModelChunk { offset, bytes: piece };
-        let Reply::Uploaded(next) = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
-        bar.set_position(next.into());
-    }
-    rig.command(&Request::ModelFinish)?;
+    let bar = output::progress(bytes.len() as u64, "upload");
+    experiment::upload(rig, &bytes, &mut |sent| bar.set_position(sent.into()))?;
     bar.finish_and_clear();
-    // The check may take the place of the model in use, after which the device tests itself.
-    settle(rig)?;
     say!("Uploaded {} bytes; the device checked them, and the golden vectors came out right.", bytes.len());
     Ok(bytes.len())
-}
-
-/// Waits for the self-test that begins with the next tick.
-fn settle(rig: &mut Client<Rig>) -> Result<Status> {
-    rig.listen(std::time::Duration::from_millis(5))?;
-    experiment::settle(rig)
 }
 
 /// Activates and waits for the self-test.
 pub fn activate(request: &Request, rig: &mut Client<Rig>) -> Result<()> {
     rig.command(request)?;
-    let status = settle(rig)?;
+    let status = experiment::settle_after_change(rig)?;
     if let (State::Fault, Some(fault)) = (status.state, Fault::from_number(status.first_fault)) {
         bail!(
             "the device is in the fault state: {}: {} {}",
