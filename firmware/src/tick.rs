@@ -498,6 +498,8 @@ pub struct Insight {
     pub set_point: f32,
     /// Number of the playback point in force, counted from one; zero before the first.
     pub playback_index: u32,
+    /// What the feedback adds to the reference, mm, if the law tracks one.
+    pub correction_mm: Option<f32>,
     /// Measured pressure, if the sensor is believed.
     pub pressure_bar: Option<f32>,
     /// Measured displacement, if the laser is believed.
@@ -544,10 +546,12 @@ impl Rig {
             time_ms: state.time_ms,
             notices: state.notices,
             set_point: state.set_point,
-            playback_index: state.controller.playback.index(),
+            playback_index: self.tick.controller.point_index(&state.controller),
+            correction_mm: matches!(self.tick.controller, Controller::Tracking(_))
+                .then(|| state.controller.tracking.report().correction_mm),
             pressure_bar: believed(&state.pressure),
             displacement_mm: believed(&state.laser),
-            estimate_mm: state.estimate_mm,
+            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
             host_age_ms: state.host_age_ticks,
         }
     }

@@ -350,6 +350,11 @@ impl Teller {
                 f64::from(output_ubar) * 1e-6,
                 insight.set_point
             ));
+            if let Some(correction_mm) = insight.correction_mm {
+                why.push(format!(
+                    "It is the pressure that the feed-forward asks for to bring the tip there; the feedback added {correction_mm:.4} mm."
+                ));
+            }
             for notice in limiting(insight.notices) {
                 why.push(format!("{} {}", notice.explanation().meaning, notice.explanation().remedy));
             }

@@ -2,9 +2,9 @@
 //!
 //! The certificate ([`model_export::certificate`]) bounds every gate over all inputs and asks for a spectral radius below one. Training does
 //! not care about it, so the weights are brought back now and then, layer by layer: rows of forget gates that could open too far are
-//! scaled down, then all recurrent weights of the layer by the largest common factor with which the radius stays below its bound. A
-//! certified network remembers in its cells and hardly through its recurrent weights, which costs accuracy; where play operators stand in
-//! front of it they do the remembering.
+//! scaled down, then all recurrent weights of the layer by the largest common factor with which the radius stays below its bound,
+//! whichever way the weights will be rounded to 8 bits. A certified network remembers in its cells and hardly through its recurrent
+//! weights, which costs accuracy; where play operators stand in front of it they do the remembering.
 
 use model_export::certificate::{LARGEST_FEATURE, RealLayer};
 use model_export::schema;
@@ -61,13 +61,24 @@ fn close_forget_gates(layer: &mut Layer, inputs: &[f64], real: RealLayer, most: 
     }
 }
 
+/// Magnitudes of a matrix's weights once they are integers: taken to be a step of their row larger, twice what rounding to the nearest can
+/// do. Rounding that hands its errors on to the next weights has no such bound, so the radius asked for must leave room as well.
+fn rounded_up(weights: &[f32], columns: usize) -> Vec<f64> {
+    let row = |row: &[f32]| {
+        let largest = row.iter().fold(0.0f32, |largest, weight| largest.max(weight.abs()));
+        let step = f64::from(largest) / f64::from(i8::MAX);
+        row.iter().map(move |weight| f64::from(weight.abs()) + step).collect::<Vec<f64>>()
+    };
+    weights.chunks(columns.max(1)).flat_map(row).collect()
+}
+
+/// The layer as the certificate will see it at worst; only magnitudes of weights count there.
 fn real(layer: &Layer, activation: Activation, limit: f32) -> RealLayer {
-    let wide = |weights: &[f32]| weights.iter().map(|weight| f64::from(*weight)).collect();
     RealLayer {
         units: layer.units,
-        input_weights: wide(&layer.input_weights),
-        recurrent_weights: wide(&layer.recurrent_weights),
-        biases: wide(&layer.bias),
+        input_weights: rounded_up(&layer.input_weights, layer.inputs),
+        recurrent_weights: rounded_up(&layer.recurrent_weights, layer.units),
+        biases: layer.bias.iter().map(|bias| f64::from(*bias)).collect(),
         cell_limit: f64::from(limit),
         activation: match activation {
             Activation::Tanh => schema::Activation::Tanh,
