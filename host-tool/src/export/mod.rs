@@ -14,6 +14,7 @@ pub mod reference;
 
 use firmware::estimator::{Estimator, EstimatorState};
 use model_export::blob::{self, BlobError, crc32};
+use model_export::certificate::certificate;
 use model_export::compensation::{Compensation, Extension};
 use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, QuantiseError, QuantisedNetwork, quantise};
 use model_export::schema;
@@ -194,8 +195,14 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
                 let seen = calibration.layers.iter().cloned();
                 seen.map(|layer| LayerCalibration { moments: layer.moments.filter(|_| with_moments), ..layer }).collect()
             };
-            candidates.push(("nearest", Some(quantise(&float, &layers(false))?)));
-            candidates.push(("error feedback", Some(quantise(&float, &layers(true))?)));
+            let (nearest, feedback) = (quantise(&float, &layers(false))?, quantise(&float, &layers(true))?);
+            let is_certified = |network: &QuantisedNetwork| certificate(&network.as_wire(), 1.0).is_some_and(|found| found.holds());
+            // Error feedback moves weights by many steps; a network that was trained to be certified shall stay so.
+            let loses_certificate = is_certified(&nearest) && !is_certified(&feedback);
+            candidates.push(("nearest", Some(nearest)));
+            if !loses_certificate {
+                candidates.push(("error feedback", Some(feedback)));
+            }
         }
     }
     let mut best: Option<Export> = None;

@@ -61,13 +61,13 @@ fn close_forget_gates(layer: &mut Layer, inputs: &[f64], real: RealLayer, most: 
     }
 }
 
-/// Magnitudes of a matrix's weights once they are integers: taken to be a step of their row larger, twice what rounding to the nearest can
-/// do. Rounding that hands its errors on to the next weights has no such bound, so the radius asked for must leave room as well.
+/// Magnitudes of a matrix's weights once they are integers: half a step of their row larger at most, by rounding to the nearest. Rounding that
+/// hands its errors on to the next weights knows no such bound, so the export falls back to the nearest where the other loses the certificate.
 fn rounded_up(weights: &[f32], columns: usize) -> Vec<f64> {
     let row = |row: &[f32]| {
         let largest = row.iter().fold(0.0f32, |largest, weight| largest.max(weight.abs()));
-        let step = f64::from(largest) / f64::from(i8::MAX);
-        row.iter().map(move |weight| f64::from(weight.abs()) + step).collect::<Vec<f64>>()
+        let half_step = 0.5 * f64::from(largest) / f64::from(i8::MAX);
+        row.iter().map(move |weight| f64::from(weight.abs()) + half_step).collect::<Vec<f64>>()
     };
     weights.chunks(columns.max(1)).flat_map(row).collect()
 }

@@ -79,6 +79,7 @@ fn a_network_trained_to_be_certified_is_and_still_learns_and_one_that_is_not_is_
     };
     let ((free, free_rmse), (kept, kept_rmse)) = (examine(0.0), examine(0.99));
     assert!(!free.holds(), "{free:?}");
+    // On the weights that the microcontroller runs, rounded in whichever way the export chose.
     assert!(kept.holds() && kept.recovery_steps.is_some(), "{kept:?}");
     // No function of the input alone gets below about 0.3 mm.
     assert!(kept_rmse < 0.25, "certified {kept_rmse} mm, free {free_rmse} mm");
