@@ -348,7 +348,7 @@ fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn
         let Some(chosen) = best.first() else { break };
         let gain = 1.0 - chosen.fitted.select / select;
         let deviations = rounds::deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
-        if gain < least || deviations < rounds::LEAST_DEVIATIONS {
+        if gain < least || !rounds::is_no_chance(gain, deviations) {
             break;
         }
         if round == 0 {

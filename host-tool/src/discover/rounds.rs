@@ -15,7 +15,21 @@ pub const LEAST_FURTHER_SHARE: f64 = 0.02;
 /// Least share of the remaining excess over the noise that a further effect takes away.
 pub const LEAST_FURTHER_GAIN: f64 = 0.2;
 /// Blocked deviations that an improvement must reach.
-pub const LEAST_DEVIATIONS: f64 = 3.0;
+const LEAST_DEVIATIONS: f64 = 3.0;
+/// Blocked deviations that are enough for an improvement by [`LARGE_GAIN`].
+const LEAST_DEVIATIONS_OF_LARGE: f64 = 2.0;
+/// A share of the held-out mean square that chance does not take away.
+const LARGE_GAIN: f64 = 0.3;
+
+/// Whether an improvement on the selecting samples is no chance.
+///
+/// The blocked test is blind for what happens seldom: an effect that shows in `m` of many blocks, however large, lies no more than
+/// `sqrt(m)` deviations above zero, because its own unevenness counts as scatter. A limit that only the fastest strokes reach takes away
+/// nearly everything and stays below three. Such a gain needs two deviations only.
+pub fn is_no_chance(gain: f64, deviations: f64) -> bool {
+    deviations >= if gain >= LARGE_GAIN { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
+}
+
 /// What a parameter must bring, as a share of the mean square, when effects compete.
 pub const PRICE: f64 = 0.012;
 
@@ -157,5 +171,20 @@ impl Bench<'_> {
         });
         polished.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
         polished
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{deviations, is_no_chance};
+
+    #[test]
+    fn a_large_gain_in_few_blocks_is_no_chance_and_a_small_one_is() {
+        // Ten blocks of two hundred hold nearly all of the error, and an effect takes it away.
+        let before: Vec<f64> = (0..200).map(|block| if block % 20 == 0 { 30.0 } else { 1.0 }).collect();
+        let after = vec![1.0; 200];
+        let apart = deviations(&before, &after);
+        assert!(apart > 2.0 && apart < 4.0, "{apart}");
+        assert!(is_no_chance(0.59, 2.5) && !is_no_chance(0.05, 2.5) && is_no_chance(0.05, 3.1) && !is_no_chance(0.9, 1.9));
     }
 }
