@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
 
-use crate::backend::VIRTUAL_BOARD;
+use crate::backend::{EMULATED_BOARD, VIRTUAL_BOARD};
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
     Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu, QemuConfig, TickRecord,
@@ -88,7 +88,9 @@ pub fn emulator(image: Option<&Path>) -> Result<Qemu, LinkError> {
 /// A journal's beginning, for [`connect`].
 #[must_use]
 pub fn recorder(backend: &str, seed: u64) -> Recorder {
-    Recorder::new(Header::new(backend, VIRTUAL_BOARD, format!("the all-effects rig with seed {seed}"), &FlashMemory::default()))
+    // The emulated image has a name of its own in its Hello, which a replay must give too.
+    let board = if backend == EMULATED_BOARD { EMULATED_BOARD } else { VIRTUAL_BOARD };
+    Recorder::new(Header::new(backend, board, format!("the all-effects rig with seed {seed}"), &FlashMemory::default()))
 }
 
 /// A client of the all-effects rig around a processor with an empty flash.
