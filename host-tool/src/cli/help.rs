@@ -154,7 +154,12 @@ mod tests {
         let mut pages = vec![root.join("README.md")];
         pages.extend(std::fs::read_dir(root.join("docs")).expect("the book").map(|entry| entry.expect("an entry of a folder").path()));
         let pages = pages.iter().filter(|page| page.extension().is_some_and(|ending| ending == "md"));
-        pages.map(|page| std::fs::read_to_string(page).expect("a page of the book").replace("$ catheter ", "catheter ")).collect()
+        pages.map(|page| joined(&std::fs::read_to_string(page).expect("a page of the book")).replace("$ catheter ", "catheter ")).collect()
+    }
+
+    /// Lines that a backslash at their end joins to the next, as one.
+    fn joined(text: &str) -> String {
+        text.split("\\\n").map(str::trim_start).collect::<Vec<_>>().join("")
     }
 
     #[test]
