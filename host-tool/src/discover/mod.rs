@@ -348,7 +348,9 @@ fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn
         let Some(chosen) = best.first() else { break };
         let gain = 1.0 - chosen.fitted.select / select;
         let deviations = rounds::deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
-        if gain < least || !rounds::is_no_chance(gain, deviations) {
+        // What thresholds between those of the baseline's grid leave looks like an effect too, and is not one.
+        let beyond_grid = select - chosen.fitted.select > rounds::GRID_ERROR * rounds::GRID_ERROR;
+        if gain < least || !beyond_grid || !rounds::is_no_chance(gain, deviations) {
             break;
         }
         if round == 0 {

@@ -4,13 +4,11 @@ use std::collections::BTreeMap;
 
 use super::model::Model;
 use super::noise;
+use super::rounds;
 use super::search;
 use super::session::{Role, Session};
 use super::{Discovery, Effect, Found, Residual, Verdict};
 
-/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves under the fixed thresholds of the
-/// baseline: up to 0.12 % with twenty random operators and steep noise-free recordings.
-const GRID_ERROR: f64 = 0.0015;
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
 const MOST_UNEXPLAINED: f64 = 0.12;
@@ -50,7 +48,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     };
     let (was, is) = (worked(residual_before, with_outliers), worked(&residual_after, false));
     let excess = |deviation: f64| (deviation * deviation - floor * floor).max(0.0);
-    let stands_out = is > 1.15 * floor && excess(is) > GRID_ERROR * GRID_ERROR;
+    let stands_out = is > 1.15 * floor && excess(is) > rounds::GRID_ERROR * rounds::GRID_ERROR;
     let unexplained = if was > 1.02 * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
     let mut effects: Vec<Effect> = Vec::new();
     let deviations = search::parameter_deviations(after, session, super::neighbour_correlation(session, &residual_after));
