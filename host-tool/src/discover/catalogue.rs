@@ -151,7 +151,9 @@ pub trait Form: Sync {
     /// Where it acts.
     fn place(&self) -> Place;
     /// Non-linear parameters.
-    fn parameters(&self) -> &'static [Parameter];
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
     /// Number of linear weights it adds.
     fn weights(&self) -> usize {
         0
@@ -176,8 +178,10 @@ pub trait Form: Sync {
     fn discrete(&self) -> bool {
         false
     }
-    /// Where to begin the search.
-    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>>;
+    /// Where to begin the search; without parameters there is one place only.
+    fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![]]
+    }
     /// Whether it needs the model's own output.
     fn needs_sum(&self) -> bool {
         false

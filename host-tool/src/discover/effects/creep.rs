@@ -26,18 +26,12 @@ impl Form for OfOutput {
     fn place(&self) -> Place {
         Place::Material
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
     fn weights(&self) -> usize {
         TIMES_S.len()
     }
     fn cost(&self) -> usize {
         // Weights that must not be negative are rarely all in use.
         2
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
     }
     fn needs_sum(&self) -> bool {
         true

@@ -53,14 +53,8 @@ impl Form for Curve {
     fn place(&self) -> Place {
         Place::Sensor
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
     fn weights(&self) -> usize {
         2
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
     }
     fn needs_sum(&self) -> bool {
         true

@@ -50,14 +50,8 @@ impl Form for Curve {
     fn place(&self) -> Place {
         Place::Sensor
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
     fn weights(&self) -> usize {
         3
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
     }
     fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         for power in 1..=3 {

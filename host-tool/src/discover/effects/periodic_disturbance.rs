@@ -180,14 +180,19 @@ impl Form for Beat {
         1e-4
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        for harmonic in 1..=HARMONICS {
-            let omega = 2.0 * PI * parameters[0] * harmonic as f64;
-            columns.push(true, |sample| (omega * run.session_s[sample]).sin());
-            columns.push(true, |sample| (omega * run.session_s[sample]).cos());
-        }
+        push_harmonics(parameters[0], &run.session_s, columns);
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         tell_harmonics(weights, session)
+    }
+}
+
+/// A sine and a cosine of each harmonic, at times in s.
+fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
+    for harmonic in 1..=HARMONICS {
+        let omega = 2.0 * PI * frequency_hz * harmonic as f64;
+        columns.push(true, |sample| (omega * time_s[sample]).sin());
+        columns.push(true, |sample| (omega * time_s[sample]).cos());
     }
 }
 
@@ -218,11 +223,7 @@ impl Form for Triggered {
         0.002
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        for harmonic in 1..=HARMONICS {
-            let omega = 2.0 * PI * parameters[0] * harmonic as f64;
-            columns.push(true, |sample| (omega * run.time_s[sample]).sin());
-            columns.push(true, |sample| (omega * run.time_s[sample]).cos());
-        }
+        push_harmonics(parameters[0], &run.time_s, columns);
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         tell_harmonics(weights, session)

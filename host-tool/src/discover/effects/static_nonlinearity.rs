@@ -53,14 +53,8 @@ impl Form for Displacement {
     fn place(&self) -> Place {
         Place::Material
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
     fn weights(&self) -> usize {
         2
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
     }
     fn needs_sum(&self) -> bool {
         true
@@ -88,14 +82,8 @@ impl Form for Parallel {
     fn place(&self) -> Place {
         Place::Material
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
     fn weights(&self) -> usize {
         2
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
     }
     fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| run.input[sample] * run.input[sample]);
