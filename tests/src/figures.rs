@@ -4,7 +4,7 @@ use firmware::estimator::{Estimator, EstimatorState};
 use host_tool::export::reference::Reference;
 use host_tool::network::{Activation, Mode, TrainedModel};
 use model_export::blob;
-use model_export::schema::FeatureSource;
+use model_export::schema::{FeatureSource, FrontEnd};
 
 use crate::emulator::{Task, Work};
 use crate::models::{compensation, exported, exported_with, model, network, physics_front_end, plain_front_end, smooth_input};
@@ -47,6 +47,10 @@ pub fn configurations() -> Vec<Configuration> {
         hybrid("largest", 23, 4, &[64, 64], Activation::Tanh),
         plain("1x32-window-50", both, &[32], Activation::Relu, Mode::Window { length: 50 }),
         Configuration { name: "physics", model: model(physics_front_end(SEED, 16, 3), None, Mode::Streaming) },
+        Configuration {
+            name: "physics-without-curve",
+            model: model(FrontEnd { curve: None, ..physics_front_end(SEED, 16, 3) }, None, Mode::Streaming),
+        },
     ]
 }
 

@@ -9,11 +9,13 @@ use model_export::schema::{Activation, Layer, Mode, Model};
 use super::packed::Shape;
 
 /// A step without network, operators, filters and features.
-const STEP: usize = 238;
+const STEP: usize = 174;
 /// What a network adds to that, besides its layers.
 const NETWORK: usize = 149;
 const PLAY: usize = 28;
 const CREEP: usize = 13;
+/// A bend of the readout's curve, of which the curve's own part is counted in.
+const BEND: usize = 16;
 /// A feature with its rounding; without a network there are none.
 const FEATURE: usize = 30;
 /// Glue around a layer's kernel, and a unit's share of the dense output.
@@ -28,6 +30,7 @@ pub fn step_instructions(model: &Model<'_>) -> usize {
     let front_end = &model.front_end;
     let features = front_end.features.len();
     let physics = STEP + PLAY * front_end.play_thresholds.len() + CREEP * front_end.creep_coefficients.len();
+    let physics = physics + BEND * front_end.curve.as_ref().map_or(0, |curve| curve.bends.len());
     let Some(network) = &model.network else { return physics };
     let activation = network.activation().unwrap_or(Activation::Tanh);
     let layers: usize = network.layers.iter().map(|layer| LAYER + layer_instructions(layer, activation)).sum();
