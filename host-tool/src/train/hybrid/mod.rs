@@ -2,21 +2,24 @@
 //!
 //! In order, each step judged by cross-validation over recordings: the *input path* (dead time and lag, a coarse grid, then a pattern
 //! search), the *bank* (how many operators, how wide, play or stop type), the *thresholds* (moved freely where that pays), the
-//! *creep filters* of the play sum and the *curve* that bends it. Weights are non-negative least squares on the normal equations throughout. Play type is a
-//! Prandtl-Ishlinskii sum that follows its input; stop type, `L = k v + sum e_i (v - H_i) / r_i`, is a force that saturates, and
-//! becomes play operators with negative weights.
+//! *creep filters* of the play sum and the *curve* that bends it. Play type is a Prandtl-Ishlinskii sum that follows its input; stop
+//! type, `L = k v + sum e_i (v - H_i) / r_i`, is a force that saturates, and becomes play operators with negative weights.
 
-use model_export::schema::{self, Feature, FeatureSource, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+mod candidate;
+mod stick_band;
+mod weights;
 
+use model_export::schema::{self, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+
+use self::candidate::{Candidate, Kind, assemble, coefficient, narrow};
+use self::stick_band::stick_band;
+use self::weights::{FOLDS, Fit, Samples, bent, left_out, straight};
 use super::fit::TrainError;
 use super::tracks::{Track, tracks};
-use crate::identify::nnls::{Normal, solve};
-use crate::identify::{Family, Rows, Run, fit_curve, free_thresholds, input_path};
+use crate::identify::{Family, Run, free_thresholds, input_path};
 use crate::network::Channel;
 use crate::recording::Recording;
 
-/// Most folds of the cross-validation.
-const FOLDS: usize = 8;
 /// Samples that the search for the input path looks at; longer data are thinned evenly.
 const SEARCH_SAMPLES: usize = 30_000;
 /// A more complex front end must lower the cross-validated error at least by this factor.
@@ -31,88 +34,12 @@ const CURVE_SEGMENTS: [usize; 2] = [3, 8];
 const CURVE_SAMPLES: usize = 4_000;
 /// Free thresholds of stop operators at most.
 const FREE_STOPS: usize = 4;
-/// Share of all weights that a stop operator must have to stay.
-const CARRIES: f64 = 0.01;
-/// Share of the operators' slope below which a force does not depend on where in the range it acts.
-const NO_SPRING: f64 = 0.02;
 /// Free thresholds at most.
 const FREE_OPERATORS: usize = 12;
 /// Time constants offered for creep, in s; those too short or too long for the recordings are left out.
 const CREEP_S: [f64; 3] = [0.8, 4.0, 20.0];
 
-/// What the bank is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Play,
-    Stop,
-}
-
-/// A front end being identified.
-#[derive(Clone, Debug)]
-struct Candidate {
-    dead_time_samples: f64,
-    /// Lag time constant in samples; 0 is none.
-    lag_samples: f64,
-    kind: Kind,
-    thresholds: Vec<f64>,
-    /// Creep coefficients, and the play weights that their sum is made with.
-    creep: Vec<f64>,
-    creep_sum: Vec<f64>,
-    /// Segments of the curve that bends the sum; 0 is none.
-    segments: usize,
-}
-
-/// What the training samples say about a candidate: a row of signals each.
-struct Samples {
-    /// Operators, path, creeps, constant.
-    columns: usize,
-    rows: Vec<f64>,
-    outputs: Vec<f64>,
-    /// The fold that each sample is left out with.
-    folds: Vec<usize>,
-}
-
-/// The samples of some folds: operators and path, which a curve bends.
-struct Folds<'a> {
-    samples: &'a Samples,
-    width: usize,
-    left_out: Option<usize>,
-}
-
-impl Rows for Folds<'_> {
-    fn width(&self) -> usize {
-        self.width
-    }
-
-    fn visit(&self, each: &mut dyn FnMut(&[f64], f64)) {
-        for (row, output, fold) in self.samples.iter() {
-            if self.left_out != Some(fold) {
-                each(&row[..self.width], output);
-            }
-        }
-    }
-}
-
-impl Samples {
-    fn iter(&self) -> impl Iterator<Item = (&[f64], f64, usize)> {
-        self.rows.chunks_exact(self.columns).zip(&self.outputs).zip(&self.folds).map(|((row, output), fold)| (row, *output, *fold))
-    }
-}
-
-/// A candidate's weights and how well it does.
-#[derive(Clone, Debug)]
-struct Fit {
-    weights: Vec<f64>,
-    input_weight: f64,
-    creep_weights: Vec<f64>,
-    bias: f64,
-    curve: Option<schema::Curve>,
-    /// Mean square error over the training samples.
-    in_sample: f64,
-    /// Mean square error over the folds left out; not a number where nobody judges by it.
-    left_out: f64,
-}
-
+/// What a front end is identified from.
 struct Data<'a> {
     recordings: &'a [Recording],
     parts: &'a [Vec<bool>],
@@ -178,106 +105,9 @@ pub fn front_end(
     Ok(schema::FrontEnd { stick_band, ..assemble(&best.0, &fit) })
 }
 
-/// Half-width of the stick band in output units, 0 when nothing sticks.
-///
-/// A tip that sticks gives itself away: for a good part of the time the output does not move at all, and when it moves it moves by
-/// more than the band, so that small motions are missing. A coarse analogue-to-digital converter does much the same, but its motions
-/// are whole steps, most of them the smallest.
-fn stick_band(recordings: &[Recording], parts: &[Vec<bool>]) -> f64 {
-    let mut motions = Vec::new();
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (recording, part) in recordings.iter().zip(parts) {
-        for segment in recording.segments() {
-            for index in segment.skip(1).filter(|index| part[*index]) {
-                // Only while the input moves: a rest of the rig is no sticking.
-                if recording.input[index] != recording.input[index - 1] {
-                    motions.push((recording.output[index] - recording.output[index - 1]).abs());
-                }
-                low = low.min(recording.output[index]);
-                high = high.max(recording.output[index]);
-            }
-        }
-    }
-    motions.sort_by(f64::total_cmp);
-    let count = motions.len();
-    let tolerance = 1e-6 * (high - low);
-    let resting = motions.partition_point(|motion| *motion <= tolerance);
-    let slips = &motions[resting..];
-    if count < 200 || resting < count / 10 || slips.len() < 50 {
-        return 0.0;
-    }
-    // A few small motions may come from noise or from edges of the recordings.
-    let band = slips[slips.len() / 100];
-    let smaller = slips.partition_point(|motion| *motion < 0.8 * band);
-    let steps = slips.partition_point(|motion| *motion < 1.01 * band);
-    let sticks = band > 0.002 * (high - low) && smaller * 100 < count && steps * 5 < slips.len();
-    if sticks { band } else { 0.0 }
-}
-
 fn normalised_range(channel: &Channel) -> (f64, f64) {
     let normalised = |value: f32| f64::from((value - channel.offset) / channel.scale);
     (normalised(channel.minimum), normalised(channel.maximum))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
-fn narrow(value: f64) -> f32 {
-    value as f32
-}
-
-/// Coefficient of a first-order lag of this time constant for steps of one sample (exact for a held input).
-fn coefficient(time_constant_samples: f64) -> f64 {
-    if time_constant_samples > 0.0 { -(-1.0 / time_constant_samples).exp_m1() } else { 1.0 }
-}
-
-impl Candidate {
-    /// Drops the stop operators that carry next to nothing. A force of friction has few; what a network does with the others on motions
-    /// smaller than those it was trained on is guesswork.
-    fn keep_carrying(&mut self, fit: &Fit) {
-        let total: f64 = fit.weights.iter().sum();
-        let mut carries = fit.weights.iter().map(|weight| *weight > CARRIES * total);
-        self.thresholds.retain(|_| carries.next().unwrap_or(true));
-    }
-
-    /// Drops the operators without weight, unless that is all of them; the creep filters follow the sum of the others.
-    fn drop_idle(&mut self, fit: &Fit) {
-        let carrying = self.thresholds.iter().copied().zip(fit.weights.iter().copied()).filter(|(_, weight)| *weight > 0.0);
-        let (thresholds, weights): (Vec<f64>, Vec<f64>) = carrying.unzip();
-        if !thresholds.is_empty() {
-            (self.thresholds, self.creep_sum) = (thresholds, weights);
-        }
-    }
-
-    /// The front end whose features are what the fit needs: path, plays, creeps.
-    fn probe(&self) -> schema::FrontEnd {
-        let mut front_end = self.bare();
-        let plain = |source| Feature { source, offset: 0.0, gain: 1.0 };
-        let _ = front_end.features.push(plain(FeatureSource::Path));
-        for index in 0..self.thresholds.len() {
-            let _ = front_end.features.push(plain(FeatureSource::Play(index_u8(index))));
-        }
-        for index in 0..self.creep.len() {
-            let _ = front_end.features.push(plain(FeatureSource::Creep(index_u8(index))));
-        }
-        front_end
-    }
-
-    /// Path, thresholds and creep filters, with the play weights that the creep filters are fed by.
-    fn bare(&self) -> schema::FrontEnd {
-        let weight = |index: usize| self.creep_sum.get(index).copied().unwrap_or(0.0);
-        schema::FrontEnd {
-            dead_time_samples: narrow(self.dead_time_samples),
-            lag_coefficient: narrow(coefficient(self.lag_samples)),
-            play_thresholds: self.thresholds.iter().map(|value| narrow(*value)).collect(),
-            play_weights: (0..self.thresholds.len()).map(|index| narrow(weight(index))).collect(),
-            creep_coefficients: self.creep.iter().map(|value| narrow(*value)).collect(),
-            creep_weights: self.creep.iter().map(|_| 0.0).collect(),
-            ..schema::FrontEnd::default()
-        }
-    }
-}
-
-fn index_u8(index: usize) -> u8 {
-    u8::try_from(index).unwrap_or(u8::MAX)
 }
 
 impl Data<'_> {
@@ -493,106 +323,4 @@ impl Data<'_> {
         }
         Ok(())
     }
-}
-
-/// The weights of the linear sum, by non-negative least squares.
-fn straight(candidate: &Candidate, samples: &Samples) -> Fit {
-    let (n, columns) = (candidate.thresholds.len(), samples.columns);
-    let mut folds = vec![Normal::new(columns); FOLDS];
-    for (row, output, fold) in samples.iter() {
-        folds[fold].add(row, output);
-    }
-    folds.iter_mut().for_each(Normal::complete);
-    let total = Normal::sum(&folds, columns);
-    let bounded: Vec<bool> = (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
-    let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
-    let x = solution(&total);
-    let mut left_out = 0.0;
-    for out in 0..FOLDS {
-        let rest = Normal::sum(folds.iter().enumerate().filter(|(index, _)| *index != out).map(|(_, fold)| fold), columns);
-        left_out += folds[out].residual_square(&solution(&rest));
-    }
-    let rows = total.rows as f64;
-    Fit {
-        weights: x[..n].to_vec(),
-        input_weight: x[n],
-        creep_weights: x[n + 1..columns - 1].to_vec(),
-        bias: x[columns - 1],
-        curve: None,
-        in_sample: total.residual_square(&x) / rows,
-        left_out: left_out / rows,
-    }
-}
-
-/// Where the search for weights behind a curve starts: the weights without one.
-fn start(straight: &Fit) -> Vec<f64> {
-    straight.weights.iter().copied().chain([straight.input_weight.max(0.0)]).collect()
-}
-
-/// The weights behind the best curve.
-fn bent(candidate: &Candidate, samples: &Samples, straight: &Fit) -> Fit {
-    let n = candidate.thresholds.len();
-    let all = fit_curve(&Folds { samples, width: n + 1, left_out: None }, &start(straight), candidate.segments);
-    Fit {
-        curve: all.curve.dead_zones(all.constant, 0.0, 1.0),
-        weights: all.weights[..n].to_vec(),
-        input_weight: all.weights[n],
-        creep_weights: vec![0.0; candidate.creep.len()],
-        bias: 0.0,
-        in_sample: all.squared_residual / samples.outputs.len() as f64,
-        left_out: f64::NAN,
-    }
-}
-
-/// Mean square error of a curve and its weights on the folds left out.
-fn left_out(candidate: &Candidate, samples: &Samples, straight: &Fit) -> f64 {
-    let start = start(straight);
-    let mut sum = 0.0;
-    for out in 0..FOLDS {
-        let folds = Folds { samples, width: candidate.thresholds.len() + 1, left_out: Some(out) };
-        let bent = fit_curve(&folds, &start, candidate.segments);
-        for (row, output, _) in samples.iter().filter(|(.., fold)| *fold == out) {
-            let signal: f64 = bent.weights.iter().zip(row).map(|(weight, signal)| weight * signal).sum();
-            sum += (output - bent.constant - bent.curve.at(signal)).powi(2);
-        }
-    }
-    sum / samples.outputs.len() as f64
-}
-
-/// The front end with its weights, and everything that may help the network as features.
-fn assemble(candidate: &Candidate, fit: &Fit) -> schema::FrontEnd {
-    let mut front_end = candidate.bare();
-    let (weights, input_weight): (Vec<f64>, f64) = match candidate.kind {
-        Kind::Play => (fit.weights.clone(), fit.input_weight),
-        Kind::Stop => {
-            let slopes: Vec<f64> = fit.weights.iter().zip(&candidate.thresholds).map(|(weight, threshold)| weight / threshold).collect();
-            (slopes.iter().map(|slope| -slope).collect(), fit.input_weight + slopes.iter().sum::<f64>())
-        }
-    };
-    front_end.play_weights = weights.iter().map(|value| narrow(*value)).collect();
-    front_end.input_weight = narrow(input_weight);
-    // The creep filters were fitted behind `creep_sum`, which settled on these weights.
-    front_end.creep_weights = fit.creep_weights.iter().map(|value| narrow(*value)).collect();
-    front_end.bias = narrow(fit.bias);
-    front_end.curve = fit.curve.clone();
-
-    // A friction force without a spring beside it is the same anywhere in the range: then the network must not see where it is.
-    let slope: f64 = fit.weights.iter().zip(&candidate.thresholds).map(|(weight, threshold)| weight / threshold).sum();
-    let anywhere = candidate.kind == Kind::Stop && fit.input_weight.abs() < NO_SPRING * slope;
-    let mut sources = vec![FeatureSource::InputDifference];
-    if !anywhere {
-        sources.push(FeatureSource::Input);
-    }
-    if candidate.dead_time_samples > 0.0 || candidate.lag_samples > 0.0 {
-        sources.push(FeatureSource::PathDifference);
-        if !anywhere {
-            sources.push(FeatureSource::Path);
-        }
-    }
-    sources.extend((0..candidate.thresholds.len()).map(|index| FeatureSource::Stop(index_u8(index))));
-    sources.push(FeatureSource::Readout);
-    sources.extend((0..candidate.creep.len()).map(|index| FeatureSource::Creep(index_u8(index))));
-    // Offset and gain are set from the data afterwards.
-    front_end.features = sources.into_iter().map(|source| Feature { source, offset: 0.0, gain: 1.0 }).collect();
-    front_end
 }
