@@ -29,13 +29,15 @@ pub fn fast_noise(values: &[f64]) -> f64 {
 /// and the output itself does the same: a model's mistake in a fast motion does not return at once.
 pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) -> usize {
     let mut masked = 0;
+    // A reading between two steps of the sensor flickers by one.
+    let flicker = 2.5 * session.output_step;
     for (run, residual) in session.runs.iter_mut().zip(residual) {
         let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
         // the model misses everywhere.
         let mut sizes: Vec<f64> = residual.iter().map(|value| value.abs()).collect();
         let usual = if modelled { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
-        let threshold = (7.0 * noise).max(0.02).max(usual);
+        let threshold = (7.0 * noise).max(0.02).max(usual).max(flicker);
         let output = run.output.clone();
         let samples = output.len();
         let mut sample = 1;
@@ -110,12 +112,12 @@ fn lonely(run: &mut super::session::Run, residual: &[f64], threshold: f64) -> us
             wrong.push(at);
         }
     }
-    // Longer stretches are motion that the model lacks.
+    // Longer stretches are motion that the model lacks, and what a recording begins with hangs on a past that nobody recorded.
     let mut masked = 0;
     let mut start = 0;
     while start < wrong.len() {
         let end = (start + 1..wrong.len()).find(|&next| wrong[next] != wrong[next - 1] + 1).unwrap_or(wrong.len());
-        if end - start <= LONGEST {
+        if end - start <= LONGEST && wrong[start] > LONGEST {
             for &at in &wrong[start..end] {
                 run.keep[at] = false;
                 masked += 1;

@@ -308,6 +308,10 @@ fn search_effects(
     if let Some(named) = pressure_path {
         forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
     }
+    // A sensor that reads in steps wider than its noise holds and jumps by itself: a tip that sticks could not be told from it.
+    if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
+        forms.retain(|form| form.name() != "stick-slip");
+    }
     find(&Bench { session, forms, threads: config.threads }, model, config.most_effects, watch)
 }
 

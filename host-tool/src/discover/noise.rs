@@ -7,7 +7,8 @@ use super::session::{Role, Session};
 ///
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
 /// correlation of neighbours (an AR(1) law). Without a hundred samples of rest, or where something moves during it, the fast part has to
-/// do, which misses coloured noise.
+/// do, which misses coloured noise. A sensor that reads in steps wider than its noise hides at rest what it adds in motion: a uniform
+/// error of the step's width.
 #[must_use]
 pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut sum = 0.0;
@@ -43,8 +44,10 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
         floors.sort_by(f64::total_cmp);
         floors[floors.len() / 2]
     };
+    let step = session.output_step;
+    let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
     if count < 100.0 || (slow.is_there() && (sum / count).sqrt() > 2.0 * fast()) {
-        return fast();
+        return with_step(fast().powi(2)).sqrt();
     }
     let correlation = (neighbours / sum.max(1e-30)).clamp(0.0, 0.9);
     let mean_length = lengths / stretches;
@@ -53,7 +56,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
-    (sum / freedom * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
+    with_step(sum / freedom * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
 }
 
 /// Motion during rest that is too slow for a sensor's noise: a rhythm, a hand, a valve that hunts. It must not pass for noise, or the

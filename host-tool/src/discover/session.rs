@@ -62,6 +62,8 @@ pub struct Session {
     pub input_unit: String,
     /// Unit of the output.
     pub output_unit: String,
+    /// Step of a sensor that reads in steps, over the output's span; next to nothing for one that does not.
+    pub output_step: f64,
     /// Length of the session, s.
     pub length_s: f64,
     /// Whether the recordings told their place in the session.
@@ -221,6 +223,7 @@ impl Session {
             output_scale,
             input_unit: first.input_signal.unit.clone(),
             output_unit: first.output_signal.unit.clone(),
+            output_step: usual_step(&outputs) / output_scale.abs(),
             length_s,
             has_session_time,
             fastest_per_s,
@@ -305,6 +308,13 @@ impl Session {
     pub fn count(&self, role: Role) -> usize {
         self.runs.iter().map(|run| run.role.iter().zip(&run.keep).filter(|&(&of, &keep)| keep && of == role).count()).sum()
     }
+}
+
+/// Median distance between neighbouring values that differ, of values in order: the step of whatever rounded them.
+fn usual_step(ordered: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = ordered.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Correlation of input and output over all recordings.

@@ -166,6 +166,24 @@ fn masks_spikes_and_leaves_a_true_step_alone() {
 }
 
 #[test]
+fn the_steps_of_a_coarse_sensor_are_noise_and_a_fine_one_has_none() {
+    let mut case = case(&[], SEED + 5, 0.002);
+    let fine = Session::new(&case.recordings, &[]).expect("a session");
+    assert!(fine.output_step < 1e-4, "{}", fine.output_step);
+    let step = 0.02 * fine.output_scale;
+    for value in case.recordings.iter_mut().chain(&mut case.kept_out).flat_map(|recording| &mut recording.output) {
+        *value = (*value / step).round() * step;
+    }
+    let finding = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding");
+    let found = &finding.discovery;
+    assert!((finding.session.output_step * finding.session.output_scale / step - 1.0).abs() < 1e-6);
+    // At rest the sensor reads the same over and over; the noise is what the steps do to everything that moves.
+    assert!((found.noise_floor / found.rmse_after - 1.0).abs() < 0.1, "{} is not {}", found.noise_floor, found.rmse_after);
+    assert!(found.noise_floor > 0.2 * step, "{} of {step}", found.noise_floor);
+    assert_eq!(found.verdict, Verdict::None, "{:?}", found.effects);
+}
+
+#[test]
 fn every_name_of_the_vocabulary_has_a_form_or_is_the_mask() {
     let forms = catalogue::forms();
     for name in catalogue::NAMES {
