@@ -6,10 +6,22 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Pressure, &Displacement, &Parallel];
+pub const FORMS: &[&dyn Form] = &[&Pressure, &CUBIC, &QUINTIC, &Parallel];
 
 struct Pressure;
-struct Displacement;
+/// A polynomial of the output.
+struct Displacement {
+    form: &'static str,
+    /// What the powers from the second on are called.
+    powers: &'static [&'static str],
+}
+
+static CUBIC: Displacement = Displacement { form: "curve of the output: y = s + a s^2 + b s^3", powers: &["quadratic", "cubic"] };
+/// Bends both ways at both ends, as a laser's or a joint's characteristic may.
+static QUINTIC: Displacement = Displacement {
+    form: "curve of the output: y = s + a s^2 + b s^3 + c s^4 + d s^5",
+    powers: &["quadratic", "cubic", "quartic", "quintic"],
+};
 struct Parallel;
 
 impl Form for Pressure {
@@ -48,27 +60,29 @@ impl Form for Displacement {
         "static-nonlinearity"
     }
     fn form(&self) -> &'static str {
-        "curve of the output: y = s + a s^2 + b s^3"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Material
     }
     fn weights(&self) -> usize {
-        2
+        self.powers.len()
     }
     fn needs_sum(&self) -> bool {
         true
     }
     fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
-        columns.push(true, |sample| sum[sample] * sum[sample]);
-        columns.push(true, |sample| sum[sample].powi(3));
+        for (power, _) in (2..).zip(self.powers) {
+            columns.push(true, |sample| sum[sample].powi(power));
+        }
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let unit = &session.output_unit;
-        BTreeMap::from([
-            (format!("quadratic_per_{unit}"), weights[0] / session.output_scale),
-            (format!("cubic_per_{unit}2"), weights[1] / session.output_scale.powi(2)),
-        ])
+        let of = |((exponent, power), weight): ((i32, &&str), &f64)| {
+            let per = if exponent == 1 { String::new() } else { exponent.to_string() };
+            (format!("{power}_per_{unit}{per}"), weight / session.output_scale.powi(exponent))
+        };
+        (1..).zip(self.powers).zip(weights).map(of).collect()
     }
 }
 
