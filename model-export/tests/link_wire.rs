@@ -9,6 +9,7 @@ use model_export::link::hello::{Hello, HelloError};
 use model_export::link::message::*;
 use model_export::link::settings::{INFO, SettingError, SettingValue, Settings, by_name};
 use model_export::link::state::{ResetCause, State};
+use model_export::link::trace::{MAX_PIECE_BYTES, TracePiece};
 use model_export::link::{Kind, SCHEMA_HASH, abuse};
 use proptest::prelude::*;
 
@@ -43,6 +44,8 @@ const WIRE: &[(&str, &str)] = &[
     ("request FaultRecord", "0910b4241494eb385800"),
     ("request PreviousFaultRecord", "0910b4241502db3f2f00"),
     ("request ControlReport", "0910b42416b88a36b600"),
+    ("request TraceBegin", "0910b424172eba31c100"),
+    ("request TraceEnd", "0910b42418bfa78e5100"),
     ("reply Done", "031107059286e4ad00"),
     ("reply Refused Blocked", "04110701064803d2b07f00"),
     ("reply Refused State", "0a1107010104f9eec11900"),
@@ -64,6 +67,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused Storage", "0911070111d0e805bf00"),
     ("reply Refused NoRecord", "09110701126ab90c2600"),
     ("reply Refused LogFull", "0911070113fc890b5100"),
+    ("reply Refused Traced", "09110701145f1c6fcf00"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -72,6 +76,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply FaultRecord", "17110707101f8080848008cd830604c08db701ff1ff40a0103c03f0103e8400103f0400108c03f026697992900"),
     ("reply ControlReport", "0b110708a09c01ac02280c0103803e0103e8400101063e968c5a0600"),
     ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d058994f07c00"),
+    ("trace", "0613f0a20405020107ff8061dd2f3300"),
 ];
 
 fn hello() -> Hello {
@@ -115,6 +120,8 @@ fn requests() -> std::vec::Vec<Request> {
         Request::FaultRecord,
         Request::PreviousFaultRecord,
         Request::ControlReport,
+        Request::TraceBegin,
+        Request::TraceEnd,
     ]
 }
 
@@ -140,6 +147,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::Storage,
         Refusal::NoRecord,
         Refusal::LogFull,
+        Refusal::Traced,
     ];
     let status = Status {
         state: State::Armed,
@@ -220,6 +228,10 @@ fn telemetry() -> Telemetry {
     }
 }
 
+fn trace() -> TracePiece {
+    TracePiece { offset: 70_000, bytes: Vec::from_slice(&[0, 1, 0, 255, 128]).unwrap() }
+}
+
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -243,6 +255,7 @@ fn encoded() -> std::vec::Vec<Vec<u8, MAX_WIRE>> {
     frames.extend(requests().into_iter().map(|request| RequestFrame { token: 0x1234, request }.to_wire().unwrap()));
     frames.extend(replies().into_iter().map(|reply| ReplyFrame { token: 7, reply }.to_wire().unwrap()));
     frames.push(telemetry().to_wire().unwrap());
+    frames.push(trace().to_wire().unwrap());
     frames
 }
 
@@ -277,6 +290,7 @@ fn every_message_is_postcard_as_others_see_it() {
     requests().into_iter().for_each(|request| agree(&RequestFrame { token: 0x1234, request }));
     replies().into_iter().for_each(|reply| agree(&ReplyFrame { token: 7, reply }));
     agree(&telemetry());
+    agree(&trace());
 }
 
 #[test]
@@ -291,6 +305,7 @@ fn every_recorded_frame_reads_back_as_its_message() {
         assert_eq!(ReplyFrame::from_payload(&wires.next().unwrap()), Ok(ReplyFrame { token: 7, reply }));
     }
     assert_eq!(Telemetry::from_payload(&wires.next().unwrap()), Ok(telemetry()));
+    assert_eq!(TracePiece::from_payload(&wires.next().unwrap()), Ok(trace()));
 }
 
 /// An example is missing if a variant is: these matches stop compiling when one is added.
@@ -320,10 +335,12 @@ fn every_variant_has_an_example() {
         Request::FaultRecord => 20,
         Request::PreviousFaultRecord => 21,
         Request::ControlReport => 22,
+        Request::TraceBegin => 23,
+        Request::TraceEnd => 24,
     };
     let mut numbers: std::vec::Vec<_> = requests().iter().map(request_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=22).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=24).collect::<std::vec::Vec<_>>());
     let reply_number = |reply: &Reply| match reply {
         Reply::Done => 0,
         Reply::Refused(_) => 1,
@@ -425,6 +442,7 @@ fn the_longest_messages_fit_their_frames() {
         RequestFrame { token: u16::MAX, request }.to_wire().unwrap();
     }
     ReplyFrame { token: u16::MAX, reply: Reply::Differences { entries, next_number: u16::MAX } }.to_wire().unwrap();
+    TracePiece { offset: u32::MAX, bytes: Vec::from_slice(&[0xff; MAX_PIECE_BYTES]).unwrap() }.to_wire().unwrap();
 }
 
 #[test]
@@ -549,6 +567,7 @@ proptest! {
         agree::<RequestFrame>(&body);
         agree::<ReplyFrame>(&body);
         agree::<Telemetry>(&body);
+        agree::<TracePiece>(&body);
     }
 
     #[test]

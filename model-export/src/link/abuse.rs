@@ -9,6 +9,7 @@ use heapless::Vec;
 use super::frame::{self, Decoder, MAX_PAYLOAD, Wire};
 use super::hello::Hello;
 use super::message::{Message, PlaybackChunk, Reply, ReplyFrame, Request, RequestFrame, Status, Telemetry};
+use super::trace::TracePiece;
 
 /// Steps of a script that are carried out; more are ignored.
 pub const MAX_STEPS: usize = 64;
@@ -48,7 +49,7 @@ pub fn carry_out(script: &[u8]) -> Account {
 /// One of the sound payloads.
 fn example(which: u8) -> Payload {
     let request = |request| RequestFrame { token: u16::from(which), request }.to_wire();
-    let wire = match which % 6 {
+    let wire = match which % 7 {
         0 => request(Request::Vent),
         1 => request(Request::ModelChunk { offset: 512, bytes: (0..=u8::MAX).collect() }),
         2 => {
@@ -60,6 +61,7 @@ fn example(which: u8) -> Payload {
             ReplyFrame { token: 300, reply: Reply::Status(status) }.to_wire()
         }
         4 => Telemetry { time_ms: 1 << 40, estimate_mm: Some(f32::from(which)), output_ubar: -1, ..Telemetry::default() }.to_wire(),
+        5 => TracePiece { offset: u32::MAX, bytes: (0..which).collect() }.to_wire(),
         _ => Ok(frame::encode(&[super::Kind::HelloRequest.byte(), which]).unwrap_or_default()),
     };
     let mut decoder = Decoder::new();
@@ -123,8 +125,10 @@ impl Line {
                     assert!(sent.iter().any(|sent| sent == payload), "nobody sent {payload:02x?}");
                     account.accepted += 1;
                     let hello = payload.first() == Some(&super::Kind::HelloRequest.byte()) || Hello::decode(payload).is_ok();
-                    let understood =
-                        understand::<RequestFrame>(payload) | understand::<ReplyFrame>(payload) | understand::<Telemetry>(payload);
+                    let understood = understand::<RequestFrame>(payload)
+                        | understand::<ReplyFrame>(payload)
+                        | understand::<Telemetry>(payload)
+                        | understand::<TracePiece>(payload);
                     account.understood += u32::from(hello | understood);
                 }
             }

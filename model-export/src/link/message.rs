@@ -133,6 +133,26 @@ pub enum Request {
     PreviousFaultRecord,
     /// What the controllers did since the start of the run.
     ControlReport,
+    /// Begin again, as after a start, and tell every tick from then on ([`super::trace`]); refused unless idle and vented. The answer is the status
+    /// just before.
+    TraceBegin,
+    /// Tell no more ticks.
+    TraceEnd,
+}
+
+impl Request {
+    /// Whether it may bring in what a trace does not tell: another model, or settings that only the device has.
+    pub const fn is_beyond_a_trace(&self) -> bool {
+        matches!(
+            self,
+            Self::ModelBegin { .. }
+                | Self::ModelChunk { .. }
+                | Self::ModelFinish
+                | Self::ModelActivate
+                | Self::ModelRollback
+                | Self::SettingsRevert(Baseline::Saved)
+        )
+    }
 }
 
 /// A request with its token.
@@ -189,6 +209,8 @@ pub enum Refusal {
     NoRecord,
     /// The slot has been activated too often to be activated again: upload the model again.
     LogFull,
+    /// Not while a trace runs.
+    Traced,
 }
 
 /// Entry of a settings page.
@@ -487,6 +509,8 @@ wire_enum!(Request {
     20 FaultRecord,
     21 PreviousFaultRecord,
     22 ControlReport,
+    23 TraceBegin,
+    24 TraceEnd,
 });
 wire_struct!(RequestFrame { token, request });
 wire_enum!(Refusal {
@@ -510,6 +534,7 @@ wire_enum!(Refusal {
     17 Storage,
     18 NoRecord,
     19 LogFull,
+    20 Traced,
 });
 wire_struct!(SettingDifference { number, in_use, baseline });
 wire_struct!(Status {

@@ -19,6 +19,7 @@ pub mod hello;
 pub mod message;
 pub mod settings;
 pub mod state;
+pub mod trace;
 
 /// Version of all postcard messages; raised whenever an existing message changes its bytes.
 pub const PROTOCOL: u16 = 1;
@@ -28,7 +29,7 @@ pub const PROTOCOL: u16 = 1;
 pub const LINE_BAUD: u32 = 921_600;
 
 /// CRC-32 over one example frame of every message, in the order of `tests/link_wire.rs`, which recomputes it.
-pub const SCHEMA_HASH: u32 = 0xd97e_cfd4;
+pub const SCHEMA_HASH: u32 = 0x0892_2836;
 
 /// First byte of every payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +45,8 @@ pub enum Kind {
     Reply,
     /// Device to host, unsolicited: [`message::Telemetry`].
     Telemetry,
+    /// Device to host, while a trace runs: [`trace::TracePiece`].
+    Trace,
 }
 
 impl Kind {
@@ -55,6 +58,7 @@ impl Kind {
             Self::Request => 0x10,
             Self::Reply => 0x11,
             Self::Telemetry => 0x12,
+            Self::Trace => 0x13,
         }
     }
 
@@ -66,6 +70,7 @@ impl Kind {
             0x10 => Some(Self::Request),
             0x11 => Some(Self::Reply),
             0x12 => Some(Self::Telemetry),
+            0x13 => Some(Self::Trace),
             _ => None,
         }
     }
@@ -83,6 +88,7 @@ pub fn parse_anything(bytes: &[u8]) -> usize {
             understood += usize::from(message::RequestFrame::from_payload(payload).is_ok());
             understood += usize::from(message::ReplyFrame::from_payload(payload).is_ok());
             understood += usize::from(message::Telemetry::from_payload(payload).is_ok());
+            understood += usize::from(trace::TracePiece::from_payload(payload).is_ok());
         }
     }
     understood
