@@ -4,7 +4,7 @@
 //! not wanted both run here, one after the other, the background exactly once after each tick: in the emulator's image, in the simulated rig of
 //! the host tool, and in the replay of a recording. Equal inputs give equal outputs, to the bit, on every processor.
 //!
-//! Order within a [`Device::tick`]: tick, self-test if it is wanted, answers and telemetry to the link, frames to the line. Bytes that came
+//! Order within a [`Device::tick`]: tick, self-test if it is wanted, trace, answers and telemetry to the link, frames to the line. Bytes that came
 //! from the host before the tick ([`Device::receive`]) have queued their commands by then, one of which the tick takes.
 
 pub mod exchange;
@@ -168,6 +168,11 @@ impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
     }
 
     fn follow(&mut self, outputs: &TickOutputs) {
+        if let Some(record) = &outputs.trace
+            && !self.background.link_mut().trace_record(record)
+        {
+            self.rig.end_trace();
+        }
         self.beat = self.beat.wrapping_add(1);
         if outputs.self_test_wanted && !self.tests_itself {
             self.background.want_self_test();

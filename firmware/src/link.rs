@@ -30,6 +30,7 @@ use model_export::link::message::{
 };
 use model_export::link::settings::{SettingError, Settings};
 use model_export::link::state::{ResetCause, State};
+use model_export::link::trace::{MAX_PIECE_BYTES, MAX_RECORD_BYTES, TracePiece, TraceRecord};
 use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 use model_export::wire::{Reader, Wire as _};
 
@@ -44,6 +45,8 @@ use crate::tick::{Action, Answer, Command, RigFacts, TickConfig};
 pub const REPLY_QUEUE: usize = 4;
 /// Telemetry samples waiting for the line.
 pub const TELEMETRY_QUEUE: usize = 8;
+/// Bytes of a trace that wait for more before they go: half a piece, so that the frames around them cost little.
+const TRACE_PIECE_BYTES: usize = 128;
 
 /// Where commands for the tick go: on a board a queue of a few places.
 pub trait CommandSink {
@@ -96,6 +99,7 @@ pub struct LinkBuffers {
     wire: Wire,
     replies: Deque<ReplyFrame, REPLY_QUEUE>,
     telemetry: Deque<Telemetry, TELEMETRY_QUEUE>,
+    trace: TracePiece,
 }
 
 impl LinkBuffers {
@@ -107,6 +111,7 @@ impl LinkBuffers {
             wire: Wire::new(),
             replies: Deque::new(),
             telemetry: Deque::new(),
+            trace: TracePiece { offset: 0, bytes: Vec::new() },
         }
     }
 
@@ -145,6 +150,18 @@ struct Desk<S, M> {
     measured: Measured,
     damaged_frames: u32,
     telemetry_dropped: u32,
+    trace: TraceProgress,
+}
+
+/// How far a trace is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TraceProgress {
+    /// None runs; what is left of the last one goes at once.
+    Off,
+    /// The tick was asked for one by the request with this token.
+    Asked(u16),
+    /// One runs.
+    On,
 }
 
 impl<S: Flash, M: Flash> Link<S, M> {
@@ -284,15 +301,40 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         self.desk.telemetry_dropped = self.desk.telemetry_dropped.saturating_add(samples);
     }
 
-    /// The next frame for the line: Hello, then replies, then telemetry.
+    /// Bytes of a trace that there is room for.
+    pub fn trace_room(&mut self) -> usize {
+        MAX_PIECE_BYTES.saturating_sub(self.buffers.borrow_mut().trace.bytes.len())
+    }
+
+    /// Takes a byte of the trace, for which there is room.
+    pub fn trace(&mut self, byte: u8) {
+        let _ = self.buffers.borrow_mut().trace.bytes.push(byte);
+    }
+
+    /// Takes a record of the trace; `false` if there is no room and the trace must end.
+    #[must_use]
+    pub fn trace_record(&mut self, record: &TraceRecord) -> bool {
+        let mut place = [0; MAX_RECORD_BYTES];
+        let encoded = record.encode(self.trace_room(), &mut place);
+        place.iter().take(encoded.length).for_each(|byte| self.trace(*byte));
+        !encoded.overflowed
+    }
+
+    /// The next frame for the line: Hello, then replies, then the trace, then telemetry.
     pub fn transmit(&mut self) -> Option<&[u8]> {
-        let LinkBuffers { wire, replies, telemetry, .. } = self.buffers.borrow_mut();
+        let LinkBuffers { wire, replies, telemetry, trace, .. } = self.buffers.borrow_mut();
+        let enough = if self.desk.trace == TraceProgress::Off { 1 } else { TRACE_PIECE_BYTES };
         // Every message fits its frame; a test holds that.
         if core::mem::take(&mut self.hello_wanted) {
             frame::encode_into(wire, &self.desk.hello().encode()).ok()?;
         } else if let Some(reply) = replies.front() {
             let encoded = reply.encode_into(wire);
             let _ = replies.pop_front();
+            encoded.ok()?;
+        } else if trace.bytes.len() >= enough {
+            let encoded = trace.encode_into(wire);
+            trace.offset = trace.offset.wrapping_add(u32::try_from(trace.bytes.len()).unwrap_or(0));
+            trace.bytes.clear();
             encoded.ok()?;
         } else {
             let encoded = telemetry.front()?.encode_into(wire);
@@ -334,6 +376,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             measured: Measured::default(),
             damaged_frames: 0,
             telemetry_dropped: 0,
+            trace: TraceProgress::Off,
         }
     }
 
@@ -354,6 +397,9 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         if self.proposal.take_if(|proposal| *proposal == token).is_some() && matches!(reply, Reply::Done) {
             self.settings.clone_from(&self.proposed);
         }
+        if self.trace == TraceProgress::Asked(token) {
+            self.trace = if matches!(reply, Reply::Status(_)) { TraceProgress::On } else { TraceProgress::Off };
+        }
         if let Reply::Status(status) = reply {
             status.longest_tick_cycles = self.measured.longest_tick_cycles;
             status.stack_unused_bytes = self.measured.stack_unused_bytes;
@@ -364,6 +410,9 @@ impl<S: Flash, M: Flash> Desk<S, M> {
     }
 
     fn request(&mut self, token: u16, request: &Request, commands: &mut impl CommandSink) -> Outcome {
+        if self.trace != TraceProgress::Off && request.is_beyond_a_trace() {
+            return Outcome::Done(Err(Refusal::Traced));
+        }
         match request {
             Request::Status => self.send(token, Action::Status, commands),
             Request::Arm => self.send(token, Action::Request(supervisor::Event::Arm), commands),
@@ -381,6 +430,17 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             Request::PlaybackClear => self.send(token, Action::PlaybackClear, commands),
             Request::FaultRecord => self.send(token, Action::FaultRecord, commands),
             Request::ControlReport => self.send(token, Action::ControlReport, commands),
+            Request::TraceBegin => {
+                let outcome = self.send(token, Action::TraceBegin, commands);
+                if matches!(outcome, Outcome::Sent) && self.trace == TraceProgress::Off {
+                    self.trace = TraceProgress::Asked(token);
+                }
+                outcome
+            }
+            Request::TraceEnd => {
+                self.trace = TraceProgress::Off;
+                self.send(token, Action::TraceEnd, commands)
+            }
             Request::PreviousFaultRecord => {
                 Outcome::Reply(self.config.previous_record.map_or(Reply::Refused(Refusal::NoRecord), Reply::FaultRecord))
             }

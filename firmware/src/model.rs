@@ -138,6 +138,10 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Model
         self.companion.reset();
     }
 
+    fn is_present(&self) -> bool {
+        self.is_ready
+    }
+
     fn direction(&self) -> Direction {
         if self.is_ready { self.companion.direction } else { Direction::Estimator }
     }

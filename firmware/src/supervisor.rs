@@ -230,6 +230,13 @@ impl SupervisorState {
         blockers
     }
 
+    /// As after a start, but with a vent that must be seen to work: nothing that was watched goes unwatched. Only for a vented state without a
+    /// fault.
+    pub(crate) fn begin_again(&mut self) {
+        *self = Self::default();
+        self.enter(Boot, true);
+    }
+
     fn enter(&mut self, next: State, begin_vent: bool) {
         if begin_vent {
             self.vent = Vent::Watching;

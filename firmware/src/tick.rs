@@ -26,12 +26,15 @@
 //!
 //! The watchdog's period must stay below 50 ms while [`TickOutputs::energised`]; while vented it may be longer than a flash erase.
 
+mod trace;
+
 use core::num::NonZeroU16;
 
 use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet, Notice, NoticeSet};
 use model_export::link::message::{FaultRecord, Refusal, Reply, Status, Telemetry};
 use model_export::link::settings::Settings;
 use model_export::link::state::{ResetCause, State};
+use model_export::link::trace::TraceRecord;
 
 use crate::calibration::{CalibrationConfig, ConverterConfig};
 use crate::control::{
@@ -44,6 +47,9 @@ use crate::number::MicroBar;
 use crate::plausibility::{Follower, FollowerConfig, FollowerState, Rejection, Sensor, SensorConfig, SensorState, Verdict};
 use crate::seam::RawSample;
 use crate::supervisor::{Decision, Event, Observation, Supervisor, SupervisorConfig, SupervisorState};
+
+pub use trace::Origin;
+use trace::{Taken, Tracing};
 
 /// Ticks in a second.
 pub const TICKS_PER_S: f32 = 1000.0;
@@ -95,6 +101,9 @@ pub trait ModelStep {
     /// Forgets everything: the next step starts from its equilibrium.
     fn reset(&mut self);
 
+    /// Whether there is one.
+    fn is_present(&self) -> bool;
+
     /// Which way it runs.
     fn direction(&self) -> Direction {
         Direction::Estimator
@@ -121,6 +130,10 @@ impl ModelStep for NoModel {
     }
 
     fn reset(&mut self) {}
+
+    fn is_present(&self) -> bool {
+        false
+    }
 }
 
 /// What the background wants from the tick.
@@ -158,6 +171,10 @@ pub enum Action {
     FaultRecord,
     /// Tell what the controllers did.
     ControlReport,
+    /// Begin again and tell every tick from the next one on; refused unless idle and vented.
+    TraceBegin,
+    /// Tell no more ticks.
+    TraceEnd,
 }
 
 /// Answer to a command that carried a token.
@@ -221,6 +238,8 @@ pub struct TickOutputs {
     pub answer: Option<Answer>,
     /// A sample for the host.
     pub telemetry: Option<Telemetry>,
+    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`].
+    pub trace: Option<TraceRecord>,
 }
 
 /// The settings and the board's facts, before they are built.
@@ -436,6 +455,7 @@ pub struct TickState {
     telemetry_sequence: u32,
     telemetry_countdown: u16,
     reset_cause: ResetCause,
+    tracing: Tracing,
 }
 
 impl TickState {
@@ -472,6 +492,7 @@ impl TickState {
             telemetry_sequence: 0,
             telemetry_countdown: tick.telemetry_period_ticks,
             reset_cause: boot.reset_cause,
+            tracing: Tracing::Off,
         }
     }
 
@@ -518,6 +539,7 @@ struct Pending {
     reply: Option<Reply>,
     wants_status: bool,
     wants_record: bool,
+    wants_trace: bool,
     faults: FaultSet,
 }
 
@@ -561,6 +583,7 @@ impl Rig {
     /// # Deadline
     /// 1 ms, of which the model's step takes most. No loop depends on data except over the features and units of the model.
     pub fn tick(&mut self, model: &mut impl ModelStep, inputs: TickInputs) -> TickOutputs {
+        let taken = Taken::new(&self.state, &inputs, model);
         let TickInputs { sample, emergency_stop, overran, lost_ticks, background_beat, vent, command, telemetry_dropped } = inputs;
         let elapsed = lost_ticks.saturating_add(1);
         self.state.notices = NoticeSet::EMPTY;
@@ -627,9 +650,11 @@ impl Rig {
         self.state.limited = !limited.notices.is_empty();
         self.follow_state(model, decision, window_begins);
 
+        // With everything known that this tick brought.
+        let begins_again = pending.wants_trace && self.state.supervisor.blockers(BlockerSet::EMPTY).is_empty();
         let answer = self.answer(pending, &observation, &decision);
         let telemetry = self.telemetry(sample, output, telemetry_dropped);
-        TickOutputs {
+        let mut outputs = TickOutputs {
             energised: decision.energised,
             valve_share: self.tick.valve_share(output),
             output,
@@ -639,7 +664,13 @@ impl Rig {
             record_changed: decision.record_changed,
             answer,
             telemetry,
+            trace: None,
+        };
+        outputs.trace = self.record(taken, &outputs);
+        if begins_again {
+            self.begin_again(model);
         }
+        outputs
     }
 
     /// Time, lateness and the background's life.
@@ -727,6 +758,14 @@ impl Rig {
             Action::Raise(fault) => pending.faults.insert(fault),
             Action::Status => pending.wants_status = true,
             Action::FaultRecord => pending.wants_record = true,
+            Action::TraceBegin if self.state.tracing == Tracing::Off => pending.wants_trace = true,
+            Action::TraceBegin => pending.reply = Some(Reply::Refused(Refusal::Traced)),
+            Action::TraceEnd => {
+                if self.state.tracing != Tracing::Off {
+                    self.state.tracing = Tracing::Ending;
+                }
+                pending.reply = Some(Reply::Done);
+            }
             Action::ControlReport => pending.reply = Some(Reply::ControlReport(*self.state.controller.tracking.report())),
         }
         pending
@@ -908,7 +947,10 @@ impl Rig {
 
     fn answer(&self, pending: Pending, observation: &Observation, decision: &Decision) -> Option<Answer> {
         let token = pending.token?;
-        let reply = if pending.wants_status {
+        let blockers = self.state.supervisor.blockers(BlockerSet::EMPTY);
+        let reply = if pending.wants_trace && !blockers.is_empty() {
+            Reply::Refused(Refusal::Blocked(blockers))
+        } else if pending.wants_status || pending.wants_trace {
             Reply::Status(self.status(observation.arm_blockers))
         } else if pending.wants_record {
             let record = *self.state.supervisor.record();

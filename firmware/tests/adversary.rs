@@ -25,6 +25,10 @@ impl ModelStep for Liar {
     }
 
     fn reset(&mut self) {}
+
+    fn is_present(&self) -> bool {
+        true
+    }
 }
 
 fn garbage() -> impl Strategy<Value = f32> {

@@ -67,7 +67,7 @@ mod image {
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
         use firmware::board::chip::{BoardTask, clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
         use firmware::board::clock::Source;
-        use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue};
+        use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
         use firmware::board::flash::InternalFlash;
         use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
@@ -105,6 +105,7 @@ mod image {
             commands: CommandQueue = CommandQueue::new(),
             answers: AnswerQueue = AnswerQueue::new(),
             telemetry: TelemetryQueue = TelemetryQueue::new(),
+            trace: TraceQueue = TraceQueue::new(),
             receive: ReceiveQueue = ReceiveQueue::new(),
             transmit: TransmitQueue = TransmitQueue::new(),
             model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
@@ -160,7 +161,8 @@ mod image {
             let (commands_in, commands_out) = context.local.commands.split();
             let (answers_in, answers_out) = context.local.answers.split();
             let (telemetry_in, telemetry_out) = context.local.telemetry.split();
-            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out };
+            let (trace_in, trace_out) = context.local.trace.split();
+            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
             let background = in_place(context.local.background_home, || {
                 let link = Link::with_buffers(
                     LinkConfig {
@@ -188,7 +190,7 @@ mod image {
                 // SAFETY: the only one.
                 keeper: unsafe { crash::Keeper::new() },
             };
-            let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in };
+            let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
             let contents = in_place(context.local.model_contents, Model::default);
             let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
             let settings = background.link().settings();

@@ -53,6 +53,8 @@ pub struct BackgroundQueues<'q> {
     pub answers: Consumer<'q, Answer>,
     /// Its telemetry.
     pub telemetry: Consumer<'q, Telemetry>,
+    /// The trace of its ticks.
+    pub trace: Consumer<'q, u8>,
 }
 
 struct Sink<'a, 'q> {
@@ -130,6 +132,14 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
         while let Some(sample) = self.queues.telemetry.dequeue() {
             self.background.link_mut().telemetry(sample);
         }
+        let link = self.background.link_mut();
+        let mut taken = 0;
+        for _ in 0..link.trace_room() {
+            let Some(byte) = self.queues.trace.dequeue() else { break };
+            link.trace(byte);
+            taken += 1;
+        }
+        self.exchange.take_trace(taken);
     }
 
     #[inline(never)]

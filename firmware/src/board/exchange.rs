@@ -14,6 +14,10 @@ pub type CommandQueue = Queue<Command, 5>;
 pub type AnswerQueue = Queue<Answer, 5>;
 /// Telemetry samples on their way to the link, which has a queue of its own.
 pub type TelemetryQueue = Queue<Telemetry, 4>;
+/// Bytes of a trace on their way to the link: a tenth of a second, for which a self-test may keep the background busy.
+pub type TraceQueue = Queue<u8, TRACE_QUEUE_BYTES>;
+/// Places of [`TraceQueue`], of which one stays free.
+pub const TRACE_QUEUE_BYTES: usize = 1024;
 
 /// Takes the oldest item.
 ///
@@ -47,6 +51,7 @@ pub struct Exchange {
     longest_tick_cycles: AtomicU32,
     periods: AtomicU32,
     ticks: AtomicU32,
+    trace_taken: AtomicU32,
 }
 
 impl Exchange {
@@ -61,7 +66,18 @@ impl Exchange {
             longest_tick_cycles: AtomicU32::new(0),
             periods: AtomicU32::new(0),
             ticks: AtomicU32::new(0),
+            trace_taken: AtomicU32::new(0),
         }
+    }
+
+    /// Counts bytes that the link has taken out of the trace's queue.
+    pub fn take_trace(&self, bytes: u32) {
+        self.trace_taken.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// Bytes taken out of the trace's queue so far; wraps.
+    pub fn trace_taken(&self) -> u32 {
+        self.trace_taken.load(Ordering::Relaxed)
     }
 
     /// Wants the next tick to vent.

@@ -6,8 +6,9 @@
 use embedded_hal::digital::{InputPin, OutputPin};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::message::Telemetry;
+use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
-use super::exchange::{self, Exchange};
+use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::retain::{Retained, SEALED_BYTES};
@@ -55,6 +56,8 @@ pub struct TickQueues<'q> {
     pub answers: Producer<'q, Answer>,
     /// Telemetry to it.
     pub telemetry: Producer<'q, Telemetry>,
+    /// The trace to it.
+    pub trace: Producer<'q, u8>,
 }
 
 /// The rig in its task.
@@ -67,17 +70,35 @@ pub struct TickTask<'q, H> {
     cycles_per_tick: u32,
     overran: bool,
     tests_itself: bool,
+    trace_put: u32,
 }
 
 impl<'q, H> TickTask<'q, H> {
     /// A task that has not run yet. `cycles_per_tick` is the deadline.
     pub fn new(rig: Rig, hands: H, queues: TickQueues<'q>, exchange: &'q Exchange, cycles_per_tick: u32) -> Self {
-        Self { rig, hands, queues, exchange, clock: PeriodClock::default(), cycles_per_tick, overran: false, tests_itself: false }
+        Self { rig, hands, queues, exchange, clock: PeriodClock::default(), cycles_per_tick, overran: false, tests_itself: false, trace_put: 0 }
     }
 
     /// The rig.
     pub fn rig(&self) -> &Rig {
         &self.rig
+    }
+
+    /// Puts a record on its way; ends the trace where it does not fit.
+    #[inline(never)]
+    fn trace(&mut self, record: &TraceRecord) {
+        let under_way = self.trace_put.wrapping_sub(self.exchange.trace_taken());
+        let room = (TRACE_QUEUE_BYTES - 1).saturating_sub(usize::try_from(under_way).unwrap_or(usize::MAX));
+        let mut place = [0; MAX_RECORD_BYTES];
+        let encoded = record.encode(room, &mut place);
+        for byte in place.iter().take(encoded.length) {
+            // There is room for all of it.
+            let _ = exchange::put(&mut self.queues.trace, *byte);
+            self.trace_put = self.trace_put.wrapping_add(1);
+        }
+        if encoded.overflowed {
+            self.rig.end_trace();
+        }
     }
 
     /// What the tick's hands are on.
@@ -135,6 +156,10 @@ where
             self.exchange.ask_for_self_test();
         }
         self.tests_itself = outputs.self_test_wanted;
+        // Before the answer that ends a trace: the background then finds all of it.
+        if let Some(record) = &outputs.trace {
+            self.trace(record);
+        }
         if let Some(answer) = outputs.answer {
             // The place was seen to be free above.
             let _ = exchange::put(&mut self.queues.answers, answer);

@@ -126,7 +126,7 @@ impl CompensatorState {
         let Self { actuator, plain_mm, means, rate_bar_per_s, smooth_bar, started, modelled } = self;
         actuator.clear();
         plain_mm.fill(0.0);
-        means.iter_mut().for_each(|mean| mean.values.fill(0.0));
+        *means = [Mean::at(0.0); 3];
         (*rate_bar_per_s, *smooth_bar, *started) = (0.0, 0.0, false);
         modelled.means_mm.fill(0.0);
         (modelled.sum_mm, modelled.ticks) = (0.0, 0);

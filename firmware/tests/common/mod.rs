@@ -133,6 +133,10 @@ impl ModelStep for ExactModel {
     fn reset(&mut self) {
         self.play_bar = 0.0;
     }
+
+    fn is_present(&self) -> bool {
+        true
+    }
 }
 
 /// Rig, plant and host together.

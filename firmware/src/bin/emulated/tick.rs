@@ -39,6 +39,10 @@ impl<K: Kernel> ModelStep for Observed<'_, K> {
         self.model.reset();
     }
 
+    fn is_present(&self) -> bool {
+        self.model.is_present()
+    }
+
     fn direction(&self) -> Direction {
         self.model.direction()
     }

@@ -38,6 +38,10 @@ impl ModelStep for Buffer {
         self.running.reset();
     }
 
+    fn is_present(&self) -> bool {
+        self.running.is_present()
+    }
+
     fn direction(&self) -> Direction {
         self.running.direction()
     }

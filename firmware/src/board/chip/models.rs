@@ -42,6 +42,10 @@ impl ModelStep for Tenant {
         }
     }
 
+    fn is_present(&self) -> bool {
+        self.0.as_ref().is_some_and(|model| model.is_present())
+    }
+
     fn direction(&self) -> Direction {
         self.0.as_ref().map_or(Direction::Estimator, |model| model.direction())
     }
