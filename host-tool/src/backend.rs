@@ -111,7 +111,7 @@ impl Rig {
         !matches!(self, Self::Serial(_))
     }
 
-    /// What went into it so far, tick by tick; a board keeps no journal.
+    /// What went into it so far, tick by tick; a board is asked for its journal over the link.
     #[must_use]
     pub fn journal(&self) -> Option<&Journal> {
         match self {

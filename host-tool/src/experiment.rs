@@ -16,6 +16,7 @@ use model_export::link::settings::{SettingValue, by_name};
 use model_export::link::state::State;
 
 use crate::excitation::{ExcitationConfig, Limits};
+use crate::journal::{Journal, Tracing};
 use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
 use crate::output;
 use crate::recording::{ExtraColumn, Recording, Signal};
@@ -38,6 +39,17 @@ pub struct Outcome {
     pub fault: Option<FaultRecord>,
     /// Points of the excitation.
     pub points: usize,
+    /// What the device told of its ticks, if that was wanted.
+    pub journal: Option<Journal>,
+}
+
+/// A journal that is wanted over the link.
+#[derive(Clone, Copy, Debug)]
+pub struct OverTheLink<'a> {
+    /// Name of the backend, for the journal.
+    pub backend: &'a str,
+    /// The model in use, if there is one.
+    pub blob: Option<&'a [u8]>,
 }
 
 /// Asks for the status.
@@ -68,7 +80,7 @@ fn wait(rig: &mut Client<impl Transport>, what: &str, reached: impl Fn(&Status) 
             return Ok(status);
         }
         ensure!(rig.elapsed() < until, "the device waits in the state `{}` and does not reach {what}", state_name(status.state));
-        pass(rig, Duration::from_millis(20))?;
+        rig.listen_for(Duration::from_millis(20))?;
     }
 }
 
@@ -99,15 +111,6 @@ pub fn upload(rig: &mut Client<impl Transport>, bytes: &[u8], each: &mut dyn FnM
 pub fn settle_after_change(rig: &mut Client<impl Transport>) -> Result<Status> {
     rig.listen(Duration::from_millis(5))?;
     settle(rig)
-}
-
-/// Lets time pass while listening.
-pub(crate) fn pass(rig: &mut Client<impl Transport>, time: Duration) -> Result<(), LinkError> {
-    let until = rig.elapsed() + time;
-    while rig.elapsed() < until {
-        rig.listen(until - rig.elapsed())?;
-    }
-    Ok(())
 }
 
 /// Reads a setting by name.
@@ -153,8 +156,13 @@ fn period_ms(excitation: &ExcitationConfig) -> Result<u32> {
 /// A fault on the way ends the experiment and is part of the outcome.
 ///
 /// # Errors
-/// When the excitation does not fit the rig, the rig is not ready, or the device is gone.
-pub fn record(rig: &mut Client<impl Transport>, excitation: &ExcitationConfig, limits: &Limits) -> Result<Outcome> {
+/// When the excitation does not fit the rig, the rig is not ready, the journal cannot be had, or the device is gone.
+pub fn record(
+    rig: &mut Client<impl Transport>,
+    excitation: &ExcitationConfig,
+    limits: &Limits,
+    journal: Option<OverTheLink<'_>>,
+) -> Result<Outcome> {
     let ready = settle(rig)?;
     if ready.state != State::Idle {
         bail!(
@@ -174,13 +182,22 @@ pub fn record(rig: &mut Client<impl Transport>, excitation: &ExcitationConfig, l
         ("telemetry.period_ms", SettingValue::Integer(period_ms)),
     ];
     let changed = borrow_settings(rig, &wanted)?;
-    let outcome = play(rig, &points, Duration::from_millis(period_ms.into()));
+    let outcome = play_for(rig, &points, Duration::from_millis(period_ms.into()), journal);
     // Whatever happened: out of the energised states, and the settings back.
     let _ = rig.ask(&Request::Disarm);
     for (number, value) in changed {
         rig.command(&Request::SettingSet { number, value }).context("the settings cannot be set back")?;
     }
     outcome
+}
+
+/// As [`play`], with the journal that is wanted.
+fn play_for(rig: &mut Client<impl Transport>, points: &[f32], period: Duration, journal: Option<OverTheLink<'_>>) -> Result<Outcome> {
+    let Some(OverTheLink { backend, blob }) = journal else { return play(rig, points, period) };
+    let tracing = Tracing::begin(rig, backend, blob)?;
+    let played = play(rig, points, period);
+    let journal = Some(tracing.end(rig));
+    played.map(|outcome| Outcome { journal, ..outcome })
 }
 
 /// Sends points ahead, starts, and listens until the end.
@@ -199,7 +216,7 @@ fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> R
     let bar = output::progress(feed.length().into(), "recording");
     let length = period * feed.length();
     let until = rig.elapsed() + length + PATIENCE;
-    let mut outcome = Outcome { samples: Vec::new(), account: Account::default(), fault: None, points: points.len() };
+    let mut outcome = Outcome { samples: Vec::new(), account: Account::default(), fault: None, points: points.len(), journal: None };
     let mut waiting = None;
     let mut last_sent = rig.elapsed();
     let (mut started, mut ended) = (false, false);

@@ -145,7 +145,7 @@ fn built_in(seconds: f64) -> Result<ExcitationConfig> {
 /// The experiment on one of the two.
 fn experiment_on(rig: Rig, excitation: &ExcitationConfig) -> Result<(Journal, experiment::Outcome)> {
     let mut client = Client::connect(rig)?;
-    let outcome = experiment::record(&mut client, excitation, &Limits::default())?;
+    let outcome = experiment::record(&mut client, excitation, &Limits::default(), None)?;
     let rig = client.into_transport();
     let journal = rig.journal().context("a simulated rig keeps a journal")?.clone();
     Ok((journal, outcome))

@@ -26,6 +26,7 @@ pub struct Arguments {
 #[derive(Serialize)]
 struct Written<'a> {
     identical: bool,
+    complete: bool,
     program: &'a str,
     backend: &'a str,
     blob_sha256: Option<String>,
@@ -48,6 +49,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         told.duration_s
     );
     let identical = told.replay.is_identical();
+    let cut = told.replay.cut;
     let header = &journal.header;
     let blob_sha256 = header.blob_sha256();
     say!("{}: {:.3} s on the backend `{}`, written by catheter {}", path.display(), told.duration_s, header.backend, header.program);
@@ -62,6 +64,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             difference.replayed
         ),
     }
+    if let Some(cut) = cut {
+        say!("CUT at {:.3} s, and what followed cannot be run again: {}", told.duration_s, cut.in_words());
+    }
     for turning in &told.turnings {
         say!("{:>10.3} s  {} -> {}: {}", turning.time_s, turning.from, turning.to, turning.cause.in_words());
     }
@@ -74,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         say!("  model {}", moment.estimate_mm.map_or("none".to_owned(), |value| format!("{value:.4} mm")));
     }
     if let Some(path) = &arguments.json {
-        output::write_json(path, &Written { identical, program: &header.program, backend: &header.backend, blob_sha256, story: &told })?;
+        output::write_json(path, &Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told })?;
     }
-    Ok(if identical { Outcome::Success } else { Outcome::CheckFailed })
+    Ok(if identical && cut.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }

@@ -7,10 +7,11 @@ use model_export::link::settings::{INFO, SettingValue, by_name};
 use serde::Serialize;
 
 use super::{Common, Outcome};
+use crate::journal::Tracing;
 use crate::link::{Client, FlashMemory, InProcess, Processor, Serial};
 use crate::track::compare::{self, Run};
 use crate::track::rig::{self, Truth};
-use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, setting};
+use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, run, setting};
 use crate::tune::Tuned;
 use crate::{output, recording, report, say};
 
@@ -58,7 +59,8 @@ pub struct Arguments {
     /// How far ahead the inverse model is shown the reference, ms; `catheter train --inverse` says it.
     #[arg(long, value_name = "MS", default_value_t = 130, value_parser = clap::value_parser!(u32).range(0..=500))]
     look_ahead_ms: u32,
-    /// Leave a journal of every run in this folder, for `catheter replay`; simulated rigs only.
+    /// Leave a journal of every run in this folder, for `catheter replay`. A board tells it over the link, for which it begins each run as
+    /// after a start.
     #[arg(long, value_name = "DIR")]
     journals: Option<PathBuf>,
     /// Leave the recordings and the model of the tuning on the virtual rig in this folder.
@@ -122,16 +124,24 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let port = arguments.port.as_deref().context("--port is needed")?;
             let mut client = Client::connect(Serial::open(&port.to_string_lossy())?)?;
             let mut loaded: Option<&[u8]> = None;
-            let one = |controller: &Controller| {
+            let one = |controller: &Controller| -> Result<Run> {
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
                 let blob = control.blob_for(*controller, inverse.as_deref());
                 // A model stays on the board until another is wanted.
                 let fresh = Some(blob).filter(|blob| loaded != Some(*blob));
                 loaded = Some(blob);
-                compare::run_one(&mut client, &Truth::default(), &settings, fresh, *controller, &reference)
+                run::prepare(&mut client, &settings, fresh)?;
+                let Some(folder) = &arguments.journals else {
+                    return Ok(compare::follow(&mut client, &Truth::default(), *controller, &reference)?);
+                };
+                let tracing = Tracing::begin(&mut client, "serial", Some(blob))?;
+                let run = compare::follow(&mut client, &Truth::default(), *controller, &reference);
+                // A run that went wrong is what a journal is for.
+                tracing.end(&mut client).write(&journal_path(folder, *controller))?;
+                Ok(run?)
             };
-            let runs = chosen.iter().map(one).collect::<Result<Vec<Run>, _>>()?;
+            let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
             (reference, runs)
         }
         // Every controller gets a rig of its own that begins at rest.
@@ -180,6 +190,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
+fn journal_path(folder: &Path, controller: Controller) -> PathBuf {
+    folder.join(format!("{}.journal", controller.name))
+}
+
 /// One run on a simulated rig.
 struct Simulated<'a> {
     arguments: &'a Arguments,
@@ -198,7 +212,7 @@ impl Simulated<'_> {
         let run = compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?;
         let rig = client.into_transport();
         if let (Some(folder), Some(journal)) = (&arguments.journals, rig.observer().journal()) {
-            journal.write(&folder.join(format!("{}.journal", controller.name)))?;
+            journal.write(&journal_path(folder, controller))?;
         }
         Ok(run)
     }

@@ -2,18 +2,21 @@
 //!
 //! Terms. A *journal* begins with what the device started from: its flash (settings and models), its name and its line's speed. Then it has
 //! one *event* a tick: the raw codes, what the host's line brought, and what came out. A start of the processor is an event too, and so is
-//! a tick that passed without it. [`Recorder`] writes one while a simulated rig runs; [`replay`] runs it again.
+//! a tick that passed without it. [`Recorder`] writes one while a simulated rig runs, from its start on and without its knowing. A board is
+//! asked for a *trace* instead ([`Tracing`]): it begins again and tells its ticks over the link, and the journal has them as they came.
+//! [`replay`] runs both again.
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
 //! | 0 | 8 | `CATHJRNL` |
-//! | 8 | 2 | version of the format, now 1 |
+//! | 8 | 2 | version of the format, now 2: 1 had no traces |
 //! | 10 | 2 | zero |
 //! | 12 | 4 | CRC-32 (IEEE 802.3) of everything behind it |
 //! | 16 | | [`Header`], then the [`Event`]s, in postcard |
 
 mod replay;
 mod story;
+mod traced;
 
 use std::path::Path;
 
@@ -31,13 +34,14 @@ use serde::{Deserialize, Serialize};
 
 pub use replay::{Difference, Replay, replay};
 pub use story::{Cause, Moment, Story, Turning, story};
+pub use traced::{Tracing, TracingError};
 
-use crate::link::{Boot, FlashMemory, Hardware, Observer, TickRecord};
+use crate::link::{Boot, Cut, FlashMemory, Hardware, Observer, TickRecord, TracedTick};
 use crate::output;
 
 const MAGIC: &[u8; 8] = b"CATHJRNL";
 /// Version of the format.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 const HEADER_BYTES: usize = 16;
 
 /// What the device started from, and who wrote the journal.
@@ -49,7 +53,7 @@ pub struct Header {
     pub firmware: [u16; 3],
     /// Name that the device gave.
     pub board: String,
-    /// Where it ran: `virtual` or `qemu`.
+    /// Where it ran: `virtual`, `qemu` or `serial`.
     pub backend: String,
     /// The simulated plant, as TOML; empty without one.
     pub plant: String,
@@ -73,6 +77,19 @@ pub enum Event {
     Tick(Tick),
     /// A tick passed without it.
     Silence,
+    /// It began again to be traced; the ticks that follow are [`Event::Traced`].
+    Begin {
+        /// Ticks since its start.
+        time_ms: u64,
+        /// Ticks of them that were late or lost.
+        late_ticks: u32,
+        /// Why it had started.
+        reset_cause: ResetCause,
+    },
+    /// It did a tick, and told it over the link.
+    Traced(TracedTick),
+    /// What follows did not arrive.
+    Cut(Cut),
 }
 
 /// A tick's inputs and outputs.
@@ -197,7 +214,7 @@ impl Journal {
     /// Ticks in it.
     #[must_use]
     pub fn ticks(&self) -> usize {
-        self.events.iter().filter(|event| !matches!(event, Event::Boot { .. })).count()
+        self.events.iter().filter(|event| matches!(event, Event::Tick(_) | Event::Silence | Event::Traced(_))).count()
     }
 
     /// The events as they lie in a file.
@@ -231,7 +248,7 @@ impl Journal {
         let Some((head, mut body)) = bytes.split_first_chunk::<HEADER_BYTES>() else { bail!("is no journal: it is too short") };
         ensure!(head.starts_with(MAGIC), "is no journal; `catheter rig record` leaves one beside its CSV");
         let version = u16::from_le_bytes([head[8], head[9]]);
-        ensure!(version == VERSION, "is a journal of format version {version}, this program reads {VERSION}");
+        ensure!((1..=VERSION).contains(&version), "is a journal of format version {version}, this program reads up to {VERSION}");
         let checksum = u32::from_le_bytes([head[12], head[13], head[14], head[15]]);
         ensure!(crc32(0, body) == checksum, "is damaged: its checksum is wrong");
         let (header, rest) = postcard::take_from_bytes(body).context("is damaged: its header does not decode")?;

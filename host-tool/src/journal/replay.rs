@@ -1,12 +1,14 @@
 //! Replay: the library runs a journal's inputs again, and every output must be the same to the bit.
 
-use firmware::tick::TickOutputs;
+use firmware::tick::{Origin, Rig, TickOutputs};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
+use model_export::link::trace::TraceRecord;
 use serde::Serialize;
 
-use super::{Event, Journal, Outputs, Tick};
-use crate::link::{HostDevice, InProcess, LinkError, device_outputs};
+use super::traced::TracedRig;
+use super::{Event, Journal, Outputs};
+use crate::link::{Cut, InProcess, LinkError, device_outputs};
 
 /// What a replay found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -15,6 +17,8 @@ pub struct Replay {
     pub ticks: u64,
     /// The first tick that came out otherwise.
     pub first_difference: Option<Difference>,
+    /// Why the journal does not go on, where it should.
+    pub cut: Option<Cut>,
 }
 
 /// A tick that came out otherwise than recorded.
@@ -25,13 +29,32 @@ pub struct Difference {
     /// Time of its end, s after the beginning.
     pub time_s: f64,
     /// As recorded.
-    pub recorded: Outputs,
+    pub recorded: Seen,
     /// As it came out.
-    pub replayed: Outputs,
+    pub replayed: Seen,
+}
+
+/// What of a tick's outputs is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum Seen {
+    /// All of them.
+    Outputs(Outputs),
+    /// The record of a traced tick, with a check over its outputs and those of all before; absent where it would not be traced.
+    Record(Option<TraceRecord>),
 }
 
 impl Replay {
-    /// Whether every tick came out as recorded.
+    /// Counts a tick that ended at this time.
+    fn count(&mut self, time_ms: u64, recorded: Seen, replayed: Seen) {
+        if self.first_difference.is_none() && replayed != recorded {
+            let (tick, time_s) = (self.ticks, time_ms as f64 * 1e-3);
+            self.first_difference = Some(Difference { tick, time_s, recorded, replayed });
+        }
+        self.ticks += 1;
+    }
+
+    /// Whether every tick that there is came out as recorded.
     #[must_use]
     pub fn is_identical(&self) -> bool {
         self.first_difference.is_none()
@@ -42,8 +65,10 @@ impl Replay {
 pub(super) enum Step<'a> {
     /// The processor started.
     Boot { crash: Option<Fault>, reset_cause: ResetCause },
+    /// It began again, for a trace.
+    Begin,
     /// A tick came out like this.
-    Tick { tick: &'a Tick, outputs: &'a TickOutputs, device: &'a HostDevice },
+    Tick { from_host: &'a [u8], outputs: &'a TickOutputs, rig: &'a Rig },
     /// A tick passed without the processor.
     Silence,
 }
@@ -59,6 +84,7 @@ pub fn replay(journal: &Journal) -> Result<Replay, LinkError> {
 /// As [`replay`], showing each step with the ms since the beginning.
 pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> Result<Replay, LinkError> {
     let mut processor = InProcess::new(journal.header.flash());
+    let mut traced: Option<TracedRig> = None;
     let mut replay = Replay::default();
     let mut time_ms = 0;
     let mut to_host = Vec::new();
@@ -83,15 +109,26 @@ pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> R
                     return Err(LinkError::Rig("the journal has a tick before the first start".to_owned()));
                 };
                 let replayed = Outputs::new(&device_outputs(&outputs), &to_host);
-                if replay.first_difference.is_none() && replayed != tick.outputs {
-                    let (tick, recorded, time_s) = (replay.ticks, tick.outputs, time_ms as f64 * 1e-3);
-                    replay.first_difference = Some(Difference { tick, time_s, recorded, replayed });
-                }
+                replay.count(time_ms, Seen::Outputs(tick.outputs), Seen::Outputs(replayed));
                 if let Some(device) = processor.device() {
-                    show(time_ms, Step::Tick { tick, outputs: &outputs, device });
+                    show(time_ms, Step::Tick { from_host: &tick.from_host, outputs: &outputs, rig: device.rig() });
                 }
-                replay.ticks += 1;
             }
+            Event::Begin { time_ms: device_ms, late_ticks, reset_cause } => {
+                let origin = Origin { time_ms: *device_ms, late_ticks: *late_ticks, reset_cause: *reset_cause };
+                traced = Some(TracedRig::new(&journal.header, origin)?);
+                show(time_ms, Step::Begin);
+            }
+            Event::Traced(tick) => {
+                time_ms += 1 + tick.record.extra.map_or(0, |extra| u64::from(extra.lost_ticks));
+                let Some(rig) = &mut traced else {
+                    return Err(LinkError::Rig("the journal has a traced tick before the trace's beginning".to_owned()));
+                };
+                let outputs = rig.step(tick)?;
+                replay.count(time_ms, Seen::Record(Some(tick.record)), Seen::Record(outputs.trace));
+                show(time_ms, Step::Tick { from_host: &tick.from_host, outputs: &outputs, rig: rig.rig() });
+            }
+            Event::Cut(cut) => replay.cut = Some(*cut),
         }
     }
     Ok(replay)

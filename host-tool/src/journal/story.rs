@@ -148,13 +148,20 @@ impl Teller {
                 self.output_ubar = 0;
                 self.turn(time_ms, State::Boot, Cause::Reset(cause), time_ms > 0);
             }
+            Step::Begin => {
+                self.decoder = Decoder::new();
+                self.output_ubar = 0;
+                let cause = "the trace begins: the device forgot everything but its clock, as at a start".to_owned();
+                self.turn(time_ms, State::Boot, Cause::Own(cause), time_ms > 0);
+            }
             Step::Silence => {
                 if self.wants(time_ms) {
                     self.moment = Some(self.silent_moment(time_ms));
                 }
             }
-            Step::Tick { tick, outputs, device } => {
-                tick.from_host.iter().for_each(|byte| self.hear(time_ms, *byte));
+            Step::Tick { from_host, outputs, rig } => {
+                let record = rig.supervisor().record();
+                from_host.iter().for_each(|byte| self.hear(time_ms, *byte));
                 let taken = outputs.answer.as_ref().and_then(|answer| {
                     let request = self.requests.remove(&answer.token)?;
                     Some((request, !matches!(answer.reply, Reply::Refused(_))))
@@ -163,12 +170,11 @@ impl Teller {
                     self.take_set_point(time_ms, request);
                 }
                 if outputs.state != self.state {
-                    let record = *device.record();
-                    let cause = self.cause_of(outputs.state, &record, taken.as_ref().map(|((_, request), _)| request));
+                    let cause = self.cause_of(outputs.state, record, taken.as_ref().map(|((_, request), _)| request));
                     self.turn(time_ms, outputs.state, cause, true);
                 }
                 if self.wants(time_ms) {
-                    let moment = self.moment_of(time_ms, outputs.energised, outputs.output.0, device.rig().insight(), device.record());
+                    let moment = self.moment_of(time_ms, outputs.energised, outputs.output.0, rig.insight(), record);
                     self.moment = Some(moment);
                 }
                 self.output_ubar = outputs.output.0;

@@ -3,18 +3,23 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use firmware::tick::Origin;
 use model_export::link::frame::{self, Decoder};
 use model_export::link::hello::Hello;
 use model_export::link::message::{Message, Reply, ReplyFrame, Request, RequestFrame, Telemetry};
+use model_export::link::trace::TracePiece;
 use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
 
+use super::trace::{Stream, Trace};
 use super::{LinkError, Transport};
 
 /// How long to wait for a reply; erasing a model slot of 128 KiB takes the board up to 4 s (data sheet, table 48), and has its own limit.
 const REPLY_WITHIN: Duration = Duration::from_millis(500);
 /// Limit of requests that erase or write flash.
 const FLASH_WITHIN: Duration = Duration::from_secs(10);
+/// A trace that has not come on for so long comes no more.
+const TRACE_WITHIN: Duration = Duration::from_millis(300);
 /// How often Hello is asked: the first may meet a half-sent frame, or a device that is just starting.
 const HELLO_ATTEMPTS: u32 = 4;
 
@@ -82,6 +87,7 @@ struct Line {
     replies: Vec<ReplyFrame>,
     telemetry: VecDeque<Telemetry>,
     account: Account,
+    trace: Option<Stream>,
 }
 
 impl Line {
@@ -103,6 +109,11 @@ impl Line {
                             if let Ok(sample) = Telemetry::from_payload(payload) {
                                 self.account.count(&sample);
                                 self.telemetry.push_back(sample);
+                            }
+                        }
+                        Some(Kind::Trace) => {
+                            if let (Some(stream), Ok(piece)) = (&mut self.trace, TracePiece::from_payload(payload)) {
+                                stream.take(&piece);
                             }
                         }
                         // A kind of a later version.
@@ -219,6 +230,9 @@ impl<T: Transport> Client<T> {
         let frame = RequestFrame { token: self.token, request: request.clone() };
         let wire = frame.to_wire().map_err(|_| LinkError::Rig(format!("the request {request:?} fits no frame")))?;
         self.transport.send(&wire)?;
+        if let Some(stream) = &mut self.line.trace {
+            stream.sent(self.token, *request == Request::Vent, &wire);
+        }
         Ok(self.token)
     }
 
@@ -250,6 +264,56 @@ impl<T: Transport> Client<T> {
     pub fn begin_account(&mut self) {
         self.line.telemetry.clear();
         self.line.account = Account::default();
+    }
+
+    /// Makes the device begin again, as after a start, and tell every tick from then on. Gives what it kept.
+    ///
+    /// # Errors
+    /// When it is not idle and vented, or is gone.
+    pub fn begin_trace(&mut self) -> Result<Origin, LinkError> {
+        // What may be left of the last one comes now.
+        self.command(&Request::TraceEnd)?;
+        self.listen_for(Duration::from_millis(50))?;
+        self.line.trace = Some(Stream::default());
+        match self.request(&Request::TraceBegin) {
+            Ok(Reply::Status(status)) => {
+                Ok(Origin { time_ms: status.time_ms, late_ticks: status.late_ticks, reset_cause: status.reset_cause })
+            }
+            other => {
+                self.line.trace = None;
+                other?;
+                Err(self.unexpected(&Request::TraceBegin))
+            }
+        }
+    }
+
+    /// Ends the trace and gives what came of it. A device that does not answer any more has told what it has told.
+    pub fn end_trace(&mut self, origin: Origin) -> Trace {
+        // Without an answer there may still be something on its way.
+        let _ = self.command(&Request::TraceEnd);
+        let progress = |line: &Line| line.trace.as_ref().filter(|stream| !stream.has_ended()).map(Stream::len);
+        while let Some(before) = progress(&self.line) {
+            let until = self.transport.elapsed() + TRACE_WITHIN;
+            while progress(&self.line) == Some(before) {
+                let now = self.transport.elapsed();
+                if now >= until || self.listen(until - now).is_err() {
+                    return self.line.trace.take().unwrap_or_default().finish(origin);
+                }
+            }
+        }
+        self.line.trace.take().unwrap_or_default().finish(origin)
+    }
+
+    /// Lets time pass while listening.
+    ///
+    /// # Errors
+    /// When the device is gone.
+    pub fn listen_for(&mut self, time: Duration) -> Result<(), LinkError> {
+        let until = self.transport.elapsed() + time;
+        while self.transport.elapsed() < until {
+            self.listen(until - self.transport.elapsed())?;
+        }
+        Ok(())
     }
 
     /// Sends a request and waits for its reply, whatever it is.

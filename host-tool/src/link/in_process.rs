@@ -52,6 +52,10 @@ impl ModelStep for Heap {
         self.loaded.with_dependent_mut(|_, running| running.reset());
     }
 
+    fn is_present(&self) -> bool {
+        self.loaded.borrow_dependent().is_present()
+    }
+
     fn direction(&self) -> Direction {
         self.loaded.borrow_dependent().direction()
     }

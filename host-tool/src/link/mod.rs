@@ -12,6 +12,7 @@ mod in_process;
 mod lockstep;
 mod qemu;
 mod serial;
+mod trace;
 mod words;
 
 #[cfg(test)]
@@ -24,10 +25,11 @@ pub use error::LinkError;
 pub use flash::{FlashMemory, SlotPair};
 pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle};
 pub(crate) use in_process::device_outputs;
-pub use in_process::{FIRMWARE, HostDevice, InProcess};
+pub use in_process::{FACTS, FIRMWARE, Heap, HostDevice, InProcess};
 pub use lockstep::{Boot, Lockstep, Observer, Processor, TickRecord, Turn, WATCHDOG_MS};
 pub use qemu::{EMULATOR, Qemu, QemuConfig};
 pub use serial::Serial;
+pub use trace::{Cut, Trace, TracedTick};
 pub use words::{fault_in_words, in_words, refusal_in_words, state_name};
 
 /// A line to a device.

@@ -71,6 +71,7 @@ pub fn refusal_in_words(refusal: &Refusal) -> String {
         Refusal::NoOtherModel => "there is no other whole model to activate; upload one".to_owned(),
         Refusal::Storage => "the flash memory could not be written".to_owned(),
         Refusal::NoRecord => "there is no such fault record".to_owned(),
+        Refusal::Traced => "not while a trace runs: the recording that it belongs to must end first".to_owned(),
         Refusal::LogFull => "this slot was activated too often; upload the model again".to_owned(),
     }
 }

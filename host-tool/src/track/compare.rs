@@ -61,6 +61,14 @@ pub fn run_one<T: Transport>(
     reference: &Reference,
 ) -> Result<Run, CompareError> {
     run::prepare(client, settings, blob)?;
+    follow(client, truth, controller, reference)
+}
+
+/// As [`run_one`], on a device that is prepared.
+///
+/// # Errors
+/// When the device refuses or vents.
+pub fn follow<T: Transport>(client: &mut Client<T>, truth: &Truth, controller: Controller, reference: &Reference) -> Result<Run, CompareError> {
     let telemetry = run::run(client, &reference.points_mm, &mut |_, _| {})?;
     let samples = run::samples(&telemetry, truth);
     let counted: Vec<Sample> = samples.iter().copied().filter(|sample| sample.time_s >= SKIP_S).collect();

@@ -9,7 +9,7 @@ use model_export::link::state::State;
 
 use super::figures::Sample;
 use super::rig::Truth;
-use crate::experiment::{self, pass, status};
+use crate::experiment::{self, status};
 use crate::link::{Client, LinkError, Transport};
 
 /// How often the host looks after the device.
@@ -61,7 +61,7 @@ fn wait_for<T: Transport>(client: &mut Client<T>, wanted: State) -> Result<(), R
         if client.elapsed() > until || status.state == State::Fault {
             return Err(RunError::State { wanted, found: status.state, fault: status.first_fault });
         }
-        pass(client, Duration::from_millis(50))?;
+        client.listen_for(Duration::from_millis(50))?;
     }
 }
 
@@ -81,7 +81,7 @@ pub fn prepare<T: Transport>(client: &mut Client<T>, settings: &SettingValues, b
         wait_for(client, State::Idle)?;
     }
     // New settings make the sensors prove themselves again.
-    pass(client, Duration::from_millis(500))?;
+    client.listen_for(Duration::from_millis(500))?;
     Ok(())
 }
 
@@ -99,7 +99,7 @@ pub fn run<T: Transport>(
     // The muscle may still be emptying from the run before.
     let until = client.elapsed() + STATE_WITHIN;
     while !status(client)?.blockers.is_empty() && client.elapsed() < until {
-        pass(client, Duration::from_millis(50))?;
+        client.listen_for(Duration::from_millis(50))?;
     }
     client.command(&Request::Arm)?;
     wait_for(client, State::Armed)?;
@@ -120,7 +120,7 @@ pub fn run<T: Transport>(
             client.command(&Request::Start)?;
             started = true;
         }
-        pass(client, ROUND)?;
+        client.listen_for(ROUND)?;
         let mut finished = false;
         while let Some(sample) = client.take_telemetry() {
             each(client.transport(), &sample);

@@ -11,7 +11,7 @@ use super::state::RecordWritten;
 use crate::backend::Rig;
 use crate::cli::Outcome;
 use crate::excitation::{self, Limits};
-use crate::experiment;
+use crate::experiment::{self, OverTheLink};
 use crate::link::{Account, Client};
 use crate::recording;
 use crate::{output, say};
@@ -22,9 +22,15 @@ pub struct Arguments {
     /// The excitation to play.
     #[arg(long, value_name = "FILE")]
     excitation: PathBuf,
-    /// The recording. Beside it a simulated rig leaves its journal, `.journal` instead of `.csv`, for `catheter replay`.
+    /// The recording. Beside it lies the journal, `.journal` instead of `.csv`, for `catheter replay`.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(".csv"))]
     out: PathBuf,
+    /// The model that a board runs, for its journal: the device gives none out.
+    #[arg(long, value_name = "FILE.blob")]
+    model: Option<PathBuf>,
+    /// Leave no journal. A board begins again, as after a start, to tell one over the link.
+    #[arg(long, conflicts_with = "model")]
+    no_journal: bool,
     /// Refuse an excitation above this, in bar; never above the device's own ceiling.
     #[arg(long, default_value_t = Limits::default().maximum_bar, value_name = "BAR")]
     maximum_pressure_bar: f64,
@@ -48,8 +54,10 @@ struct Written<'a> {
 impl Arguments {
     /// Checks everything that can be checked without a rig.
     pub fn check(&self, which: &Which) -> Result<()> {
-        let outputs: Vec<&Path> = std::iter::once(self.out.as_path()).chain(which.json.as_deref()).collect();
-        output::refuse_overwriting(std::slice::from_ref(&self.excitation), &outputs)?;
+        let journal = self.out.with_extension("journal");
+        let outputs: Vec<&Path> = [self.out.as_path(), &journal].into_iter().chain(which.json.as_deref()).collect();
+        let inputs: Vec<PathBuf> = std::iter::once(&self.excitation).chain(&self.model).cloned().collect();
+        output::refuse_overwriting(&inputs, &outputs)?;
         excitation::read(&self.excitation)?.sample_within(&self.limits()).with_context(|| self.excitation.display().to_string())?;
         Ok(())
     }
@@ -62,11 +70,16 @@ impl Arguments {
 /// Plays, listens, writes.
 pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let excitation = excitation::read(&arguments.excitation)?;
-    let outcome = experiment::record(rig, &excitation, &arguments.limits())?;
+    let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let blob = arguments.model.as_ref().map(read).transpose()?;
+    let wanted = (!arguments.no_journal && !rig.transport().is_simulated())
+        .then_some(OverTheLink { backend: "serial", blob: blob.as_deref() });
+    let outcome = experiment::record(rig, &excitation, &arguments.limits(), wanted)?;
     let recording = outcome.recording(&arguments.out)?;
     recording::write(&arguments.out, &recording)?;
     let journal = arguments.out.with_extension("journal");
-    let kept = rig.transport().journal().map(|kept| kept.write(&journal)).transpose()?.is_some();
+    let from_simulation = rig.transport().journal().filter(|_| !arguments.no_journal);
+    let kept = outcome.journal.as_ref().or(from_simulation).map(|kept| kept.write(&journal)).transpose()?.is_some();
     let id = rig.hello().model_id;
     let written = Written {
         recording: &arguments.out,
