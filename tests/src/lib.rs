@@ -1,5 +1,6 @@
 //! Helpers shared by the tests that need more than one package.
 
+pub mod board;
 pub mod emulator;
 pub mod figures;
 pub mod flashable;

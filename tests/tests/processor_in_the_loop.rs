@@ -10,7 +10,7 @@ use firmware::device::exchange::Sabotage;
 use firmware::storage::Slot;
 use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment;
-use host_tool::journal::{Event, Header, Journal, Recorder, replay};
+use host_tool::journal::{Event, Header, Journal, Recorder, Tracing, replay};
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Processor, Qemu, QemuConfig};
 use host_tool::network::Mode;
 use host_tool::plant::{Plant, PlantConfig};
@@ -200,6 +200,40 @@ fn track<P: Processor>(rig: &mut Rig<P>, points_mm: &[f64]) -> Vec<Telemetry> {
         }
     };
     host_tool::track::run::run(rig, points_mm, &mut { lose }).unwrap()
+}
+
+/// The journal that a device tells over its serial line, which is all that a board has.
+fn told<P: Processor>(rig: &mut Rig<P>, blob: &[u8], points_mm: &[f64]) -> Journal {
+    experiment::settle(rig).unwrap();
+    let tracing = Tracing::begin(rig, "test", Some(blob)).unwrap();
+    track(rig, points_mm);
+    rig.transport().hardware().set_breakage(Some(Breakage::EmergencyStop));
+    rig.ask(&Request::Vent).unwrap();
+    rig.transport().advance_for(100).unwrap();
+    tracing.end(rig)
+}
+
+#[test]
+fn what_the_emulated_board_tells_over_its_serial_line_is_run_again_to_the_bit() {
+    let Some(config) = image() else { return };
+    let physics = models::model(models::physics_front_end(5, 8, 2), None, Mode::Streaming);
+    let blob = models::exported_with(&physics, 5, Some(models::compensation()));
+    let points_mm: Vec<f64> = (0..150).map(|point| 4.0 - 2.0 * (f64::from(point) * 0.08).cos()).collect();
+    let settings = Settings {
+        control_law: 2,
+        feed_forward: 3,
+        feedback_sensor: 3,
+        laser_required: false,
+        mismatch_displacement_mm: 0.0,
+        ..Settings::default()
+    };
+    let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
+    let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
+    let (told_by_target, told_here) = (told(&mut target, &blob, &points_mm), told(&mut here, &blob, &points_mm));
+    assert!(told_by_target.ticks() > 4_000, "{} ticks", told_by_target.ticks());
+    agree(&told_here, &told_by_target);
+    assert_eq!(replay(&told_by_target).unwrap().cut, None);
+    agree(&journal(here), &journal(target));
 }
 
 #[test]

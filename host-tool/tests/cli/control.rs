@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crate::support::Bench;
 
 /// Recordings of a plain actuator: 3 mm/bar behind 40 ms of dead time and a lag of 100 ms, no hysteresis, 50 Hz.
-fn recordings(bench: &Bench) {
+pub fn recordings(bench: &Bench) {
     let mut level = 0.0;
     let pressures: Vec<f64> = (0..1500)
         .map(|sample| {

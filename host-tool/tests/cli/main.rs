@@ -1,5 +1,7 @@
 //! The `catheter` command seen from outside: what other programs rely on, what it refuses, what it leaves behind.
 
+#[cfg(target_os = "linux")]
+mod board;
 mod contract;
 mod control;
 mod demo;
