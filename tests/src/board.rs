@@ -185,7 +185,8 @@ impl Board {
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
-        let background_queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
+        let background_queues =
+            BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
             task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000),
             background: BackgroundTask::new(link, facts, background_queues, exchange),

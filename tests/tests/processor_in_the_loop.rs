@@ -150,8 +150,8 @@ fn an_experiment_with_the_model_in_the_tick_is_equal_to_the_bit_on_both_kernels(
         let segments = vec![Segment { duration_s: 3.0, signal }];
         let excitation = ExcitationConfig { sample_period_s: 0.02, noise_bar: 0.0, seed: 1, segments };
         let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
-        let outcome = experiment::record(&mut target, &excitation, &Limits::default()).unwrap();
-        experiment::record(&mut here, &excitation, &Limits::default()).unwrap();
+        let outcome = experiment::record(&mut target, &excitation, &Limits::default(), None).unwrap();
+        experiment::record(&mut here, &excitation, &Limits::default(), None).unwrap();
         assert!(outcome.fault.is_none() && outcome.samples.len() == 150, "{units:?}: {:?}", outcome.fault);
         let estimates: Vec<f32> = outcome.samples.iter().filter_map(|sample| sample.estimate_mm).collect();
         let (low, high) = estimates.iter().fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(*value), high.max(*value)));

@@ -228,11 +228,8 @@ fn a_trace_begins_only_idle_and_vented_and_with_the_model_at_hand_and_nothing_ge
     };
     let missing = Tracing::begin(&mut client, "test", None).map(|_| ()).unwrap_err().to_string();
     assert!(missing.contains("--model"), "{missing}");
-    let other = models::exported_with(
-        &models::model(models::physics_front_end(6, 8, 2), None, Mode::Streaming),
-        5,
-        Some(models::compensation()),
-    );
+    let other =
+        models::exported_with(&models::model(models::physics_front_end(6, 8, 2), None, Mode::Streaming), 5, Some(models::compensation()));
     assert!(Tracing::begin(&mut client, "test", Some(&other)).is_err());
 
     client.command(&Request::Arm).unwrap();

@@ -76,7 +76,17 @@ pub struct TickTask<'q, H> {
 impl<'q, H> TickTask<'q, H> {
     /// A task that has not run yet. `cycles_per_tick` is the deadline.
     pub fn new(rig: Rig, hands: H, queues: TickQueues<'q>, exchange: &'q Exchange, cycles_per_tick: u32) -> Self {
-        Self { rig, hands, queues, exchange, clock: PeriodClock::default(), cycles_per_tick, overran: false, tests_itself: false, trace_put: 0 }
+        Self {
+            rig,
+            hands,
+            queues,
+            exchange,
+            clock: PeriodClock::default(),
+            cycles_per_tick,
+            overran: false,
+            tests_itself: false,
+            trace_put: 0,
+        }
     }
 
     /// The rig.

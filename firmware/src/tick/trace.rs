@@ -193,7 +193,10 @@ impl Rig {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
     use core::num::NonZeroU16;
+    use std::format;
 
     use model_export::link::message::Quantity;
     use model_export::link::settings::Settings;
