@@ -24,6 +24,7 @@ pub use blob::BlobModel;
 pub use discovered::DiscoveredPredictor;
 pub use error::ModelError;
 pub use physics::PhysicsPredictor;
+pub(crate) use resample::interpolate;
 pub use trained::NetworkModel;
 
 use crate::recording::{Recording, Signal};

@@ -22,7 +22,7 @@ pub(super) fn predict(model: &dyn Predictor, recording: &Recording, gaps: &[usiz
 }
 
 /// The values at `wanted` times by straight lines between samples; both times ascend, outside the ends the end value holds.
-fn interpolate(times: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
+pub(crate) fn interpolate(times: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
     let mut right = 0;
     wanted
         .iter()

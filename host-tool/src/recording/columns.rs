@@ -27,7 +27,8 @@ pub struct ColumnMap {
 }
 
 /// Optional columns of our own files.
-pub(super) const OPTIONAL: [&str; 4] = ["pressure_measured_bar", "sequence", "temperature_c", "session_time_s"];
+pub(super) const OPTIONAL: [&str; 7] =
+    ["pressure_measured_bar", "sequence", "temperature_c", "session_time_s", "reference_mm", "estimate_mm", "limited"];
 
 impl ColumnMap {
     /// The map of our own files.

@@ -5,10 +5,12 @@
 use std::f64::consts::PI;
 use std::path::Path;
 
+use anyhow::Context as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::recording;
+use crate::model::interpolate;
+use crate::recording::{self, ColumnMap, ColumnName, Recording};
 
 /// Time from one point to the next, s.
 pub const PERIOD_S: f64 = 0.02;
@@ -94,29 +96,37 @@ pub fn tuning(reach: Reach, seed: u64) -> Reference {
     Reference { name: "tuning".to_owned(), points_mm: with_rest(shares.into_iter().map(|share| reach.at(share)).collect()) }
 }
 
-/// The reference of a file: a recording whose output in mm is the path, or a CSV with the columns `time_s,reference_mm`.
+/// The reference of a file: a recording whose output in mm is the path, or a CSV with the columns `time_s,reference_mm`. Points that do not
+/// lie 20 ms apart are taken as a path with straight lines between them.
 ///
 /// # Errors
-/// When the file is none of both, or its points do not lie 20 ms apart.
+/// When the file is none of both, or has a gap.
 pub fn from_file(path: &Path) -> anyhow::Result<Reference> {
-    let text = std::fs::read_to_string(path)?;
-    let columns = text.lines().next().unwrap_or_default();
-    let map = columns.contains("reference_mm").then_some("time=time_s,input=reference_mm,output=reference_mm");
-    let recording = recording::load(&[path.to_path_buf()], map)?.remove(0);
-    anyhow::ensure!(
-        (recording.sample_period_s / PERIOD_S - 1.0).abs() < 0.01,
-        "{}: its points lie {} s apart; a reference has one each {PERIOD_S} s",
-        path.display(),
-        recording.sample_period_s
-    );
-    anyhow::ensure!(
-        recording.output_signal.unit == "mm",
-        "{}: its output is in {}, mm is needed",
-        path.display(),
-        recording.output_signal.unit
-    );
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let header = text.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
+    let own = ColumnMap::own();
+    let map = if header.split(',').any(|name| name.trim() == "reference_mm") {
+        let reference = ColumnName { header: "reference_mm".to_owned(), signal: own.output.signal.clone() };
+        // A reference has no input: the path stands in for it.
+        ColumnMap { input: reference.clone(), output: reference, own: false, ..own }
+    } else {
+        own
+    };
+    let recording = recording::parse(path, &bytes, &map)?;
     let name = path.file_stem().map_or_else(|| "file".to_owned(), |stem| stem.to_string_lossy().into_owned());
-    Ok(Reference { name, points_mm: recording.output })
+    anyhow::ensure!(recording.gaps.is_empty(), "{}: has a gap; where the tip shall be in it is not known", path.display());
+    let points_mm = if (recording.sample_period_s / PERIOD_S - 1.0).abs() < 0.01 { recording.output } else { resampled(&recording) };
+    Ok(Reference { name, points_mm })
+}
+
+/// A recording's output each [`PERIOD_S`].
+fn resampled(recording: &Recording) -> Vec<f64> {
+    let times = &recording.time_s;
+    let (first_s, last_s) = (times[0], times[times.len() - 1]);
+    let points = ((last_s - first_s) / PERIOD_S).floor() as usize + 1;
+    let clock: Vec<f64> = (0..points).map(|point| first_s + point as f64 * PERIOD_S).collect();
+    interpolate(times, &recording.output, &clock)
 }
 
 fn sampled(seconds: f64, shape: impl Fn(f64) -> f64) -> Vec<f64> {
@@ -180,6 +190,45 @@ mod tests {
             }
         }
         assert_eq!(named("z", REACH, 1), None);
+    }
+
+    fn read(text: &str) -> anyhow::Result<Reference> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("path.csv");
+        std::fs::write(&path, text).unwrap();
+        from_file(&path)
+    }
+
+    #[test]
+    fn a_file_is_a_path_whatever_its_period_and_a_recording_is_one_too() {
+        let alone = read("# a hand\ntime_s,reference_mm\n0,1\n0.02,1.5\n0.04,2\n").unwrap();
+        assert_eq!((alone.name.as_str(), alone.points_mm), ("path", vec![1.0, 1.5, 2.0]));
+        // A run of `track` has both: the reference, not what became of it.
+        let run = read("time_s,pressure_bar,displacement_mm,reference_mm\n0,0,7,1\n0.02,0,7,2\n").unwrap();
+        assert_eq!(run.points_mm, [1.0, 2.0]);
+        assert_eq!(read("time_s,pressure_bar,displacement_mm\n0,0,7\n0.02,0,8\n").unwrap().points_mm, [7.0, 8.0]);
+        // 10 Hz, and 100 Hz.
+        let slow = read("time_s,reference_mm\n5.0,1\n5.1,2\n5.2,1\n").unwrap().points_mm;
+        assert_eq!(slow.len(), 11);
+        assert!((slow[3] - 1.6).abs() < 1e-9 && (slow[7] - 1.6).abs() < 1e-9, "{slow:?}");
+        assert_eq!(read("time_s,reference_mm\n0,0\n0.01,1\n0.02,2\n0.03,3\n0.04,4\n").unwrap().points_mm, [0.0, 2.0, 4.0]);
+    }
+
+    #[test]
+    fn what_is_no_path_is_refused_with_what_is_wrong() {
+        for (text, word) in [
+            ("", "empty"),
+            ("time_s,reference_mm\n", "two are needed"),
+            ("time_s,reference_mm\n0,1\n", "two are needed"),
+            ("time_s,reference_mm\n0,1\n0.02,NaN\n", ":3:"),
+            ("time_s,reference_mm\n0,1\n0.02,up\n", ":3:"),
+            ("time_s,reference_mm\n0,1\n0,2\n", ":3:"),
+            ("time_s,pressure_bar\n0,1\n0.02,2\n", "displacement_mm"),
+            ("time_s,reference_mm\n0,1\n0.02,1\n0.04,1\n0.06,1\n5,1\n5.02,1\n", "gap"),
+        ] {
+            let said = format!("{:#}", read(text).map(|_| ()).expect_err(text));
+            assert!(said.to_lowercase().contains(word), "{text:?}: {said}");
+        }
     }
 
     #[test]
