@@ -230,7 +230,7 @@ fn what_the_emulated_board_tells_over_its_serial_line_is_run_again_to_the_bit() 
     let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
     let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
     let (told_by_target, told_here) = (told(&mut target, &blob, &points_mm), told(&mut here, &blob, &points_mm));
-    assert!(told_by_target.ticks() > 4_000, "{} ticks", told_by_target.ticks());
+    assert!(told_by_target.ticks() > 3_000, "{} ticks", told_by_target.ticks());
     agree(&told_here, &told_by_target);
     assert_eq!(replay(&told_by_target).unwrap().cut, None);
     agree(&journal(here), &journal(target));

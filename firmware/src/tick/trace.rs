@@ -195,7 +195,6 @@ impl Rig {
 mod tests {
     extern crate std;
 
-    use core::num::NonZeroU16;
     use std::format;
 
     use model_export::link::message::Quantity;
@@ -221,7 +220,7 @@ mod tests {
             let pressure_code = rig.tick.pressure.calibration().code(rig.state.limiter.output().bar()) + noise;
             let sample = RawSample { laser_code: rig.tick.laser.calibration().code(5.0) + noise, pressure_code };
             let action = match round {
-                250 => Some(Action::SelfTestReport { faults: FaultSet::EMPTY, model_period: NonZeroU16::new(13) }),
+                250 => Some(Action::SelfTestReport { faults: FaultSet::EMPTY, model_period: None }),
                 400 => Some(Action::Request(Event::Arm)),
                 410 => Some(Action::Request(Event::Start)),
                 420..2000 if round % 50 == 0 => Some(Action::SetPoint(SetPoint::Value(quantity, 1.5))),
@@ -241,7 +240,12 @@ mod tests {
     fn a_rig_that_begins_again_is_in_everything_like_one_without_a_past() {
         for law in [1, 2] {
             let mut rig = experienced(law);
-            assert_eq!(rig.state.supervisor.blockers(model_export::link::fault::BlockerSet::EMPTY).0, 0, "law {law}: idle and vented");
+            assert_eq!(
+                rig.state.supervisor.blockers(model_export::link::fault::BlockerSet::EMPTY).0,
+                0,
+                "law {law}: {:?}",
+                rig.state.supervisor
+            );
             assert!(rig.state.late_ticks > 5 && rig.state.telemetry_sequence > 100, "law {law}: it has a past");
             let origin = Origin { time_ms: rig.state.time_ms, late_ticks: rig.state.late_ticks, reset_cause: ResetCause::Pin };
             let mut fresh = Rig::begun_again(rig.tick.clone(), origin);

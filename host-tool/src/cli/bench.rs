@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use super::{Common, Outcome};
 use crate::discover::corpus::{self, CaseResult, CorpusConfig};
 use crate::rig::{Excitation, Generator};
+use crate::track::bench::{self, BenchConfig};
 
 /// Measure how well the tool does; for developers.
 #[derive(clap::Args)]
@@ -33,6 +34,9 @@ struct Control {
     /// Length of the run without the laser, s of simulated time.
     #[arg(long, default_value_t = 3600.0, value_name = "S")]
     long_run_s: f64,
+    /// Nominal CPU time for training each of the two networks of a rig, s; 0 leaves networks out.
+    #[arg(long, default_value_t = 20.0, value_name = "S")]
+    learned_cpu_s: f64,
     #[command(flatten)]
     common: Common,
 }
@@ -81,7 +85,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 fn run_control(control: &Control) -> Result<Outcome> {
     let seeds: Vec<u64> = (control.common.seed..control.common.seed + control.seeds).collect();
-    let table = crate::track::bench::table(&seeds, control.long_run_s, &mut |step| {
+    let config = BenchConfig { seeds: &seeds, long_run_s: control.long_run_s, learned_cpu_s: control.learned_cpu_s };
+    let table = bench::table(&config, &mut |step| {
         let _ = writeln!(std::io::stderr(), "{step}");
     })?;
     for row in &table.rows {

@@ -79,7 +79,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         say!("  model {}", moment.estimate_mm.map_or("none".to_owned(), |value| format!("{value:.4} mm")));
     }
     if let Some(path) = &arguments.json {
-        output::write_json(path, &Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told })?;
+        output::write_json(
+            path,
+            &Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told },
+        )?;
     }
     Ok(if identical && cut.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }

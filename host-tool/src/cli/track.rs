@@ -63,6 +63,9 @@ pub struct Arguments {
     /// after a start.
     #[arg(long, value_name = "DIR")]
     journals: Option<PathBuf>,
+    /// Leave every run as a recording in this folder: output, tip, reference, what was measured and estimated, and whether the limiter held back.
+    #[arg(long, value_name = "DIR")]
+    csv: Option<PathBuf>,
     /// Leave the recordings and the model of the tuning on the virtual rig in this folder.
     #[arg(long, value_name = "DIR", conflicts_with = "settings")]
     keep: Option<PathBuf>,
@@ -160,6 +163,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 }
             };
             let reference = the_reference(arguments, control.reach())?;
+            note_what_is_out_of_reach(&reference, control.reach());
             let one = |controller: &Controller| -> Result<Run> {
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
@@ -178,6 +182,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     print(&name, &runs);
     if let Some(path) = &arguments.common.json {
         output::write_json(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect() })?;
+    }
+    if let Some(folder) = &arguments.csv {
+        for run in &runs {
+            let path = folder.join(format!("{}.csv", run.figures.name));
+            recording::write(&path, &run.recording(&path)?)?;
+        }
     }
     if let Some(path) = &arguments.report {
         let rig = match arguments.backend {
@@ -281,6 +291,16 @@ fn the_reference(arguments: &Arguments, reach: Option<Reach>) -> Result<Referenc
         bail!("{}: is neither a file nor one of {}", path.display(), reference::NAMES.join(", "));
     }
     reference::from_file(path)
+}
+
+/// The rig is safe whatever it is asked for, but what the muscle cannot do nobody follows.
+fn note_what_is_out_of_reach(reference: &Reference, reach: Option<Reach>) {
+    let (low, high) = reference.points_mm.iter().fold((f64::MAX, f64::MIN), |(low, high), point| (low.min(*point), high.max(*point)));
+    if let Some(Reach { low_mm, high_mm }) = reach
+        && (low < low_mm || high > high_mm)
+    {
+        say!("The reference goes from {low:.2} to {high:.2} mm; the recordings show that {low_mm:.2} to {high_mm:.2} mm can be followed.");
+    }
 }
 
 /// Settings by name from a file.

@@ -32,7 +32,9 @@ pub enum TracingError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The model is not at hand.
-    #[error("the device runs the model {id}, and a journal without it could not be run again; name its blob with --model, or do without a journal (--no-journal)")]
+    #[error(
+        "the device runs the model {id}, and a journal without it could not be run again; name its blob with --model, or do without a journal (--no-journal)"
+    )]
     Model {
         /// First bytes of its content hash.
         id: String,

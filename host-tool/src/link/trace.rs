@@ -60,16 +60,22 @@ impl Cut {
                 "{bytes} bytes of the trace were lost on the line. Use a shorter cable or another adapter; `catheter rig status` counts the \
                  frames that arrive damaged."
             ),
-            Self::TooSlow => "The device had more to tell than the line takes. Telemetry less often (telemetry.period_ms) leaves more room \
+            Self::TooSlow => {
+                "The device had more to tell than the line takes. Telemetry less often (telemetry.period_ms) leaves more room \
                               for the trace."
-                .to_owned(),
-            Self::NoEnd => "The device did not say that the trace is over: it was reset, or is gone. What it did in the last hundredths of a \
+                    .to_owned()
+            }
+            Self::NoEnd => {
+                "The device did not say that the trace is over: it was reset, or is gone. What it did in the last hundredths of a \
                             second before was not sent; `catheter rig explain` tells the fault that survived the reset."
-                .to_owned(),
+                    .to_owned()
+            }
             Self::Stranger { token } => format!(
                 "A tick took the request {token}, which this program did not send. Let no other program use the port during a recording."
             ),
-            Self::NoRecord => "Bytes of the trace are no record: firmware and program differ in its format. Build both from the same sources.".to_owned(),
+            Self::NoRecord => {
+                "Bytes of the trace are no record: firmware and program differ in its format. Build both from the same sources.".to_owned()
+            }
         }
     }
 }
@@ -221,7 +227,7 @@ mod tests {
             (trace.ticks.len(), trace.cut)
         };
         assert_eq!(cut(&[(0, head), (208, tail)], &[7]), (1, Some(Cut::Lost { bytes: 200 })));
-        assert_eq!(cut(&[(8, tail)], &[7]), (0, Some(Cut::Lost { bytes: 0 })));
+        assert_eq!(cut(&[(8, &self::bytes(&records()[1..]))], &[7]), (0, Some(Cut::Lost { bytes: 0 })));
         assert_eq!(cut(&[(0, &bytes)], &[8]), (1, Some(Cut::Stranger { token: 7 })));
         assert_eq!(cut(&[(0, &bytes[..bytes.len() - 5])], &[7]), (3, Some(Cut::NoEnd)));
         assert_eq!(cut(&[(0, &self::bytes(&[records()[0], TraceRecord::end(true)]))], &[]), (1, Some(Cut::TooSlow)));

@@ -1,6 +1,6 @@
 //! One reference, several controllers, side by side; and the recordings that a virtual rig is tuned on.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use model_export::link::message::Telemetry;
 use model_export::link::settings::SettingValue;
@@ -10,14 +10,20 @@ use super::reference::Reference;
 use super::rig::{self, Truth};
 use super::run::{self, RunError};
 use super::{Controller, SettingValues, rig_settings, setting};
+use crate::export::ExportError;
 use crate::link::{Client, Transport};
-use crate::recording::{Recording, RecordingError, Signal};
+use crate::recording::{ExtraColumn, Recording, RecordingError, Signal};
+use crate::train::TrainError;
+use crate::tune::simulate::Limits;
 use crate::tune::{self, TuneError, Tuned};
 
 /// Highest pressure of the recordings that a rig is tuned on, bar.
 pub const HIGHEST_BAR: f64 = 2.7;
 /// Time at the beginning of a run that no figure counts: the way from rest to the reference's first point.
 const SKIP_S: f64 = 1.0;
+
+/// What the output of the all-effects rig meets, as [`rig_settings`] have it.
+pub const RIG_LIMITS: Limits = Limits { ceiling_bar: 3.0, slew_bar_per_s: 40.0 };
 
 /// What can go wrong.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +40,12 @@ pub enum CompareError {
     /// Tuning failed.
     #[error(transparent)]
     Tune(#[from] TuneError),
+    /// A network could not be trained.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// It has no blob.
+    #[error(transparent)]
+    Export(#[from] ExportError),
     /// A controller or a reference that the program names itself does not exist.
     #[error("a controller or reference of the bench does not exist: this is a mistake in the program")]
     NoController,
@@ -46,6 +58,34 @@ pub struct Run {
     pub figures: Figures,
     /// Every sample, the way to the first point included.
     pub samples: Vec<Sample>,
+}
+
+impl Run {
+    /// The run as a recording: output and tip, with the reference, what was measured and estimated where that is known throughout, and whether
+    /// the limiter held the output back.
+    ///
+    /// # Errors
+    /// When the run has no samples.
+    pub fn recording(&self, path: &Path) -> Result<Recording, RecordingError> {
+        let samples = &self.samples;
+        let all = |value: &dyn Fn(&Sample) -> f64| samples.iter().map(value).collect::<Vec<f64>>();
+        let mut recording = Recording::new(
+            path,
+            Signal::pressure_bar(),
+            Signal::displacement_mm(),
+            all(&|sample| sample.time_s),
+            all(&|sample| sample.output_bar),
+            all(&|sample| sample.tip_mm),
+        )?;
+        let mut add = |name: &str, values: Option<Vec<f64>>| {
+            recording.extra.extend(values.map(|values| ExtraColumn { name: name.to_owned(), values }));
+        };
+        add("reference_mm", Some(all(&|sample| sample.reference_mm)));
+        add("pressure_measured_bar", samples.iter().map(|sample| sample.pressure_bar).collect());
+        add("estimate_mm", samples.iter().map(|sample| sample.estimate_mm).collect());
+        add("limited", Some(all(&|sample| f64::from(u8::from(sample.limited)))));
+        Ok(recording)
+    }
 }
 
 /// Runs a reference with a controller on a device.
@@ -68,7 +108,12 @@ pub fn run_one<T: Transport>(
 ///
 /// # Errors
 /// When the device refuses or vents.
-pub fn follow<T: Transport>(client: &mut Client<T>, truth: &Truth, controller: Controller, reference: &Reference) -> Result<Run, CompareError> {
+pub fn follow<T: Transport>(
+    client: &mut Client<T>,
+    truth: &Truth,
+    controller: Controller,
+    reference: &Reference,
+) -> Result<Run, CompareError> {
     let telemetry = run::run(client, &reference.points_mm, &mut |_, _| {})?;
     let samples = run::samples(&telemetry, truth);
     let counted: Vec<Sample> = samples.iter().copied().filter(|sample| sample.time_s >= SKIP_S).collect();
@@ -80,13 +125,26 @@ pub fn follow<T: Transport>(client: &mut Client<T>, truth: &Truth, controller: C
 /// # Errors
 /// When a run fails.
 pub fn on_the_virtual_rig(tuned: &Tuned, seed: u64, reference: &Reference, controllers: &[Controller]) -> Result<Vec<Run>, CompareError> {
-    let one = |controller: &Controller| {
-        let (mut client, truth) = rig::in_process(seed, 1)?;
-        let mut settings = rig_settings();
-        settings.extend(tuned.settings(*controller));
-        run_one(&mut client, &truth, &settings, Some(&tuned.blob), *controller, reference)
-    };
-    controllers.iter().map(one).collect()
+    controllers.iter().map(|controller| with_model(tuned, seed, reference, *controller, &tuned.blob, &[])).collect()
+}
+
+/// As [`on_the_virtual_rig`], one controller with this model and these settings on top of the tuned ones.
+///
+/// # Errors
+/// When the run fails.
+pub fn with_model(
+    tuned: &Tuned,
+    seed: u64,
+    reference: &Reference,
+    controller: Controller,
+    blob: &[u8],
+    changes: &[(u16, SettingValue)],
+) -> Result<Run, CompareError> {
+    let (mut client, truth) = rig::in_process(seed, 1)?;
+    let mut settings = rig_settings();
+    settings.extend(tuned.settings(controller));
+    settings.extend(changes);
+    run_one(&mut client, &truth, &settings, Some(blob), controller, reference)
 }
 
 /// Records on an all-effects rig what tuning wants to see.
@@ -129,7 +187,6 @@ fn recording(index: usize, telemetry: &[Telemetry]) -> Result<Recording, Recordi
 /// When a run or the tuning fails.
 pub fn tune_virtual_rig(rig_seed: u64, tuning_seed: u64) -> Result<(Tuned, Vec<Recording>), CompareError> {
     let recordings = record_for_tuning(rig_seed)?;
-    let limits = tune::simulate::Limits { ceiling_bar: 3.0, slew_bar_per_s: 40.0 };
-    let tuned = tune::tune(&recordings, limits, tuning_seed)?;
+    let tuned = tune::tune(&recordings, RIG_LIMITS, tuning_seed)?;
     Ok((tuned, recordings))
 }

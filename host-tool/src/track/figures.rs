@@ -18,6 +18,10 @@ pub struct Sample {
     pub tip_mm: f64,
     /// Pressure put out, bar.
     pub output_bar: f64,
+    /// Pressure measured, mean over the window that ended last, bar; while it is plausible.
+    pub pressure_bar: Option<f64>,
+    /// Where the model has the tip, mean over the window that ended last, mm; where there is one.
+    pub estimate_mm: Option<f64>,
     /// Whether the limiter held the output back.
     pub limited: bool,
     /// Estimate less true tip, means over the same window, mm; where both are known.

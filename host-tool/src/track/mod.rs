@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod compare;
 pub mod figures;
+pub mod learn;
 pub mod reference;
 pub mod rig;
 pub mod run;

@@ -14,10 +14,11 @@ use crate::rig::live::{AllEffects, Probe};
 /// Ticks of a window of the decimation filter.
 const WINDOW_TICKS: usize = 20;
 
-/// The true tip at every tick, where somebody can see it.
+/// The true tip and the output at every tick, where somebody can see them.
 #[derive(Clone, Default)]
 pub struct Truth {
     tips_mm: Rc<RefCell<Vec<f64>>>,
+    outputs_ubar: Rc<RefCell<Vec<i32>>>,
 }
 
 impl Truth {
@@ -27,6 +28,13 @@ impl Truth {
         // The first tick after the start shows one.
         let index = usize::try_from(time_ms.checked_sub(1)?).ok()?;
         self.tips_mm.borrow().get(index).copied()
+    }
+
+    /// What went to the valve in every tick from this time of the device's clock on, microbar; nothing on a real rig.
+    #[must_use]
+    pub fn outputs_from(&self, time_ms: u64) -> Vec<i32> {
+        let begin = usize::try_from(time_ms.saturating_sub(1)).unwrap_or(usize::MAX);
+        self.outputs_ubar.borrow().get(begin..).unwrap_or_default().to_vec()
     }
 
     /// Mean of the tip over the window of the decimation filter that an estimate in a sample of this time belongs to, mm.
@@ -39,7 +47,7 @@ impl Truth {
     }
 }
 
-/// Writes the tip down at every tick, and a journal if one is wanted.
+/// Writes tip and output down at every tick, and a journal if one is wanted.
 pub struct Watch {
     probe: Probe,
     truth: Truth,
@@ -59,11 +67,18 @@ impl Observer for Watch {
         if let Some(recorder) = &mut self.recorder {
             recorder.see(record, hardware);
         }
-        let mut tips_mm = self.truth.tips_mm.borrow_mut();
-        match record {
-            TickRecord::Boot { .. } => tips_mm.clear(),
-            TickRecord::Tick { .. } | TickRecord::Silence => tips_mm.push(self.probe.tip_mm()),
-        }
+        let (mut tips_mm, mut outputs_ubar) = (self.truth.tips_mm.borrow_mut(), self.truth.outputs_ubar.borrow_mut());
+        let output_ubar = match record {
+            TickRecord::Boot { .. } => {
+                tips_mm.clear();
+                outputs_ubar.clear();
+                return;
+            }
+            TickRecord::Tick { outputs, .. } => outputs.output_ubar,
+            TickRecord::Silence => 0,
+        };
+        tips_mm.push(self.probe.tip_mm());
+        outputs_ubar.push(output_ubar);
     }
 }
 

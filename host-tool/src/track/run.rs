@@ -165,6 +165,8 @@ pub fn samples(telemetry: &[Telemetry], truth: &Truth) -> Vec<Sample> {
             reference_mm: f64::from(sample.set_point),
             tip_mm,
             output_bar: f64::from(sample.output_ubar) * 1e-6,
+            pressure_bar: sample.pressure_bar.map(f64::from),
+            estimate_mm: sample.estimate_mm.map(f64::from),
             limited,
             estimate_error_mm: sample.estimate_mm.and_then(|estimate| Some(f64::from(estimate) - truth.window_mm(sample.time_ms)?)),
         })

@@ -69,7 +69,7 @@ pub fn simulate(law: &Tracking, compensator: &Compensator, plant: &Actuator, lim
                 tip_mm: f64::from(tip_mm),
                 output_bar: f64::from(output_bar),
                 limited: inputs.limited,
-                estimate_error_mm: None,
+                ..Sample::default()
             });
         }
     }

@@ -44,7 +44,7 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     assert!(settings.contains("\"control.law\" = 2") && settings.contains("\"control.feed_forward\" = 0"), "{settings}");
 
     let said = bench.works(
-        "track --settings tuned/settings.toml --model tuned/control.blob --reach-mm 3,8 --reference point-to-point --controllers open-loop,physics-inverse --json out.json --report out.html",
+        "track --settings tuned/settings.toml --model tuned/control.blob --reach-mm 3,8 --reference point-to-point --controllers open-loop,physics-inverse --json out.json --report out.html --csv runs",
     );
     assert!(said.stdout.contains("physics-inverse"), "{}", said.stdout);
     let tracked = bench.json("out.json");
@@ -57,6 +57,24 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     }
     let page = String::from_utf8(bench.read("out.html")).expect("text");
     assert!(page.contains("open-loop") && page.contains("<svg"), "a table and plots");
+
+    // A run is a recording, and its reference a reference.
+    let run = host_tool::recording::load(&[bench.path("runs/physics-inverse.csv")], None).expect("a recording").remove(0);
+    let names: Vec<&str> = run.extra.iter().map(|extra| extra.name.as_str()).collect();
+    assert_eq!(names, ["reference_mm", "pressure_measured_bar", "estimate_mm", "limited"]);
+    let error_mm = |index: usize| run.output[index] - run.extra[0].values[index];
+    let after = run.time_s.iter().position(|time_s| *time_s >= 1.0).expect("a run of more than a second");
+    let rmse_mm = ((after..run.len()).map(|index| error_mm(index).powi(2)).sum::<f64>() / (run.len() - after) as f64).sqrt();
+    let told_mm = controllers[1]["rmse_mm"].as_f64().expect("a number");
+    assert!((rmse_mm - told_mm).abs() < 1e-9, "{rmse_mm} mm in the file, {told_mm} mm told");
+    bench.works(
+        "track --settings tuned/settings.toml --model tuned/control.blob --reference runs/physics-inverse.csv --controllers open-loop --json again.json",
+    );
+    let again = bench.json("again.json");
+    // The reference's points lie 20 ms apart in what was recorded each 10 ms: the same path, and the same error but for a tick's difference.
+    let (first, second) = (&controllers[0]["rmse_mm"], &again["controllers"][0]["rmse_mm"]);
+    let (first, second) = (first.as_f64().expect("a number"), second.as_f64().expect("a number"));
+    assert!((first / second - 1.0).abs() < 0.02, "{first} and {second} mm");
 
     // An inverse that has hardly learned anything still runs, and has the physics to fall back to.
     bench.works("train --inverse --look-ahead-ms 100 --data recordings --preset stream-1x32 --epochs 2 --out inverse.safetensors");

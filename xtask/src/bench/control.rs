@@ -7,13 +7,17 @@ use super::table::markdown;
 use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
 
 /// Figure, what it is, target, and whether the target is a least or a most.
-const FIGURES: [(&str, &str, f64, bool); 6] = [
+const FIGURES: [(&str, &str, f64, bool); 10] = [
     ("feed_forward_gain", "physics inverse without laser against open loop, moving references", 0.85, true),
     ("feedback_gain", "physics inverse with laser against the best PID alone, 0.2 to 0.8 Hz", 0.60, true),
     ("point_to_point_gain", "random point-to-point, sensorless against open loop", 0.75, true),
     ("estimate_rmse_share", "sensorless estimate over an hour, RMSE / stroke", 0.01, false),
     ("estimate_drift_share", "its drift from the first to the last six minutes / stroke", 0.01, false),
     ("laser_lost_share", "laser lost in mid-motion, tip within a second / stroke", 0.01, false),
+    ("laser_lost_slew_share", "fastest output in that second / slew limit", 0.99, false),
+    ("learned.feed_forward_gain", "learned inverse without laser against open loop, moving references", 0.85, true),
+    ("learned.point_to_point_gain", "random point-to-point, sensorless on a network's estimate against open loop", 0.75, true),
+    ("learned.estimate_rmse_share", "that estimate, RMSE / stroke", 0.01, false),
 ];
 
 /// Runs the controllers and prints one table; every seed is a rig of its own.
@@ -23,7 +27,7 @@ pub fn measure(arguments: &Arguments) -> Result<Value> {
     let table = catheter_json(&folder, "control", &line)?;
     let mut rows = Vec::new();
     for (key, what, target, least) in FIGURES {
-        let value = number(&table, key)?;
+        let value = key.split_once('.').map_or_else(|| number(&table, key), |(part, key)| number(&table[part], key))?;
         let met = if least { value >= target } else { value <= target };
         let bound = if least { "at least" } else { "at most" };
         rows.push(vec![
@@ -35,6 +39,12 @@ pub fn measure(arguments: &Arguments) -> Result<Value> {
     }
     println!("Controllers on the all-effects rig, {} rig(s), references used nowhere else\n", arguments.seeds);
     println!("{}", markdown(&["figure", "measured", "target", ""], &rows));
+    let ticks = |key: &str| number(&table, key);
+    println!(
+        "Ticks at a limit in that second, of all rigs: {}; in the same second with the laser: {}\n",
+        ticks("laser_lost_limited_ticks")?,
+        ticks("laser_kept_limited_ticks")?
+    );
     println!("Tracking RMSE in mm, mean over the rigs\n");
     println!("{}", by_controller(&table)?);
     Ok(table)
