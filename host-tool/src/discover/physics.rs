@@ -11,6 +11,11 @@ use crate::recording::{Recording, Signal};
 use super::effects::creep::TIMES_S;
 use super::file::DiscoveredModel;
 
+/// Whether a lag is so fast that the samples cannot tell it from a delay of the same length.
+fn is_a_delay(time_constant_s: f64, sample_period_s: f64) -> bool {
+    time_constant_s < sample_period_s
+}
+
 /// The physics model for `catheter export`.
 ///
 /// # Errors
@@ -26,6 +31,10 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
                 input_path.lag_time_constant_s = effect.normalised[0];
                 // Found with straight lines between samples, run with steps there: these arrive half a sample earlier.
                 input_path.dead_time_s += 0.5 * model.sample_period_s;
+            }
+            ("pneumatic-lag", "two in a row before the hysteresis") if is_a_delay(effect.normalised[1], model.sample_period_s) => {
+                input_path.lag_time_constant_s = effect.normalised[0];
+                input_path.dead_time_s += effect.normalised[1] + 0.5 * model.sample_period_s;
             }
             ("creep", "of the displacement") => {
                 let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
@@ -158,6 +167,7 @@ mod tests {
             // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
             (vec![entry("dead-time", "constant", &[0.137], &[])], false, 4e-2),
             (vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false, 4e-2),
+            (vec![entry("pneumatic-lag", "two in a row before the hysteresis", &[0.15, 0.008], &[])], false, 4e-2),
         ];
         for (effects, stops, tolerance_mm) in cases {
             let model = model(effects, stops);
@@ -174,5 +184,7 @@ mod tests {
     fn an_effect_that_the_microcontroller_does_not_know_is_named() {
         let problem = physics_model(&model(vec![entry("resonance", "swinging tip", &[3.0, 0.1], &[])], false), &[recording()]);
         assert_eq!(problem.expect_err("no such stage"), "resonance (swinging tip)");
+        let two = entry("pneumatic-lag", "two in a row before the hysteresis", &[0.15, 0.05], &[]);
+        assert!(physics_model(&model(vec![two], false), &[recording()]).is_err(), "a second lag of 50 ms is no delay");
     }
 }

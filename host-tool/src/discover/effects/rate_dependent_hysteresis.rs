@@ -6,10 +6,12 @@ use crate::discover::session::Session;
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &Viscous, &Stiffening];
+pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &AdditiveLinear, &ProportionalLinear, &Viscous, &Stiffening];
 
 struct Additive;
 struct Proportional;
+struct AdditiveLinear;
+struct ProportionalLinear;
 struct Viscous;
 struct Stiffening;
 
@@ -29,7 +31,7 @@ impl Form for Additive {
         &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, POWER]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.003, 0.15, 6).into_iter().flat_map(|size| [vec![size, 0.5], vec![size, 1.0]]).collect()
+        ladder(0.003, 0.15, 6).into_iter().map(|size| vec![size, 0.5]).collect()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.extra_per_rate = parameters[0];
@@ -51,11 +53,53 @@ impl Form for Proportional {
         &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, POWER]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.05, 3.0, 5).into_iter().flat_map(|size| [vec![size, 0.5], vec![size, 1.0]]).collect()
+        ladder(0.05, 3.0, 5).into_iter().map(|size| vec![size, 0.5]).collect()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.growth_per_rate = parameters[0];
         habit.rate_power = parameters[1];
+    }
+}
+
+impl Form for AdditiveLinear {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same, in proportion to the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.003, 0.15, 6).into_iter().map(|time| vec![time]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.extra_per_rate = parameters[0];
+    }
+}
+
+impl Form for ProportionalLinear {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by a share of itself, in proportion to the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.05, 3.0, 5).into_iter().map(|growth| vec![growth]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.growth_per_rate = parameters[0];
     }
 }
 
