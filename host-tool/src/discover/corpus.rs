@@ -115,7 +115,11 @@ pub fn run<E: From<RigError>>(
 /// Two different effects, drawn by a hash of the seed.
 fn pair(seed: u64) -> Vec<String> {
     let count = EFFECTS.len() as u64;
-    let mixed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
+    // SplitMix64 (Steele, Lea and Flood 2014): neighbouring seeds draw every pair alike.
+    let mut mixed = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    mixed ^= mixed >> 31;
     let first = mixed % count;
     let second = (first + 1 + (mixed / count) % (count - 1)) % count;
     [first, second].iter().map(|&index| EFFECTS[usize::try_from(index).unwrap_or(0)].to_owned()).collect()
