@@ -174,6 +174,11 @@ pub trait Form: Sync {
     fn is_static(&self) -> bool {
         false
     }
+    /// Whether operators that remember earlier recordings must be told what it made of all of them, not of their turning points alone. A
+    /// delay changes none of these, and searching a narrow valley takes long enough without.
+    fn follows_history(&self) -> bool {
+        self.place() < Place::Operators && !self.is_static() && self.across().is_none()
+    }
     /// Whether its parameters are searched on the grid only, and there by all samples that are not kept out.
     fn discrete(&self) -> bool {
         false

@@ -148,7 +148,7 @@ pub fn loop_area(session: &Session, baseline: &Model) -> Option<LoopArea> {
     let residual = baseline.residuals(session);
     let alone = |form: &'static dyn Form, other: &'static dyn Form| {
         let with_one = search::fit_form(baseline, form, session, &residual)?.model;
-        let mut both = search::polish(&with_one.with(other, vec![0.01]), session, 25).model;
+        let mut both = search::polish(&with_one.with(other, vec![0.01]), session, Scope::Fit, 25).model;
         let (fit, _) = both.fit(session, Scope::Fit);
         Some((fit, both))
     };

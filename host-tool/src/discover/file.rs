@@ -246,6 +246,7 @@ impl DiscoveredModel {
             keep: vec![true; input.len()],
             rest: Vec::new(),
             history: self.memory.clone(),
+            session: std::sync::Arc::default(),
         }
     }
 

@@ -10,10 +10,13 @@ pub mod corpus;
 mod diagnosis;
 pub mod effects;
 pub mod file;
+mod find;
+mod grid;
 mod least_squares;
 mod mask;
 mod model;
 mod noise;
+mod pairs;
 pub mod physics;
 pub mod plan;
 mod rounds;
@@ -33,6 +36,8 @@ pub use whereabouts::Disagreement;
 
 use crate::recording::{ExtraColumn, Recording};
 use catalogue::Place;
+#[cfg(test)]
+use find::PNEUMATIC;
 use rounds::Bench;
 
 /// How to discover.
@@ -209,7 +214,7 @@ pub fn discover_from(
         model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
     }
     let owned = model.slots.len();
-    let search = search_effects(&session, model, pressure_path.as_deref(), config, watch);
+    let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
     watch("figures");
     let mut after = search.model;
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
@@ -221,6 +226,9 @@ pub fn discover_from(
     after.fit_all(&session);
     before.fit_all(&session);
     let loop_area = diagnosis::loop_area(&session, &before);
+    before = before.refined();
+    before.fit_all(&session);
+    before = before.pruned();
     let simulated = given.unwrap_or_else(|| session.runs.iter().map(|run| before.predict(run)).collect());
     let residual_before: Vec<Vec<f64>> = session
         .runs
@@ -271,133 +279,8 @@ fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) ->
     let mut forms = catalogue::forms();
     forms.retain(|form| form.place() <= Place::Tube);
     let bench = Bench { session: &session, forms, threads: config.threads };
-    let found = find(&bench, before, 1, &|_| {});
+    let found = find::find(&bench, before, 1, &|_| {});
     Ok(found.found.order.into_iter().map(str::to_owned).collect())
-}
-
-/// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
-const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
-
-/// What the search hands on to the verdict.
-struct Found {
-    /// Names in the order in which they came in.
-    order: Vec<&'static str>,
-    candidates: Vec<Candidate>,
-    runner_up: Option<RunnerUp>,
-    /// Whether the second explains as much with as few parameters.
-    twins: bool,
-    /// How many deviations the first lies above the second.
-    apart: f64,
-}
-
-/// The model that was found, and what goes with it.
-struct Outcome {
-    model: Model,
-    second: Option<Model>,
-    found: Found,
-}
-
-fn search_effects(
-    session: &Session,
-    model: Model,
-    pressure_path: Option<&[String]>,
-    config: &DiscoverConfig,
-    watch: &dyn Fn(&str),
-) -> Outcome {
-    let mut forms = catalogue::forms();
-    if let Some(named) = pressure_path {
-        forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
-    }
-    // A sensor that reads in steps wider than its noise holds and jumps by itself: a tip that sticks could not be told from it.
-    if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
-        forms.retain(|form| form.name() != "stick-slip");
-    }
-    find(&Bench { session, forms, threads: config.threads }, model, config.most_effects, watch)
-}
-
-/// Adds effects to `model` one at a time, as long as they pay; those that it has already stay.
-fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
-    let session = bench.session;
-    let owned: Vec<&'static str> = model.slots.iter().map(|slot| slot.form.name()).collect();
-    let (_, mut select) = model.fit(session, model::Scope::Both);
-    let first_select = select;
-    let mut found = Found { order: Vec::new(), candidates: Vec::new(), runner_up: None, twins: false, apart: 0.0 };
-    let mut second_model = None;
-    for round in 0..most_effects {
-        let floor_square = noise::floor(session, &model.residuals(session)).powi(2);
-        if round > 0 && select < 1.1 * floor_square {
-            break;
-        }
-        watch(["every effect", "a second effect", "a third effect"][round.min(2)]);
-        let excess = (first_select - floor_square).max(0.05 * floor_square);
-        let least = if round == 0 {
-            rounds::LEAST_GAIN
-        } else {
-            let taken = (rounds::LEAST_FURTHER_SHARE * excess).max(rounds::LEAST_FURTHER_GAIN * (select - floor_square));
-            (taken / select).max(2.0 * rounds::LEAST_GAIN)
-        };
-        let tried = bench.round(&model, least);
-        if round == 0 {
-            for one in &tried {
-                if !found.candidates.iter().any(|candidate| candidate.name == one.form.name()) {
-                    found.candidates.push(Candidate {
-                        name: one.form.name().to_owned(),
-                        score: 1.0 - one.fitted.select / select,
-                        p_value: tail(one.deviations),
-                    });
-                }
-            }
-        }
-        let best = bench.polished(&tried, 20);
-        let Some(chosen) = best.first() else { break };
-        let gain = 1.0 - chosen.fitted.select / select;
-        let deviations = rounds::deviations(&bench.selecting_blocks(&model), &bench.selecting_blocks(&chosen.fitted.model));
-        // What thresholds between those of the baseline's grid leave looks like an effect too, and is not one.
-        let beyond_grid = select - chosen.fitted.select > rounds::GRID_ERROR * rounds::GRID_ERROR;
-        if gain < least || !beyond_grid || !rounds::is_no_chance(gain, deviations) {
-            break;
-        }
-        if round == 0 {
-            let second = best.iter().chain(&tried).find(|one| one.form.name() != chosen.form.name());
-            found.runner_up = second.map(|second| {
-                found.apart =
-                    rounds::deviations(&bench.selecting_blocks(&second.fitted.model), &bench.selecting_blocks(&chosen.fitted.model));
-                found.twins =
-                    second.fitted.model.cost() <= chosen.fitted.model.cost() && second.fitted.select < 1.005 * chosen.fitted.select;
-                RunnerUp {
-                    name: second.form.name().to_owned(),
-                    separable: found.apart > 2.0 && second.fitted.select > 1.01 * chosen.fitted.select,
-                }
-            });
-            second_model = second.map(|second| second.fitted.model.clone());
-        }
-        model = chosen.fitted.model.clone();
-        select = chosen.fitted.select;
-        found.order.push(chosen.form.name());
-        // What came in earlier leaves when it no longer pays.
-        while model.slots.len() > owned.len() + 1 {
-            let mut left = None;
-            for slot in (0..model.slots.len()).filter(|&slot| !owned.contains(&model.slots[slot].form.name())) {
-                let fewer = search::polish(&model.without(slot), session, 20);
-                if fewer.select < select * (1.0 + rounds::LEAST_GAIN) || fewer.select - select < rounds::LEAST_FURTHER_SHARE * excess {
-                    left = Some((slot, fewer));
-                    break;
-                }
-            }
-            let Some((slot, fewer)) = left else { break };
-            let name = model.slots[slot].form.name();
-            found.order.retain(|other| *other != name);
-            model = fewer.model;
-            select = fewer.select;
-        }
-    }
-    if !model.slots.is_empty() {
-        let last = search::polish(&model, session, 40);
-        if last.select <= select * 1.001 {
-            model = last.model;
-        }
-    }
-    Outcome { model, second: second_model, found }
 }
 
 /// The baseline that fits better: operators that begin fresh in every recording, or ones that remember.

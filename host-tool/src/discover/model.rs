@@ -1,11 +1,9 @@
 //! A simulation model under discovery: a bank of play operators and the effects added so far; its fit and its residual.
 
 use super::catalogue::{Columns, Form, Habit};
+use super::grid;
 use super::least_squares::Gram;
-use super::session::{Role, Run, Session};
-
-/// Number of play operators.
-pub const OPERATORS: usize = 24;
+use super::session::{Role, Run, Session, remember};
 
 /// One effect in the model.
 #[derive(Clone)]
@@ -56,15 +54,11 @@ pub enum Scope {
 }
 
 impl Model {
-    /// The Prandtl-Ishlinskii model alone, thresholds denser near zero.
+    /// The Prandtl-Ishlinskii model alone, on the coarse grid.
     #[must_use]
     pub fn baseline(carry: bool, stops: bool) -> Self {
-        // Beyond half the span an operator moves on the way to a new peak only: few are enough there.
-        const WIDE: [f64; 6] = [0.66, 0.72, 0.78, 0.84, 0.9, 0.96];
-        const DENSE: usize = OPERATORS - WIDE.len();
-        let dense = (0..DENSE).map(|index| 0.6 * (index as f64 / (DENSE - 1) as f64).powf(1.5));
-        let thresholds: Vec<f64> = dense.chain(WIDE).collect();
-        Self { thresholds, carry, stops, slots: Vec::new(), base: vec![0.0; OPERATORS + 1] }
+        let thresholds = grid::coarse();
+        Self { base: vec![0.0; thresholds.len() + 1], thresholds, carry, stops, slots: Vec::new() }
     }
 
     /// This model with one more effect, in its place in the chain.
@@ -84,6 +78,11 @@ impl Model {
         model
     }
 
+    /// Names of the effects, in the order of the signal.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.slots.iter().map(|slot| slot.form.name())
+    }
+
     /// Number of parameters that the effects add.
     #[must_use]
     pub fn cost(&self) -> usize {
@@ -98,22 +97,23 @@ impl Model {
 
     /// All columns of the linear part for one recording.
     pub fn columns(&self, run: &Run, columns: &mut Columns) {
+        self.columns_after(run, &self.history(run), columns);
+    }
+
+    /// All columns of the linear part for one recording after these turning points.
+    fn columns_after(&self, run: &Run, history: &[f64], columns: &mut Columns) {
         let samples = run.input.len();
         columns.samples = samples;
         columns.values.clear();
         columns.free.clear();
         let mut path = run.input.clone();
-        let mut history = run.history.clone();
         let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
         for slot in &self.slots {
             slot.form.input(&slot.parameters, run, &mut path);
-            if self.carry && slot.form.is_static() {
-                slot.form.input(&slot.parameters, run, &mut history);
-            }
             slot.form.habit(&slot.parameters, &mut habit);
         }
         columns.push(true, |_| 1.0);
-        self.operators(run, &history, &path, &habit, columns);
+        self.operators(run, history, &path, &habit, columns);
         if self.stops {
             // The first operator has no threshold: its play is the path itself, the spring beside the sliders.
             for column in columns.values[2 * samples..].chunks_exact_mut(samples) {
@@ -142,13 +142,38 @@ impl Model {
         }
     }
 
+    /// Whether the operators remember what stages with a memory of their own made of earlier recordings.
+    fn follows_history(&self) -> bool {
+        self.carry && self.slots.iter().any(|slot| slot.form.follows_history())
+    }
+
+    /// Adds the turning points of one recording, as the operators see it, to those of earlier ones.
+    fn follow(&self, run: &Run, history: &mut Vec<f64>) {
+        let mut path = run.input.clone();
+        self.slots.iter().for_each(|slot| slot.form.input(&slot.parameters, run, &mut path));
+        remember(history, &path);
+    }
+
+    /// Turning points, before this recording, of the input as the operators see it.
+    fn history(&self, run: &Run) -> Vec<f64> {
+        let mut history = Vec::new();
+        if self.follows_history() {
+            run.session.iter().take(run.index).for_each(|earlier| self.follow(earlier, &mut history));
+        } else if self.carry {
+            history.clone_from(&run.history);
+            for slot in self.slots.iter().filter(|slot| slot.form.is_static()) {
+                slot.form.input(&slot.parameters, run, &mut history);
+            }
+        }
+        history
+    }
+
     /// The play operators' columns, several operators side by side so that none waits for its own last step.
     fn operators(&self, run: &Run, history: &[f64], path: &[f64], habit: &Habit, columns: &mut Columns) {
         let samples = path.len();
         let start = columns.values.len();
         columns.values.resize(start + samples * self.thresholds.len(), 0.0);
         columns.free.resize(columns.free.len() + self.thresholds.len(), false);
-        let history = if self.carry { history } else { &[] };
         let gaps =
             |path: &[f64], moving: bool| if habit.is_plain() { Vec::new() } else { gaps(path, habit, moving.then_some(run.period_s)) };
         let (before, now) = (gaps(history, false), gaps(path, true));
@@ -187,15 +212,22 @@ impl Model {
     pub fn sums(&self, session: &Session, scope: Scope) -> Sums {
         let mut columns = Columns::default();
         let mut sums: Option<Sums> = None;
-        for run in &session.runs {
-            let wanted = |role: Role| role == Role::Fit || (scope == Scope::Both && role == Role::Select);
-            if scope == Scope::Screen && !run.screens {
+        let wanted = |role: Role| role == Role::Fit || (scope == Scope::Both && role == Role::Select);
+        let looked_at = |run: &Run| (scope != Scope::Screen || run.screens) && run.role.iter().any(|&role| wanted(role));
+        let last = session.runs.iter().rposition(looked_at).unwrap_or(0);
+        let follows = self.follows_history();
+        let mut history = Vec::new();
+        for run in &session.runs[..=last] {
+            if looked_at(run) {
+                let before = if follows { &history } else { &self.history(run) };
+                self.columns_after(run, before, &mut columns);
+            }
+            if follows {
+                self.follow(run, &mut history);
+            }
+            if !looked_at(run) {
                 continue;
             }
-            if !run.role.iter().any(|&role| wanted(role)) {
-                continue;
-            }
-            self.columns(run, &mut columns);
             let width = columns.free.len();
             columns.push(true, |sample| run.output[sample]);
             if run.keep.iter().any(|keep| !keep) {

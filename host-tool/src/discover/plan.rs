@@ -148,7 +148,7 @@ fn left_over(rig: &DiscoveredModel, pupil: &DiscoveredModel, time_s: &[f64], inp
     }
     let mut model = Model::baseline(false, pupil.stops);
     model.slots = pupil.slots_in(&session).map_err(PlanError::Model)?;
-    let mut fitted = search::polish(&model, &session, 25).model;
+    let mut fitted = search::polish(&model, &session, Scope::Fit, 25).model;
     let (square, _) = fitted.fit(&session, Scope::Fit);
     Ok(square.sqrt() * session.output_scale.abs())
 }

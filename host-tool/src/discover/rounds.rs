@@ -8,9 +8,9 @@ use super::noise;
 use super::search::{self, Fitted, Started};
 use super::session::{Role, Run, Session};
 
-/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves under the fixed thresholds of the
-/// baseline: up to 0.12 % with twenty random operators and steep noise-free recordings.
-pub const GRID_ERROR: f64 = 0.0015;
+/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves on the fine grid: up to 0.073 % with
+/// twenty random operators and recordings without noise (twelve rigs of both kinds, a test).
+pub const GRID_ERROR: f64 = 0.0008;
 /// Least share of the mean square that the first effect takes away.
 pub const LEAST_GAIN: f64 = 0.012;
 /// Least share of the original excess over the noise that a further effect takes away.
@@ -36,13 +36,23 @@ pub fn is_no_chance(gain: f64, deviations: f64) -> bool {
 /// What a parameter must bring, as a share of the mean square, when effects compete.
 pub const PRICE: f64 = 0.012;
 
+/// What competing models are ordered by, the better the less: the logarithm of the mean square that remains and the price of the parameters.
+pub fn judgement(model: &Model, select: f64) -> f64 {
+    select.max(1e-30).ln() + PRICE * model.cost() as f64
+}
+
 /// Share of the least gain that a form's grid must show before its parameters are searched.
 const HOPELESS: f64 = 0.25;
 /// Share of the best form's gain that a form's grid must show before its parameters are searched: a grid point takes away at least that
 /// of what its valley does.
-const FAR_BEHIND: f64 = 0.15;
+pub const FAR_BEHIND: f64 = 0.15;
 /// Forms that search in smaller steps than this lie in valleys narrower than their grids: those say nothing about them.
 const NARROW: f64 = 0.05;
+
+/// Whether a form lies in a valley narrower than its grid.
+pub fn is_narrow(form: &dyn Form) -> bool {
+    (0..form.parameters().len()).any(|parameter| form.step(parameter) < NARROW)
+}
 
 /// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
 pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
@@ -97,13 +107,6 @@ pub struct Tried {
     pub deviations: f64,
 }
 
-impl Tried {
-    /// What it is judged by: the logarithm of the mean square that remains and the price of its parameters.
-    fn judgement(&self) -> f64 {
-        self.fitted.select.max(1e-30).ln() + PRICE * self.fitted.model.cost() as f64
-    }
-}
-
 /// Everything the selection works with.
 pub struct Bench<'a> {
     /// The recordings.
@@ -137,43 +140,73 @@ impl Bench<'_> {
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
         let worth = (HOPELESS * least).max(FAR_BEHIND * most);
         let mut tried = in_parallel(&started, self.threads, |started| {
-            let narrow = (0..started.form.parameters().len()).any(|parameter| started.form.step(parameter) < NARROW);
-            let hopeful = narrow || gain(started) > worth;
+            let hopeful = is_narrow(started.form) || gain(started) > worth;
             let fitted = if hopeful { search::refine_form(started, self.session) } else { search::settle_form(started, self.session) };
             let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
             Tried { fitted, form: started.form, deviations }
         });
-        tried.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+        tried.sort_by(|x, y| x.fitted.judgement().total_cmp(&y.fitted.judgement()));
         tried
     }
 
-    /// The best few, polished together with what is already there; best first.
-    pub fn polished(&self, tried: &[Tried], effort: usize) -> Vec<Tried> {
-        let mut names: Vec<&str> = Vec::new();
-        let mut best: Vec<&Tried> = Vec::new();
-        for one in tried {
-            // Two forms of an effect at most, four effects at most.
-            if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < 5 {
-                names.push(one.form.name());
-                best.push(one);
-            }
-        }
-        let mut polished = in_parallel(&best, self.threads, |one| {
-            let mut fitted = search::polish(&one.fitted.model, self.session, effort);
+    /// Polishes every model's parameters together and judges what comes of it; best first.
+    pub fn polished(&self, models: &[Model], evaluations: usize) -> Vec<Judged> {
+        let mut polished = in_parallel(models, self.threads, |model| {
+            let fitted = search::polish(model, self.session, Scope::Fit, evaluations);
+            let judged = self.judge(&fitted.model);
             // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
-            let mut turned = fitted.model.clone();
+            let mut turned = fitted.model;
             turned.carry = !turned.carry;
             if turned.fit(self.session, Scope::Both).1 < 0.98 * fitted.select {
-                let turned = search::polish(&turned, self.session, effort);
-                if turned.select < fitted.select {
-                    fitted = turned;
+                let turned = self.judge(&search::polish(&turned, self.session, Scope::Fit, evaluations).model);
+                if turned.select < judged.select {
+                    return turned;
                 }
             }
-            let fitted = if fitted.select < one.fitted.select * 1.001 { fitted } else { one.fitted.clone() };
-            Tried { fitted, form: one.form, deviations: one.deviations }
+            judged
         });
         polished.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
         polished
+    }
+
+    /// Weighs a model on the fine grid.
+    pub fn judge(&self, model: &Model) -> Judged {
+        let mut fine = model.refined();
+        let (_, select) = fine.fit(self.session, Scope::Both);
+        let blocks = self.selecting_blocks(&fine);
+        Judged { model: model.clone(), fine, select, blocks }
+    }
+}
+
+/// A model as it is judged: on the fine grid, by the selecting samples.
+#[derive(Clone)]
+pub struct Judged {
+    /// The model on the coarse grid, to search on.
+    pub model: Model,
+    /// The same on the fine grid, its weights fitted.
+    pub fine: Model,
+    /// Mean square of the selecting samples on the fine grid.
+    pub select: f64,
+    /// Mean squares of the selecting blocks on the fine grid.
+    pub blocks: Vec<f64>,
+}
+
+impl Judged {
+    /// What competing models are ordered by: the logarithm of the mean square that remains and the price of the parameters.
+    pub fn judgement(&self) -> f64 {
+        judgement(&self.model, self.select)
+    }
+
+    /// Share of `before`'s mean square that this takes away.
+    pub fn gain_over(&self, before: &Self) -> f64 {
+        1.0 - self.select / before.select
+    }
+
+    /// Whether this takes away the share `least` of `before`'s mean square, more than a grid of thresholds may leave, and not by chance.
+    pub fn pays(&self, before: &Self, least: f64) -> bool {
+        let gain = self.gain_over(before);
+        let beyond_grid = before.select - self.select > GRID_ERROR * GRID_ERROR;
+        gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::catalogue::{Form, Parameter};
 use super::model::{Model, Scope, Slot};
+use super::rounds;
 use super::session::Session;
 
 /// A fitted candidate.
@@ -11,6 +12,14 @@ pub struct Fitted {
     pub model: Model,
     /// Mean square of the selecting samples.
     pub select: f64,
+}
+
+impl Fitted {
+    /// What competing models are ordered by.
+    #[must_use]
+    pub fn judgement(&self) -> f64 {
+        rounds::judgement(&self.model, self.select)
+    }
 }
 
 /// A parameter as the search sees it.
@@ -274,15 +283,16 @@ pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residu
     start_form(base, form, session, residual).map(|started| refine_form(&started, session))
 }
 
-/// Improves all parameters of all effects together.
+/// Improves all parameters of all effects together, by the samples of `scope`.
 #[must_use]
-pub fn polish(model: &Model, session: &Session, evaluations: usize) -> Fitted {
+pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
     let mut model = model.clone();
     let indices: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(&model, slot)).collect();
     let count = indices.len();
-    let effort = |size: f64, evaluations: usize| Effort { scope: Scope::Fit, size, evaluations, spread: 1e-6 };
-    model.fit(session, Scope::Fit);
+    let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
+    let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
+    model.fit(session, scope);
     simplex(&mut model, session, &indices, effort(0.4, evaluations * count));
     let (_, mut select) = model.fit(session, Scope::Both);
     if model.needs_sum() && count > 0 {

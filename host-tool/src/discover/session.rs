@@ -3,6 +3,8 @@
 //! Terms. *Role*: what a sample is used for: fitting, selecting between effects, or neither until the figures at the end (kept out).
 //! *Rest*: a stretch at least 0.6 s long in which the input does not move. *Mask*: samples taken out as outliers.
 
+use std::sync::Arc;
+
 use crate::recording::Recording;
 
 /// What a sample is used for.
@@ -45,6 +47,9 @@ pub struct Run {
     pub rest: Vec<std::ops::Range<usize>>,
     /// Turning points of the input before this recording, oldest first.
     pub history: Vec<f64>,
+    /// All recordings of the session (the first `index` are the earlier ones), for stages that change the input with a memory of their own:
+    /// a stroke that was the widest for the command need not be the widest for what a slow valve makes of it.
+    pub session: Arc<Vec<Run>>,
 }
 
 /// A session.
@@ -194,6 +199,7 @@ impl Session {
                     time_s: time_s[segment.clone()].iter().map(|time| time - time_s[segment.start]).collect(),
                     rest,
                     history: Vec::new(),
+                    session: Arc::default(),
                 });
             }
         }
@@ -213,6 +219,8 @@ impl Session {
             remember(&mut history, &run.input);
             steps.extend(run.input.windows(2).map(|pair| (pair[1] - pair[0]).abs() / run.period_s));
         }
+        let all = Arc::new(runs.clone());
+        runs.iter_mut().for_each(|run| run.session = Arc::clone(&all));
         steps.sort_by(f64::total_cmp);
         let fastest_per_s = steps[steps.len() - 1 - steps.len() / 200].max(1e-9);
         let length_s = runs.iter().filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max);
@@ -342,7 +350,7 @@ fn rest_of(input: &[f64], period_s: f64) -> Vec<std::ops::Range<usize>> {
 }
 
 /// Adds the turning points of `input` to `history` and forgets those that later, larger ones wipe out.
-fn remember(history: &mut Vec<f64>, input: &[f64]) {
+pub fn remember(history: &mut Vec<f64>, input: &[f64]) {
     for &value in input {
         loop {
             let count = history.len();

@@ -48,7 +48,9 @@ fn names_what_another_rig_with_other_laws_hides() {
         let config = DiscoverConfig { most_effects: 1, ..DiscoverConfig::default() };
         let discovery = discover(&case.recordings[..12], &case.kept_out, &config).expect("a finding").discovery;
         assert_eq!(discovery.effects.first().map(|effect| effect.name.as_str()), Some(effect), "seed {seed}: {discovery:?}");
-        assert!(discovery.gap_closed > 0.9, "seed {seed}: {}", discovery.gap_closed);
+        // Half a session: what the fine grid of thresholds cannot learn from twelve first peaks stays.
+        assert!(discovery.gap_closed > 0.87, "seed {seed}: {}", discovery.gap_closed);
+        assert!(discovery.rmse_after < 1.2 * discovery.noise_floor, "seed {seed}: {} mm", discovery.rmse_after);
     }
 }
 
@@ -80,6 +82,41 @@ fn a_slice_of_the_corpus_is_answered_right() {
         let again = corpus::run(&config, results, |_| panic!("nothing is left to run")).map_err(|error: rig::RigError| error);
         assert_eq!(again.expect("cases").len(), names.len());
     }
+}
+
+#[test]
+fn names_two_effects_where_the_best_single_one_is_neither() {
+    // What a drift of the gain and a small lag do together looks most like a drift of the zero.
+    let effects: Vec<String> = ["pneumatic-lag", "gain-drift"].map(str::to_owned).into();
+    let case = rig::hide(&CaseConfig { effects: effects.clone(), seed: SEED + 50, generator: Generator::Rival, ..CaseConfig::default() });
+    let case = case.expect("a case");
+    let finding = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding");
+    let discovery = finding.discovery;
+    assert!(!effects.contains(&discovery.candidates[0].name), "this case would be no test: {:?}", discovery.candidates[0]);
+    let mut named: Vec<&String> = discovery.effects.iter().map(|effect| &effect.name).collect();
+    named.sort();
+    assert_eq!(named, [&effects[1], &effects[0]], "{discovery:?}");
+    assert_eq!(discovery.verdict, Verdict::Named);
+    assert!(discovery.unexplained < 0.02, "{discovery:?}");
+}
+
+#[test]
+fn operators_that_remember_remember_what_a_slow_valve_made_of_earlier_recordings() {
+    let hidden = |seed| {
+        let effects = vec!["pneumatic-lag".to_owned()];
+        rig::hide(&CaseConfig { effects, seed, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case")
+    };
+    let slow = |case: &Case| case.truth.continuous && case.truth.parameters["pneumatic-lag.time_constant_s"] > 0.15;
+    let case = (SEED + 60..SEED + 100).map(hidden).find(slow).expect("a slow valve before a muscle that remembers");
+    let session = Session::new(&case.recordings, &[]).expect("a session");
+    let lag = effects::pneumatic_lag::FORMS[0];
+    let left = |carry: bool| {
+        let time_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
+        let mut model = Model::baseline(carry, false).with(lag, vec![time_s]).refined();
+        model.fit(&session, model::Scope::Both).1.sqrt() * session.output_scale.abs() / case.truth.noise_mm
+    };
+    let (remembers, forgets) = (left(true), left(false));
+    assert!(remembers < 1.1 && forgets > 1.3 * remembers, "seed {}: {remembers} and {forgets} times the noise", case.truth.seed);
 }
 
 #[test]

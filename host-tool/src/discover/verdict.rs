@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use super::find::Found;
 use super::model::Model;
 use super::noise;
 use super::rounds;
 use super::search;
 use super::session::{Role, Session};
-use super::{Discovery, Effect, Found, Residual, Verdict};
+use super::{Discovery, Effect, Residual, Verdict};
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.

@@ -29,6 +29,9 @@ impl Form for Recording {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.012, -0.005, -0.002, 0.002, 0.005, 0.012].into_iter().map(|value| vec![value]).collect()
     }
+    fn follows_history(&self) -> bool {
+        false
+    }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let before = path.to_vec();
         // A fast output clock (positive skew: its sample k was taken at k (1 + skew)) sees the input early.
@@ -55,6 +58,9 @@ impl Form for RunningOn {
     }
     fn step(&self, _: usize) -> f64 {
         0.005
+    }
+    fn follows_history(&self) -> bool {
+        false
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let before = path.to_vec();

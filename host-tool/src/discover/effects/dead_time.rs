@@ -26,6 +26,9 @@ impl Form for Tube {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.01, 0.5, 8).into_iter().map(|value| vec![value]).collect()
     }
+    fn follows_history(&self) -> bool {
+        false
+    }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let before = path.to_vec();
         let samples = parameters[0] / run.period_s;

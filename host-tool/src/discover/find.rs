@@ -1,0 +1,198 @@
+//! The search: a first effect, two together where the first leaves something, a third; and what leaves again.
+
+use super::catalogue::{self, Form};
+use super::model::{Model, Scope};
+use super::noise;
+use super::pairs;
+use super::rounds::{self, Bench, Judged, Tried};
+use super::search;
+use super::session::Session;
+use super::{Candidate, DiscoverConfig, RunnerUp, tail};
+
+/// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
+pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
+
+/// What the search hands on to the verdict.
+#[derive(Default)]
+pub struct Found {
+    /// Names, the effect that is missed most first.
+    pub order: Vec<&'static str>,
+    /// Every effect tried alone, best first.
+    pub candidates: Vec<Candidate>,
+    /// The second best explanation.
+    pub runner_up: Option<RunnerUp>,
+    /// Whether the second explains as much with as few parameters.
+    pub twins: bool,
+    /// How many deviations the first lies above the second.
+    pub apart: f64,
+}
+
+/// The model that was found, and what goes with it.
+pub struct Outcome {
+    /// The model with the effects, on the operators of the fine grid that have a weight.
+    pub model: Model,
+    /// The model of the second best explanation.
+    pub second: Option<Model>,
+    /// What goes to the verdict.
+    pub found: Found,
+}
+
+/// Searches the whole catalogue, without the effects that a measured pressure has ruled out.
+pub fn effects(
+    session: &Session,
+    model: Model,
+    pressure_path: Option<&[String]>,
+    config: &DiscoverConfig,
+    watch: &dyn Fn(&str),
+) -> Outcome {
+    let mut forms = catalogue::forms();
+    if let Some(named) = pressure_path {
+        forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
+    }
+    // A sensor that reads in steps wider than its noise holds and jumps by itself: a tip that sticks could not be told from it.
+    if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
+        forms.retain(|form| form.name() != "stick-slip");
+    }
+    find(&Bench { session, forms, threads: config.threads }, model, config.most_effects, watch)
+}
+
+/// Adds effects to `model` as long as they pay; those that it has already stay.
+pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+    let session = bench.session;
+    let owned: Vec<&'static str> = model.names().collect();
+    model.fit(session, Scope::Both);
+    let bare = bench.judge(&model);
+    let mut found = Found::default();
+    watch("every effect");
+    let tried = bench.round(&model, rounds::LEAST_GAIN);
+    for one in &tried {
+        if !found.candidates.iter().any(|candidate| candidate.name == one.form.name()) {
+            found.candidates.push(Candidate {
+                name: one.form.name().to_owned(),
+                score: 1.0 - one.fitted.select / bare.select,
+                p_value: tail(one.deviations),
+            });
+        }
+    }
+    let firsts = bench.polished(&leaders(&tried), POLISH);
+    let mut standing = bare.clone();
+    let mut rivals: Vec<Judged> = Vec::new();
+    if let Some(first) = firsts.first().filter(|first| most_effects > 0 && first.pays(&bare, rounds::LEAST_GAIN)) {
+        standing = first.clone();
+        rivals.clone_from(&firsts);
+    }
+    // Two effects may each take away too little alone: where much is left without either, they are tried together as well.
+    let left = if rivals.is_empty() { MUCH_OVER_NOISE } else { LEFT_OVER_NOISE };
+    if most_effects > 1 && !firsts.is_empty() && leaves(session, &standing, left) {
+        watch("a second effect");
+        let least = least_further(session, &bare, &standing);
+        let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
+        if let Some(pair) = pairs.first().filter(|pair| pair.pays(&standing, least)) {
+            standing = pair.clone();
+            rivals = pairs;
+        }
+    }
+    if !rivals.is_empty() {
+        let mut count = standing.model.slots.len() - owned.len();
+        while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
+            watch("a third effect");
+            let least = least_further(session, &bare, &standing);
+            let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
+            let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
+            standing = without_idle(bench, &bare, best, &owned);
+            let now = standing.model.slots.len() - owned.len();
+            if now <= count {
+                break;
+            }
+            count = now;
+        }
+    }
+    let second = second_best(&standing, &rivals, &mut found);
+    found.order = by_loss(bench, &standing, &owned);
+    let mut model = standing.fine.pruned();
+    if !model.slots.is_empty() {
+        let last = search::polish(&model, session, Scope::Fit, 2 * POLISH);
+        if last.select <= standing.select * 1.001 {
+            model = last.model;
+        }
+    }
+    Outcome { model, second, found }
+}
+
+/// Evaluations for each parameter when candidates are polished.
+pub const POLISH: usize = 20;
+
+/// The best few of a round: two forms of an effect at most, five models at most.
+fn leaders(tried: &[Tried]) -> Vec<Model> {
+    let mut names: Vec<&str> = Vec::new();
+    let mut best = Vec::new();
+    for one in tried {
+        if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < 5 {
+            names.push(one.form.name());
+            best.push(one.fitted.model.clone());
+        }
+    }
+    best
+}
+
+/// Whether more than `times` the noise is left on the selecting samples.
+fn leaves(session: &Session, standing: &Judged, times: f64) -> bool {
+    standing.select > times * noise::floor(session, &standing.fine.residuals(session)).powi(2)
+}
+
+/// Mean square over that of the noise from which on a further effect is looked for.
+const LEFT_OVER_NOISE: f64 = 1.05;
+/// Mean square over that of the noise from which on two effects are looked for where no single one pays: where it stands out to the verdict.
+const MUCH_OVER_NOISE: f64 = 1.32;
+
+/// Least share of the mean square that a further effect takes away.
+///
+/// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
+/// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide
+/// anything, half of what is left: what mends another's form leaves more than that.
+fn least_further(session: &Session, bare: &Judged, standing: &Judged) -> f64 {
+    let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
+    let excess = (bare.select - floor_square).max(0.05 * floor_square);
+    let left = (standing.select - floor_square).max(0.0);
+    let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left);
+    let taken = of_original.max(rounds::LEAST_FURTHER_GAIN * left);
+    (taken / standing.select).max(2.0 * rounds::LEAST_GAIN)
+}
+
+/// The model without the effects that no longer pay beside the others.
+fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &[&str]) -> Judged {
+    while standing.model.slots.len() > owned.len() + 1 {
+        let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
+        let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
+        let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
+        if standing.pays(&fewer, least_further(bench.session, bare, &fewer)) {
+            break;
+        }
+        standing = fewer;
+    }
+    standing
+}
+
+/// Names of the effects, the one first without which most is left.
+fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static str> {
+    let loss = |form: &'static dyn Form| {
+        let slot = standing.model.names().position(|name| name == form.name()).unwrap_or(0);
+        standing.model.without(slot).fit(bench.session, Scope::Both).1
+    };
+    let free = standing.model.slots.iter().filter(|slot| !owned.contains(&slot.form.name()));
+    let mut order: Vec<(f64, &'static str)> = free.map(|slot| (loss(slot.form), slot.form.name())).collect();
+    order.sort_by(|x, y| y.0.total_cmp(&x.0));
+    order.into_iter().map(|(_, name)| name).collect()
+}
+
+/// The best of `rivals` that names something else than `standing` does: its model, and what it means for the verdict.
+fn second_best(standing: &Judged, rivals: &[Judged], found: &mut Found) -> Option<Model> {
+    let names: Vec<&str> = standing.model.names().collect();
+    let other = |rival: &&Judged| rival.model.names().any(|name| !names.contains(&name));
+    let second = rivals.iter().find(other)?;
+    let name = second.model.names().find(|name| !names.contains(name))?;
+    found.apart = rounds::deviations(&second.blocks, &standing.blocks);
+    found.twins = second.model.cost() <= standing.model.cost() && second.select < 1.005 * standing.select;
+    found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > 2.0 && second.select > 1.01 * standing.select });
+    Some(second.fine.pruned())
+}

@@ -1,0 +1,111 @@
+//! Two effects at once: the best single effect may be a compromise between two, and then neither is found by adding to it.
+//!
+//! A second effect is looked for beside each of the best few first ones; the best pairs are polished together; then either member of the
+//! best pair is replaced by whatever goes better with the other, until nothing does. Method: a beam in place of a greedy addition
+//! (sequential floating selection; Pudil, Novovicova and Kittler 1994).
+
+use super::catalogue::Form;
+use super::find::POLISH;
+use super::model::{Model, Scope};
+use super::rounds::{Bench, FAR_BEHIND, Judged, Tried, in_parallel, is_narrow};
+use super::search::{self, Fitted, Started};
+
+/// First effects that a second is looked for beside: so many at first, and so many where their pairs leave something.
+const BEAM: [usize; 2] = [2, 5];
+/// Share of the best first effect's gain that another must show to be one of them.
+const LEAST_OF_BEST: f64 = 0.1;
+/// Forms beside each first effect whose parameters are searched.
+const SECONDS: usize = 6;
+/// Pairs that are polished at a time.
+const PAIRS: usize = 4;
+/// Rounds of replacement.
+const REPLACEMENTS: usize = 2;
+
+/// The best pairs on top of `base`, best first. `tried` are the first effects as the round left them, `firsts` the best of them, polished.
+/// The search ends as soon as a pair leaves nothing by the judgement of `leaves_something`.
+pub fn search(
+    bench: &Bench<'_>,
+    base: &Model,
+    tried: &[Tried],
+    firsts: &[Judged],
+    leaves_something: &dyn Fn(&Judged) -> bool,
+) -> Vec<Judged> {
+    let was = base.clone().fit(bench.session, Scope::Both).1;
+    let most = was - tried.first().map_or(was, |one| one.fitted.select);
+    let hopeful = tried.iter().filter(|one| was - one.fitted.select > LEAST_OF_BEST * most);
+    let mut begun: Vec<Model> = Vec::new();
+    for model in firsts.iter().map(|first| &first.model).chain(hopeful.map(|one| &one.fitted.model)) {
+        if begun.len() < BEAM[1] && !begun.iter().any(|other| other.names().eq(model.names())) {
+            begun.push(model.clone());
+        }
+    }
+    let few = BEAM[0].min(begun.len());
+    let mut pairs = Vec::new();
+    more_pairs(bench, &begun[..few], &mut pairs);
+    let unfinished = |pairs: &[Judged]| pairs.first().is_none_or(leaves_something);
+    if unfinished(&pairs) {
+        more_pairs(bench, &begun[few..], &mut pairs);
+    }
+    // The first effect came in when the second was missing: whatever goes better with the second may take its place, in whatever form.
+    for replacement in 0..REPLACEMENTS {
+        let Some(best) = pairs.first().filter(|best| replacement == 0 || leaves_something(best)) else { break };
+        let alone = (0..best.model.slots.len()).map(|slot| best.model.without(slot));
+        let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
+        let fresh = |model: &Model| !begun.iter().any(|other| other.names().eq(model.names()));
+        let held: Vec<Model> = alone.filter(|model| keeps_base(model) && fresh(model)).collect();
+        if held.is_empty() {
+            break;
+        }
+        more_pairs(bench, &held, &mut pairs);
+        begun.extend(held);
+    }
+    pairs
+}
+
+/// Adds the best pairs with each of `firsts` in them to `pairs`, best first.
+fn more_pairs(bench: &Bench<'_>, firsts: &[Model], pairs: &mut Vec<Judged>) {
+    pairs.extend(bench.polished(&distinct(seconds(bench, firsts), pairs), POLISH));
+    pairs.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+}
+
+/// The best few forms on top of each model, all parameters fitted together to the screening samples.
+fn seconds(bench: &Bench<'_>, models: &[Model]) -> Vec<Fitted> {
+    let session = bench.session;
+    let residuals: Vec<Vec<Vec<f64>>> = models.iter().map(|model| model.residuals(session)).collect();
+    // A narrow valley in several parameters takes as long as all other forms together: beside the best first effect only.
+    let laborious = |form: &'static dyn Form| is_narrow(form) && form.parameters().len() > 1;
+    let wanted =
+        |first: usize, form: &&'static dyn Form| models[first].names().all(|name| name != form.name()) && (first == 0 || !laborious(*form));
+    let of = |first: usize| bench.forms.iter().copied().filter(move |form| wanted(first, form)).map(move |form| (first, form));
+    let jobs: Vec<(usize, &'static dyn Form)> = (0..models.len()).flat_map(of).collect();
+    let started = in_parallel(&jobs, bench.threads, |&(first, form)| search::start_form(&models[first], form, session, &residuals[first]));
+    let mut chosen: Vec<Model> = Vec::new();
+    for (first, model) in models.iter().enumerate() {
+        let was = search::screened(model, session);
+        let of_this = jobs.iter().zip(&started).filter(|((of, _), _)| *of == first);
+        let mut grid: Vec<&Started> = of_this.filter_map(|(_, started)| started.as_ref()).collect();
+        grid.sort_by(|x, y| x.square.total_cmp(&y.square));
+        let gain = |started: &Started| 1.0 - started.square / was;
+        let most = grid.iter().filter(|started| !started.form.discrete()).map(|started| gain(started)).fold(0.0, f64::max);
+        // The grid says little about a narrow valley, but it must show something.
+        let (narrow, broad): (Vec<&Started>, Vec<&Started>) = grid.into_iter().partition(|started| is_narrow(started.form));
+        chosen.extend(broad.iter().take(SECONDS).map(|started| started.model.clone()));
+        chosen.extend(narrow.iter().filter(|started| gain(started) > FAR_BEHIND * most).map(|started| started.model.clone()));
+    }
+    in_parallel(&chosen, bench.threads, |model| search::polish(model, session, Scope::Screen, POLISH / 2))
+}
+
+/// The best of the models, of each set of effects the best only, and none that is in `known` in the same forms.
+fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
+    fitted.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+    let mut best: Vec<Model> = Vec::new();
+    for one in fitted {
+        let same = |other: &Model| other.names().eq(one.model.names());
+        let forms = |model: &Model| model.slots.iter().map(|slot| (slot.form.name(), slot.form.form())).collect::<Vec<_>>();
+        let again = known.iter().any(|judged| forms(&judged.model) == forms(&one.model));
+        if best.len() < PAIRS && !best.iter().any(same) && !again {
+            best.push(one.model);
+        }
+    }
+    best
+}
