@@ -26,6 +26,8 @@ const MEAN_TICKS_F32: f32 = 12.0;
 const DELAY_TICKS: u16 = 18;
 /// Time constant with which the demand closes the gap to the wanted pressure, s.
 pub const CATCH_UP_S: f32 = 0.04;
+/// Time constant with which the way from another law's pressure to the wanted one is made, s.
+const HAND_OVER_S: f32 = 0.2;
 
 /// The inverses of an actuator, ready to run; immutable.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -44,6 +46,9 @@ pub struct CompensatorState {
     rate_bar_per_s: f32,
     smooth_bar: f32,
     started: bool,
+    /// Whether it takes over from another law, and what is left of the way from there, bar.
+    takes_over: bool,
+    gap_bar: f32,
     modelled: ModelledTip,
 }
 
@@ -115,6 +120,8 @@ impl Default for CompensatorState {
             rate_bar_per_s: 0.0,
             smooth_bar: 0.0,
             started: false,
+            takes_over: false,
+            gap_bar: 0.0,
             modelled: ModelledTip::default(),
         }
     }
@@ -123,18 +130,19 @@ impl Default for CompensatorState {
 impl CompensatorState {
     /// Forgets everything, in place.
     pub fn clear(&mut self) {
-        let Self { actuator, plain_mm, means, rate_bar_per_s, smooth_bar, started, modelled } = self;
+        let Self { actuator, plain_mm, means, rate_bar_per_s, smooth_bar, started, takes_over, gap_bar, modelled } = self;
         actuator.clear();
         plain_mm.fill(0.0);
         *means = [Mean::at(0.0); 3];
         (*rate_bar_per_s, *smooth_bar, *started) = (0.0, 0.0, false);
+        (*takes_over, *gap_bar) = (false, 0.0);
         modelled.means_mm.fill(0.0);
         (modelled.sum_mm, modelled.ticks) = (0.0, 0);
     }
 
-    /// The next wanted pressure begins from where the actuator is; its memory stays.
-    pub fn start(&mut self) {
-        self.started = false;
+    /// The next wanted pressure begins from where the actuator is; its memory stays. One that takes over from another law leaves there slowly.
+    pub fn start(&mut self, takes_over: bool) {
+        (self.started, self.takes_over) = (false, takes_over);
     }
 }
 
@@ -194,8 +202,11 @@ impl Compensator {
             let here_bar = state.actuator.muscle_bar();
             state.means = [Mean::at(here_bar); 3];
             (state.smooth_bar, state.rate_bar_per_s) = (here_bar, 0.0);
+            state.gap_bar = if state.takes_over { here_bar - wanted_bar } else { 0.0 };
             state.started = true;
         }
+        let wanted_bar = wanted_bar + state.gap_bar;
+        state.gap_bar *= 1.0 - TICK_S / HAND_OVER_S;
         let smooth_bar = state.means.iter_mut().fold(wanted_bar, |value, mean| mean.step(value));
         let rate = (smooth_bar - state.smooth_bar) / TICK_S;
         let curvature = (rate - state.rate_bar_per_s) / TICK_S;

@@ -245,6 +245,34 @@ fn the_start_and_every_change_of_law_is_no_jump() {
 }
 
 #[test]
+fn no_feed_forward_takes_over_from_another_with_a_jump() {
+    use FeedForward as F;
+    let mut moved = 0;
+    // Those that hand over to each other; a PID alone does to none.
+    let all = [F::Linear, F::PrandtlIshlinskii, F::Physics, F::Learned];
+    for before in all {
+        for after in all {
+            let mut bench = Bench::new(config(before, FeedbackSensor::None));
+            bench.inputs.inverse_bar = Some(1.4);
+            bench.set(6.0);
+            bench.run(3000);
+            let (before_bar, mut largest_bar) = (bench.output_bar, 0.0_f32);
+            bench.law = config(after, FeedbackSensor::None).build();
+            for _ in 0..1000 {
+                let last_bar = bench.output_bar;
+                bench.step();
+                largest_bar = largest_bar.max((bench.output_bar - last_bar).abs());
+            }
+            // What lies between two laws fades with 0.2 s, 0.005 of it in a tick, and the inverse of the lags asks for some of it at once. A
+            // law that takes over as fast as it can moves at the slew limit of 0.04 bar.
+            assert!(largest_bar < 0.016, "{before:?} to {after:?}: {largest_bar} bar in a tick");
+            moved += usize::from((bench.output_bar - before_bar).abs() > 0.02);
+        }
+    }
+    assert!(moved >= 8, "only {moved} changes lead to another pressure");
+}
+
+#[test]
 fn losing_the_laser_in_mid_motion_moves_the_tip_by_less_than_a_hundredth_of_the_stroke() {
     let path = |loses: bool| {
         let mut bench = Bench::new(config(FeedForward::Physics, FeedbackSensor::Observer));

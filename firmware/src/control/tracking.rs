@@ -304,7 +304,7 @@ impl ControlLaw for Tracking {
         state.transfer_bar = 0.0;
         (state.window_sum_mm, state.window_ticks) = (0.0, 0);
         state.report = ControlReport::default();
-        state.compensator.start();
+        state.compensator.start(false);
     }
 
     fn accept(&self, state: &mut TrackingState, set_point: &SetPoint) -> Result<Accepted, Refusal> {
@@ -343,7 +343,7 @@ impl ControlLaw for Tracking {
         notices.insert_if(inputs.outside_domain, Notice::OutsideDomain);
         let changed = state.in_use != Some(feed_forward);
         if changed {
-            state.compensator.start();
+            state.compensator.start(state.report.ticks > 0);
         }
         let law_bar = self.pressure(state, feed_forward, inputs, here_mm);
         if changed {
