@@ -160,6 +160,20 @@ fn motion_during_rest_does_not_pass_for_noise() {
     }
     let moved = floor(&case.recordings);
     assert!(moved < 1.5 * quiet, "{moved} where {quiet} is noise");
+    // A pump of twice the noise at 6.3 Hz is too fast and too small for that, and stands in the spectrum as a line; a heart swings.
+    for (coloured_noise, hz) in [(true, 6.3), (false, 1.36)] {
+        let mut case = rig::hide(&CaseConfig { seed: SEED + 6, coloured_noise, ..CaseConfig::default() }).expect("a case");
+        let quiet = floor(&case.recordings);
+        assert!((quiet / case.truth.noise_mm - 1.0).abs() < 0.15, "{quiet} instead of {}", case.truth.noise_mm);
+        for recording in &mut case.recordings {
+            let start_s = recording.extra[0].values[0];
+            for (value, time_s) in recording.output.iter_mut().zip(&recording.time_s) {
+                *value += 2.0 * case.truth.noise_mm * (std::f64::consts::TAU * hz * (start_s + time_s)).sin();
+            }
+        }
+        let moved = floor(&case.recordings);
+        assert!(moved < 1.2 * quiet, "{hz} Hz: {moved} where {quiet} is noise");
+    }
 }
 
 #[test]
