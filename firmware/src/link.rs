@@ -8,8 +8,8 @@
 //!
 //! 1. [`Link::new`] with the two stores; [`Link::settings`] and [`Link::boot_faults`] go into the rig.
 //! 2. For every received byte: [`Link::receive`]. An [`Event`] may come of it.
-//! 3. For every answer and telemetry sample that the tick put out: [`Link::answer`], [`Link::telemetry`]; after each tick or before each byte
-//!    [`Link::observe`] with the state.
+//! 3. For every answer, telemetry sample and trace record that the tick put out: [`Link::answer`], [`Link::telemetry`], [`Link::trace_record`] (or
+//!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state.
 //! 4. Whenever the line is free: [`Link::transmit`] gives the next frame.
 //! 5. On [`Event::ModelUploaded`] check the blob and tell [`Link::finish_upload`] what came of it.
 //! 6. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.

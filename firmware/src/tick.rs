@@ -18,7 +18,8 @@
 //!    commands, since every command with a token gets exactly one answer and none may be dropped);
 //! 2. call [`Rig::tick`] with the model (or [`NoModel`]);
 //! 3. apply [`TickOutputs`] in this order: dump valve, valve drive, then feed the watchdog if told so; push the answer and the telemetry
-//!    sample into their queues without waiting (a full telemetry queue drops the sample; count it and hand the count to the link).
+//!    sample into their queues without waiting (a full telemetry queue drops the sample; count it and hand the count to the link). A trace
+//!    record goes before the answer, and where it does not fit the trace ends ([`Rig::end_trace`]).
 //!
 //! The background (link, storage, self-test) never touches the rig; it sends commands. When [`TickOutputs::self_test_wanted`] is set it runs
 //! the self-test once and sends [`Action::SelfTestReport`]. It must advance the beat counter at least every
