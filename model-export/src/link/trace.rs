@@ -3,7 +3,7 @@
 //! Terms. A **record** is one tick. Records stand behind each other in a stream of bytes, which goes to the host in [`TracePiece`]s; their
 //! offsets show what was lost on the way. What the host itself sent is not sent back: a record names the request's token.
 //!
-//! A tick without a command takes 9 bytes, with the frames around the pieces about 9.7 of the 92 that the line carries in a millisecond.
+//! A tick without a command takes 9 bytes, with the frames around the pieces about 10 of the 92 that the line carries in a millisecond.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
