@@ -36,8 +36,6 @@ pub use whereabouts::Disagreement;
 
 use crate::recording::{ExtraColumn, Recording};
 use catalogue::Place;
-#[cfg(test)]
-use find::PNEUMATIC;
 use rounds::Bench;
 
 /// How to discover.

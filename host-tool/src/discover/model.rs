@@ -157,7 +157,8 @@ impl Model {
     /// Turning points, before this recording, of the input as the operators see it.
     fn history(&self, run: &Run) -> Vec<f64> {
         let mut history = Vec::new();
-        if self.follows_history() {
+        // A model from a file has its memory in turning points alone.
+        if self.follows_history() && !run.session.is_empty() {
             run.session.iter().take(run.index).for_each(|earlier| self.follow(earlier, &mut history));
         } else if self.carry {
             history.clone_from(&run.history);

@@ -181,6 +181,17 @@ mod tests {
     }
 
     #[test]
+    fn a_model_from_a_file_keeps_its_memory_behind_a_lag() {
+        let lagging = || model(vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false);
+        let experienced = DiscoveredModel { memory: vec![0.0, 0.9, 0.4], ..lagging() };
+        let first = |model: &DiscoveredModel| model.simulate(&[1.2; 50]).expect("a prediction")[0];
+        // Of three operators the widest (0.3 of the span, weight 0.2) still stands where 0.9 of the span left it, half the span further
+        // up, and the next (0.1, 0.3) at 0.5 instead of 0.3: 0.2 * 0.5 + 0.3 * 0.2 of 12 mm.
+        let further_mm = first(&experienced) - first(&lagging());
+        assert!((further_mm - 0.16 * 12.0).abs() < 1e-9, "{further_mm}");
+    }
+
+    #[test]
     fn an_effect_that_the_microcontroller_does_not_know_is_named() {
         let problem = physics_model(&model(vec![entry("resonance", "swinging tip", &[3.0, 0.1], &[])], false), &[recording()]);
         assert_eq!(problem.expect_err("no such stage"), "resonance (swinging tip)");

@@ -137,7 +137,7 @@ fn a_measured_pressure_tells_the_pneumatics_from_the_rest() {
     let named = discovery("resonance");
     assert_eq!(named.pressure_path.as_deref(), Some(&[][..]), "{named:?}");
     assert_eq!(named.effects.first().map(|effect| effect.name.as_str()), Some("resonance"));
-    assert!(named.candidates.iter().all(|candidate| !PNEUMATIC.contains(&candidate.name.as_str())), "{:?}", named.candidates);
+    assert!(named.candidates.iter().all(|candidate| !find::PNEUMATIC.contains(&candidate.name.as_str())), "{:?}", named.candidates);
 }
 
 #[test]
