@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::effects;
+use super::jumps::Drive;
 use super::session::{Run, Session};
 
 /// What a parameter is measured in, so that the normalised value can be told in the lab's units.
@@ -186,6 +187,10 @@ pub trait Form: Sync {
     /// Where to begin the search; without parameters there is one place only.
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![]]
+    }
+    /// What it breaks away by, if its seat is seen in the output: such a form is tried by [`super::jump_naming`] alone.
+    fn jumps(&self) -> Option<Drive> {
+        None
     }
     /// Whether it needs the model's own output.
     fn needs_sum(&self) -> bool {

@@ -1,6 +1,7 @@
 //! The search: a first effect, two together where the first leaves something, a third; and what leaves again.
 
 use super::catalogue::{self, Form};
+use super::jump_naming;
 use super::model::{Model, Scope};
 use super::noise;
 use super::pairs;
@@ -25,6 +26,8 @@ pub struct Found {
     pub twins: bool,
     /// How many deviations the first lies above the second.
     pub apart: f64,
+    /// Where something jumps: mean square by which even a right observer misses the times of the jumps.
+    pub jump_scatter: Option<f64>,
 }
 
 /// The model that was found, and what goes with it.
@@ -53,7 +56,9 @@ pub fn effects(
     if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
         forms.retain(|form| form.name() != "stick-slip");
     }
-    find(&Bench { session, forms, threads: config.threads }, model, config.most_effects, watch)
+    let bench = Bench { session, forms, threads: config.threads };
+    let outcome = find(&bench, model.clone(), config.most_effects, watch);
+    jump_naming::rename(&bench, &model, outcome)
 }
 
 /// Adds effects to `model` as long as they pay; those that it has already stay.

@@ -12,6 +12,8 @@ pub mod effects;
 pub mod file;
 mod find;
 mod grid;
+mod jump_naming;
+pub mod jumps;
 mod least_squares;
 mod mask;
 mod model;

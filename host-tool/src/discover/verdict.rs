@@ -13,6 +13,44 @@ use super::{Discovery, Effect, Residual, Verdict};
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
 const MOST_UNEXPLAINED: f64 = 0.12;
+/// The same where something was seen to jump, and jumps explain it better than anything smooth: sliding, inertia and flow, which differ from
+/// rig to rig, are in what is left.
+const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
+
+/// Mean square on the samples that a model was found with; masked samples count if `all`.
+fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
+    let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
+        residual.iter().enumerate().filter(move |&(at, _)| run.role[at] != Role::Kept && (all || run.keep[at])).map(|(_, value)| value)
+    });
+    let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
+    sum / count.max(1.0)
+}
+
+/// How much of the mean square above the noise stays unexplained, from the mean squares before, after and of the noise.
+struct Left {
+    /// Whether it stands out of the noise and of what the baseline's grid leaves.
+    stands_out: bool,
+    /// As a share of what there was.
+    share: f64,
+}
+
+impl Left {
+    fn new(was: f64, is: f64, floor: f64) -> Self {
+        let excess = |square: f64| (square - floor).max(0.0);
+        let stands_out = is > 1.15_f64.powi(2) * floor && excess(is) > rounds::GRID_ERROR * rounds::GRID_ERROR;
+        let share = if was > 1.02_f64.powi(2) * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
+        Self { stands_out, share }
+    }
+}
+
+/// Whether `after` leaves more of what `before` missed than a named effect may.
+pub fn is_unexplained(session: &Session, before: &Model, after: &Model) -> bool {
+    let (before, after) = (before.residuals(session), after.residuals(session));
+    let floor = noise::floor(session, &after).powi(2);
+    let left = Left::new(worked(session, &before, false), worked(session, &after, false), floor);
+    left.stands_out && left.share > MOST_UNEXPLAINED
+}
+
 /// Root mean square over kept-out samples, or over all others when none is kept; masked samples count if `all`.
 fn rmse(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     let any_kept = session.count(Role::Kept) > 0;
@@ -40,17 +78,9 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let rmse_before = rmse(session, residual_before, with_outliers);
     let rmse_after = rmse(session, &residual_after, false);
     // The verdict rests on the samples that were worked with; kept-out ones only report.
-    let worked = |residual: &[Vec<f64>], all: bool| {
-        let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
-            residual.iter().enumerate().filter(move |&(at, _)| run.role[at] != Role::Kept && (all || run.keep[at])).map(|(_, value)| value)
-        });
-        let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
-        (sum / count.max(1.0)).sqrt()
-    };
-    let (was, is) = (worked(residual_before, with_outliers), worked(&residual_after, false));
-    let excess = |deviation: f64| (deviation * deviation - floor * floor).max(0.0);
-    let stands_out = is > 1.15 * floor && excess(is) > rounds::GRID_ERROR * rounds::GRID_ERROR;
-    let unexplained = if was > 1.02 * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
+    let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
+    let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
+    let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
     let mut effects: Vec<Effect> = Vec::new();
     let deviations = search::parameter_deviations(after, session, super::neighbour_correlation(session, &residual_after));
     for (rank, name) in found.order.iter().enumerate() {
@@ -91,7 +121,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         });
     }
     debug_assert!(after.slots.len() <= owned + found.order.len(), "an effect came in unnoticed");
-    let verdict = if stands_out && (unexplained > MOST_UNEXPLAINED || effects.is_empty()) {
+    let verdict = if stands_out && (unexplained > most_unexplained || effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None

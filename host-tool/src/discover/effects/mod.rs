@@ -64,7 +64,7 @@ fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64>) -
 }
 
 /// Values from `low` to `high` at equal ratios.
-fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
+pub(super) fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
 }
 

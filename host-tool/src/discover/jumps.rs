@@ -1,0 +1,379 @@
+//! Seeing jumps in the measured output: an observer of something that holds, breaks away and holds again.
+//!
+//! When such a thing jumps hangs on a state that nobody records, and an error of a tenth of its travel in the pull moves all jumps that
+//! follow. No simulation from the input alone can meet them, so they are judged by what can be met: each sample is predicted from the
+//! samples before it. Two observers do that, and whether something jumps is the difference of their likelihoods.
+//!
+//! Terms. *Pull*: the output that the model expects where nothing sticks; its weights have taken the mean lag of what sticks for hysteresis
+//! of the muscle, so distances count from the middle between break-away up and down. *Seat*: where the thing holds. *Drive*: what a seat is
+//! compared with to break away; the pull itself for a tip that sticks, the command for a valve. *Wander*: slow error of the pull.
+//!
+//! The *smooth observer* knows the pull, its wander (an Ornstein-Uhlenbeck process) and white noise: a Kalman filter with one state. The
+//! *jump observer* follows the few likeliest histories of seats; each is a Kalman filter for its level and the wander, and the chance that
+//! it breaks away within the next sample grows with the distance of the drive from the seat (a hidden semi-Markov model, of which the
+//! likeliest histories are kept).
+
+use super::catalogue::{Columns, Parameter, Quantity};
+use super::session::Run;
+
+/// Histories of seats that are followed side by side.
+const HISTORIES: usize = 6;
+/// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
+const WILD: f64 = 0.01;
+/// Time over which the pull's error wanders, s.
+const WANDER_S: f64 = 0.6;
+
+/// What a seat is compared with to break away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drive {
+    /// The pull of the model: a tip that sticks.
+    Pull,
+    /// The command: a valve with a dead band.
+    Command,
+}
+
+/// A law of holding and jumping, normalised; lengths in those of the drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JumpLaw {
+    /// What it breaks away by.
+    pub drive: Drive,
+    /// Distance of drive and seat at which it breaks away.
+    pub break_away: f64,
+    /// How far beyond the drive it lands, in break-away distances.
+    pub landing: f64,
+    /// Speed of the drive, per s, above which it moves on with it instead of holding again.
+    pub sliding_speed: f64,
+    /// Scatter of break-away and landing, in break-away distances.
+    pub scatter: f64,
+    /// Standard deviation of the pull's wander, in spans of the output.
+    pub wander: f64,
+    /// Time constant with which it follows while it moves, s; the pull has it already.
+    pub lag_s: f64,
+}
+
+/// Number of parameters of a form whose seat is seen in the output.
+pub const PARAMETERS: usize = 7;
+
+/// Which of them is the lag.
+pub const LAG: usize = 5;
+
+/// Parameters of such a form, its break-away distance first; speeds are told in `speed`.
+#[must_use]
+pub const fn parameters(break_away: Parameter, speed: Quantity) -> [Parameter; PARAMETERS] {
+    const fn linear(name: &'static str, quantity: Quantity, high: f64) -> Parameter {
+        Parameter { name, quantity, low: 0.0, high, logarithmic: false }
+    }
+    [
+        break_away,
+        linear("landing", Quantity::Ratio, 1.0),
+        Parameter { name: "sliding_speed", quantity: speed, low: 1e-2, high: NEVER, logarithmic: true },
+        linear("scatter", Quantity::Ratio, 1.0),
+        linear("pull_wander", Quantity::Output, 0.5),
+        linear("lag", Quantity::Time, 0.3),
+        linear("noise", Quantity::Output, 0.5),
+    ]
+}
+
+/// A sliding speed, per s, that nothing reaches.
+pub const NEVER: f64 = 1e3;
+
+impl JumpLaw {
+    /// The law with these parameters of a form, and the noise behind it.
+    #[must_use]
+    pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
+        let &[break_away, landing, sliding_speed, scatter, wander, lag_s, noise] = parameters else {
+            unreachable!("forms whose seat is seen have {PARAMETERS} parameters");
+        };
+        (Self { drive, break_away, landing, sliding_speed, scatter, wander, lag_s }, noise)
+    }
+
+    /// The parameters of a form with this law.
+    #[must_use]
+    pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
+        vec![self.break_away, self.landing, self.sliding_speed, self.scatter, self.wander, self.lag_s, noise]
+    }
+}
+
+/// Adds a column with what the output is expected to depart from `sum` by, for what was measured before each sample. Where nothing was
+/// measured (a simulation) the column is zero: over all seats the mean of what sticks is the pull.
+pub fn push_departure(drive: Drive, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+    if run.output.iter().all(|value| *value == 0.0) {
+        columns.push(false, |_| 0.0);
+        return;
+    }
+    let (law, noise) = JumpLaw::of_parameters(drive, parameters);
+    let kept = || run.output.iter().zip(sum).zip(&run.keep).filter(|(_, keep)| **keep).map(|((measured, sum), _)| measured - sum);
+    let constant = kept().sum::<f64>() / kept().count().max(1) as f64;
+    let pull: Vec<f64> = sum.iter().map(|sum| sum + constant).collect();
+    let seen = Seen { command: &run.input, pull: &pull, measured: &run.output, keep: &run.keep, period_s: run.period_s, noise };
+    let expected = observe(&seen, &law);
+    columns.push(false, |sample| expected.mean[sample] - pull[sample]);
+}
+
+/// One recording as the observers see it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Input, normalised.
+    pub command: &'a [f64],
+    /// Pull, normalised.
+    pub pull: &'a [f64],
+    /// Measured output, normalised.
+    pub measured: &'a [f64],
+    /// Which samples count.
+    pub keep: &'a [bool],
+    /// Sample period, s.
+    pub period_s: f64,
+    /// Standard deviation of the noise.
+    pub noise: f64,
+}
+
+/// What an observer expected of every sample before it was seen.
+#[derive(Clone, Debug, Default)]
+pub struct Expected {
+    /// Mean.
+    pub mean: Vec<f64>,
+    /// Variance without the noise.
+    pub variance: Vec<f64>,
+    /// Logarithm of the likelihood.
+    pub evidence: Vec<f64>,
+}
+
+/// One history of seats: a filter for the level that it holds at and the wander of the pull.
+#[derive(Clone, Copy, Debug)]
+struct History {
+    weight: f64,
+    level: f64,
+    level_variance: f64,
+    wander: f64,
+    wander_variance: f64,
+    covariance: f64,
+    /// Command at which it sits.
+    seat: f64,
+    seat_variance: f64,
+    /// Direction in which it moved in the last sample, or zero.
+    moving: f64,
+}
+
+/// Normal distribution function, by the logistic one (largest error 0.01).
+fn chance(deviations: f64) -> f64 {
+    1.0 / (1.0 + (-1.702 * deviations).exp())
+}
+
+/// Density of a normal deviate with this error and variance.
+fn density(error: f64, variance: f64) -> f64 {
+    (1.0 - WILD) * (-0.5 * error * error / variance).exp() / (2.0 * std::f64::consts::PI * variance).sqrt()
+}
+
+/// Logarithms of the likelihoods of a smooth output: pull, wander and noise.
+#[must_use]
+pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
+    let stay = (-seen.period_s / wander_s).exp();
+    let kick = wander * wander * (1.0 - stay * stay);
+    let (mut mean, mut variance) = (0.0, wander * wander);
+    let step = |((&measured, &pull), &keep): ((&f64, &f64), &bool)| {
+        mean *= stay;
+        variance = stay * stay * variance + kick;
+        if !keep {
+            return 0.0;
+        }
+        let whole = variance + seen.noise * seen.noise;
+        let error = measured - pull - mean;
+        let ours = density(error, whole);
+        let gain = variance / whole * ours / (ours + WILD);
+        mean += gain * error;
+        variance *= 1.0 - gain;
+        (ours + WILD).ln()
+    };
+    seen.measured.iter().zip(seen.pull).zip(seen.keep).map(step).collect()
+}
+
+/// What the jump observer expects of every sample.
+#[must_use]
+pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
+    let stay = (-seen.period_s / WANDER_S).exp();
+    let kick = law.wander * law.wander * (1.0 - stay * stay);
+    let gains = match law.drive {
+        Drive::Pull => Vec::new(),
+        Drive::Command => slopes(seen),
+    };
+    let scatter = law.scatter * law.break_away;
+    let gain_of = |sample: usize| gains.get(sample).copied().unwrap_or(1.0);
+    let first = History {
+        weight: 1.0,
+        level: seen.pull[0],
+        level_variance: (law.break_away * gain_of(0)).powi(2) + law.wander * law.wander,
+        wander: 0.0,
+        wander_variance: law.wander * law.wander,
+        covariance: 0.0,
+        seat: seen.command[0],
+        seat_variance: law.break_away * law.break_away / 3.0,
+        moving: 0.0,
+    };
+    let mut histories = [History { weight: 1e-12, ..first }; HISTORIES];
+    histories[0].weight = 1.0;
+    let mut expected = Expected::default();
+    let mut before = [seen.pull[0], seen.command[0]];
+    for sample in 0..seen.measured.len() {
+        let (pull, command, gain) = (seen.pull[sample], seen.command[sample], gain_of(sample));
+        let step = if law.drive == Drive::Pull { pull - before[0] } else { command - before[1] };
+        before = [pull, command];
+        let fast = step.abs() > law.sliding_speed * seen.period_s;
+        let mut leaves = [0.0; HISTORIES];
+        let mut stretches = [0.0; HISTORIES];
+        for (at, history) in histories.iter_mut().enumerate() {
+            history.wander *= stay;
+            history.wander_variance = stay * stay * history.wander_variance + kick;
+            history.covariance *= stay;
+            if fast && history.moving * step > 0.0 {
+                history.level = pull + history.wander;
+                history.level_variance = history.wander_variance + (scatter * gain).powi(2);
+                history.covariance = history.wander_variance;
+                history.seat = command;
+                history.seat_variance = scatter * scatter;
+                continue;
+            }
+            history.moving = 0.0;
+            let (stretch, variance) = match law.drive {
+                Drive::Pull => {
+                    (pull + history.wander - history.level, history.level_variance + history.wander_variance - 2.0 * history.covariance)
+                }
+                Drive::Command => (command - history.seat, history.seat_variance),
+            };
+            stretches[at] = stretch;
+            let spread = (scatter * scatter + variance.max(0.0)).sqrt().max(1e-9);
+            leaves[at] = history.weight * chance((stretch.abs() - law.break_away) / spread);
+        }
+        // All that break away now land in the same place: one history for them, with the past of the likeliest.
+        let leaving: f64 = leaves.iter().sum();
+        let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
+        let direction = stretches[parent].signum();
+        let beyond = if fast { 0.0 } else { (law.landing * law.break_away - 0.5 * step.abs()).max(0.0) };
+        let within = if fast { 0.0 } else { step.abs().min((1.0 + law.landing) * law.break_away).powi(2) / 12.0 };
+        let landed = History {
+            weight: leaving,
+            level: pull + histories[parent].wander + direction * beyond * gain,
+            level_variance: histories[parent].wander_variance + (scatter * scatter + within) * gain * gain,
+            wander: histories[parent].wander,
+            wander_variance: histories[parent].wander_variance,
+            covariance: histories[parent].wander_variance,
+            seat: command + direction * beyond,
+            seat_variance: scatter * scatter + within,
+            moving: direction,
+        };
+        for (history, left) in histories.iter_mut().zip(leaves) {
+            history.weight -= left;
+        }
+        let weakest = (0..HISTORIES).min_by(|&x, &y| histories[x].weight.total_cmp(&histories[y].weight)).unwrap_or(0);
+        histories[weakest] = landed;
+        let total: f64 = histories.iter().map(|history| history.weight).sum();
+        let mean = histories.iter().map(|history| history.weight * history.level).sum::<f64>() / total;
+        let spread = |history: &History| history.weight * (history.level_variance + (history.level - mean).powi(2));
+        expected.mean.push(mean);
+        expected.variance.push(histories.iter().map(spread).sum::<f64>() / total);
+        if !seen.keep[sample] {
+            expected.evidence.push(0.0);
+            continue;
+        }
+        let mut likelihood = 0.0;
+        for history in &mut histories {
+            let whole = history.level_variance + seen.noise * seen.noise;
+            let error = seen.measured[sample] - history.level;
+            let ours = density(error, whole);
+            history.weight *= (ours + WILD) / total;
+            likelihood += history.weight;
+            let trust = ours / (ours + WILD);
+            let (of_level, of_wander) = (history.level_variance / whole * trust, history.covariance / whole * trust);
+            history.level += of_level * error;
+            history.wander += of_wander * error;
+            history.wander_variance -= of_wander * history.covariance;
+            history.covariance *= 1.0 - of_level;
+            history.level_variance *= 1.0 - of_level;
+        }
+        expected.evidence.push(likelihood.ln());
+        for history in &mut histories {
+            history.weight = (history.weight / likelihood).max(1e-12);
+        }
+    }
+    expected
+}
+
+/// How much the pull moves with the command, sample by sample; while the command rests, as before.
+fn slopes(seen: &Seen<'_>) -> Vec<f64> {
+    const SIDE: usize = 2;
+    const LEAST_STEP: f64 = 4e-3;
+    let last = seen.command.len() - 1;
+    let mut slope = 1.0;
+    (0..=last)
+        .map(|sample| {
+            let (from, to) = (sample.saturating_sub(SIDE), (sample + SIDE).min(last));
+            let step = seen.command[to] - seen.command[from];
+            if step.abs() > LEAST_STEP {
+                slope = ((seen.pull[to] - seen.pull[from]) / step).abs().clamp(0.02, 5.0);
+            }
+            slope
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAW: JumpLaw =
+        JumpLaw { drive: Drive::Pull, break_away: 0.05, landing: 1.0, sliding_speed: NEVER, scatter: 0.1, wander: 0.002, lag_s: 0.0 };
+    const NOISE: f64 = 0.005;
+
+    /// A slow triangle as the pull, and a tip on it that holds within 0.05 and jumps by 0.1; with a ripple in the place of noise.
+    fn slow_triangle() -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let pull: Vec<f64> = (0..1000).map(|sample| 1.0 - (f64::from(sample % 500) / 250.0 - 1.0_f64).abs()).collect();
+        let ripple = |sample: usize| NOISE * (2.4 * sample as f64 + 0.3 * (0.7 * sample as f64).sin()).sin();
+        let mut place: f64 = 0.0;
+        let tip = pull.iter().enumerate().map(|(sample, pull)| {
+            if (pull - place).abs() > 0.05 {
+                place += 0.1 * (pull - place).signum();
+            }
+            place + ripple(sample)
+        });
+        let tip = tip.collect();
+        let smooth = pull.iter().enumerate().map(|(sample, pull)| pull + ripple(sample)).collect();
+        (pull, tip, smooth)
+    }
+
+    fn evidence(measured: &[f64], pull: &[f64]) -> (f64, f64) {
+        let keep = vec![true; pull.len()];
+        let seen = Seen { command: pull, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let smooth_sum = [0.002, 0.02, 0.04].map(|wander| smooth(&seen, wander, 0.1).iter().sum::<f64>());
+        (observe(&seen, &LAW).evidence.iter().sum(), smooth_sum.into_iter().fold(f64::MIN, f64::max))
+    }
+
+    #[test]
+    fn stairs_speak_for_jumps_and_a_smooth_output_against_them() {
+        let (pull, tip, smooth_tip) = slow_triangle();
+        let (jumps, smooth) = evidence(&tip, &pull);
+        assert!(jumps > smooth + 100.0, "{jumps} {smooth}");
+        let (jumps, smooth) = evidence(&smooth_tip, &pull);
+        assert!(smooth > jumps + 100.0, "{jumps} {smooth}");
+    }
+
+    #[test]
+    fn the_observer_looks_at_no_sample_before_it_has_said_what_it_expects() {
+        let (pull, mut tip, _) = slow_triangle();
+        let keep = vec![true; pull.len()];
+        let of = |tip: &[f64]| {
+            let seen = Seen { command: &pull, pull: &pull, measured: tip, keep: &keep, period_s: 0.02, noise: NOISE };
+            observe(&seen, &LAW).mean
+        };
+        let before = of(&tip);
+        for value in &mut tip[600..] {
+            *value += 0.3;
+        }
+        let after = of(&tip);
+        assert_eq!(before[..=600], after[..=600]);
+        assert_ne!(before[601], after[601]);
+    }
+
+    #[test]
+    fn parameters_of_a_form_make_the_law_again() {
+        assert_eq!(JumpLaw::of_parameters(Drive::Pull, &LAW.as_parameters(NOISE)), (LAW, NOISE));
+    }
+}
