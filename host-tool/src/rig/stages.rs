@@ -253,7 +253,14 @@ impl Stage for LuGreTip {
         let damping_s = 2.0 * (self.bristle * self.inertia_s2).sqrt();
         let ratio = self.speed_mm_per_s / self.stribeck_mm_per_s;
         let breakaway = self.sliding_mm + (self.static_mm - self.sliding_mm) * (-ratio * ratio).exp();
-        let rate = self.speed_mm_per_s - self.bristle * self.speed_mm_per_s.abs() / breakaway * self.deflection_mm;
+        let pace = STEP_S * self.bristle * self.speed_mm_per_s.abs() / breakaway;
+        let rate = if pace < 1.0 {
+            self.speed_mm_per_s - self.bristle * self.speed_mm_per_s.abs() / breakaway * self.deflection_mm
+        } else {
+            // A slip so fast that the bristles yield within a step: their approach to it is exponential, which a straight step would overshoot.
+            let sliding_mm = self.speed_mm_per_s.signum() * breakaway / self.bristle;
+            (self.deflection_mm - sliding_mm) * (-pace).exp_m1() / STEP_S
+        };
         self.deflection_mm += STEP_S * rate;
         let friction = self.bristle * self.deflection_mm + damping_s * rate + self.viscous_s * self.speed_mm_per_s;
         self.speed_mm_per_s += STEP_S * (input - self.position_mm - friction) / self.inertia_s2;
