@@ -247,6 +247,7 @@ mod tests {
 
     use crate::discover::{DiscoverConfig, Discovery, Verdict, discover};
     use crate::recording::{Recording, Signal};
+    use crate::rig::{self, CaseConfig, Generator};
 
     /// Twelve decaying sines of a closed-form rig: three play operators, and a tip on a stick band of 0.5 mm that jumps by 0.35 mm. The full
     /// stroke is about 8 mm and the noise 0.5 % of it.
@@ -320,5 +321,23 @@ mod tests {
     fn without_a_band_the_same_rig_has_no_jumps() {
         let discovery = found(&stick_band(0.0, 0.0));
         assert_eq!(discovery.verdict, Verdict::None, "{:?}", discovery.effects);
+    }
+
+    #[test]
+    fn what_jumps_in_either_virtual_rig_is_named() {
+        let cases = [
+            (Generator::Physics, "stick-slip", 531),
+            (Generator::Physics, "valve-dead-band", 530),
+            (Generator::Rival, "stick-slip", 530),
+            (Generator::Rival, "valve-dead-band", 530),
+        ];
+        for (generator, effect, seed) in cases {
+            let case =
+                rig::hide(&CaseConfig { effects: vec![effect.to_owned()], seed, generator, ..CaseConfig::default() }).expect("a case");
+            let discovery = found(&case.recordings);
+            let name = discovery.effects.first().map(|effect| effect.name.as_str());
+            assert_eq!(name, Some(effect), "{generator:?}: {discovery:?}");
+            assert_ne!(discovery.verdict, Verdict::Unknown, "{generator:?}, {effect}: {discovery:?}");
+        }
     }
 }
