@@ -188,7 +188,8 @@ pub trait Form: Sync {
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![]]
     }
-    /// What it breaks away by, if its seat is seen in the output: such a form is tried when nothing smooth explains enough, and judged by what the output shows.
+    /// What it breaks away by, if its seat is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
+    /// what the output shows.
     fn jumps(&self) -> Option<Drive> {
         None
     }

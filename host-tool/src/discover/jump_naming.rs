@@ -28,19 +28,43 @@ const MOST_WANDER: f64 = 0.4;
 const LEAST_BREAK_AWAY: f64 = 2.0;
 /// Blocked deviations by which one kind of jumps must beat the other to be told from it.
 const APART: f64 = 2.0;
+/// Levels of the output at each of which the evidence must be for jumps: friction and valves hold everywhere, a wall at one place.
+const LEVELS: usize = 4;
 
 /// A model's pull and the noise for the observers.
 struct Pull<'a> {
     session: &'a Session,
     values: Vec<Vec<f64>>,
+    /// Its range.
+    low: f64,
+    high: f64,
     noise: f64,
     /// Root mean square of what the pull misses beyond the noise.
     excess: f64,
 }
 
-/// A law with the evidence for it on the selecting samples, second after second.
-struct Judged {
+/// Evidence on the selecting samples.
+struct Evidence {
+    /// Mean of every second.
     blocks: Vec<f64>,
+    /// Mean at every level of the output while it moves.
+    levels: [f64; LEVELS],
+}
+
+impl Evidence {
+    fn mean(&self) -> f64 {
+        self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
+    }
+
+    /// Whether it is more than `less` at every level.
+    fn is_above_everywhere(&self, less: &Self) -> bool {
+        self.levels.iter().zip(&less.levels).all(|(more, less)| more > less)
+    }
+}
+
+/// A law with the evidence for it.
+struct Judged {
+    evidence: Evidence,
     form: &'static dyn Form,
     law: JumpLaw,
 }
@@ -58,7 +82,7 @@ impl Judged {
         let (_, lagging, lag_s) = lagging.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or_else(|| (0.0, base.clone(), 0.0));
         let pull = Pull::new(session, &lagging, noise);
         let law = pull.law(drive, lag_s);
-        Self { blocks: pull.selecting(|seen| jumps::observe(seen, &law).evidence), form, law }
+        Self { evidence: pull.selecting(|seen| jumps::observe(seen, &law).evidence), form, law }
     }
 }
 
@@ -73,7 +97,9 @@ impl<'a> Pull<'a> {
             }
         }
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
-        Self { session, values, noise, excess }
+        let all = || values.iter().flatten().copied();
+        let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
+        Self { session, values, low, high, noise, excess }
     }
 
     fn seen<'b>(&'b self, run: &'b Run) -> Seen<'b> {
@@ -91,9 +117,10 @@ impl<'a> Pull<'a> {
         .sum()
     }
 
-    /// Mean evidence of the selecting samples in blocks of a second.
-    fn selecting(&self, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> Vec<f64> {
+    /// Evidence on the selecting samples.
+    fn selecting(&self, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> Evidence {
         let mut blocks = Vec::new();
+        let mut sums = [(0.0, 1e-30); LEVELS];
         for run in self.session.runs.iter().filter(|run| run.role.contains(&Role::Select)) {
             let of = evidence(&self.seen(run));
             let length = (1.0 / run.period_s).round().max(4.0) as usize;
@@ -102,12 +129,19 @@ impl<'a> Pull<'a> {
                     blocks.push(block.iter().sum::<f64>() / block.len() as f64);
                 }
             }
+            let moves = |sample: usize| sample > 0 && run.input[sample] != run.input[sample - 1];
+            for sample in (0..of.len()).filter(|&sample| run.role[sample] == Role::Select && moves(sample)) {
+                let level = ((self.values[run.index][sample] - self.low) / (self.high - self.low) * LEVELS as f64).floor();
+                let (sum, count) = &mut sums[level.clamp(0.0, LEVELS as f64 - 1.0) as usize];
+                *sum += of[sample];
+                *count += 1.0;
+            }
         }
-        blocks
+        Evidence { blocks, levels: sums.map(|(sum, count)| sum / count) }
     }
 
     /// The best smooth observer of this pull, by the selecting samples.
-    fn smooth(&self) -> Vec<f64> {
+    fn smooth(&self) -> Evidence {
         let wanders = [0.4, 0.7, 1.0, 1.4].map(|share| share * self.excess);
         let grid = wanders.into_iter().flat_map(|wander| [0.04, 0.1, 0.25, 0.6, 2.0].map(|time_s| (wander, time_s)));
         let judged = grid.map(|(wander, time_s)| (self.fitted(false, |seen| jumps::smooth(seen, wander, time_s)), wander, time_s));
@@ -166,12 +200,8 @@ fn lags(drive: Drive) -> &'static [f64] {
 }
 
 /// Deviations by which `more` lies above `less`, block by block.
-fn above(more: &[f64], less: &[f64]) -> f64 {
-    rounds::deviations(more, less)
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
+fn above(more: &Evidence, less: &Evidence) -> f64 {
+    rounds::deviations(&more.blocks, &less.blocks)
 }
 
 /// Puts jumps in the place of what was found, where that leaves too much and jumps explain the recordings better than it; `base` is the model
@@ -187,18 +217,18 @@ pub fn rename(bench: &Bench<'_>, base: &Model, outcome: Outcome) -> Outcome {
     }
     let noise = noise::floor(session, &outcome.model.residuals(session));
     let mut judged = rounds::in_parallel(&forms, bench.threads, |form| Judged::new(session, &base, *form, noise));
-    judged.sort_by(|x, y| mean(&y.blocks).total_cmp(&mean(&x.blocks)));
+    judged.sort_by(|x, y| y.evidence.mean().total_cmp(&x.evidence.mean()));
     let smooth_base = Pull::new(session, &base, noise).smooth();
     let found = Pull::new(session, &outcome.model, noise).smooth();
     // A valve that the search has found jumps too, and no tip: its simulation saw no more of the output than where the pressure began.
     let simulated = outcome.found.order == ["valve-dead-band"];
     let best = judged.iter().find(|one| !simulated || one.form.name() == "valve-dead-band").unwrap_or(&judged[0]);
-    let evidence = if simulated && mean(&found) > mean(&best.blocks) { &found } else { &best.blocks };
-    let smooth = if simulated || mean(&smooth_base) > mean(&found) { &smooth_base } else { &found };
+    let evidence = if simulated && found.mean() > best.evidence.mean() { &found } else { &best.evidence };
+    let smooth = if simulated || smooth_base.mean() > found.mean() { &smooth_base } else { &found };
     let deviations = above(evidence, smooth);
-    let gain = mean(evidence) - mean(smooth);
+    let gain = evidence.mean() - smooth.mean();
     let least = if gain > LARGE_EVIDENCE { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS };
-    if deviations < least || gain < LEAST_EVIDENCE {
+    if deviations < least || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;
     }
     let first_select = base.clone().fit(session, Scope::Both).1;
@@ -209,7 +239,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, outcome: Outcome) -> Outcome {
     let name = best.form.name();
     let other = judged.iter().find(|one| one.form.name() != name);
     if let Some(other) = other {
-        outcome.found.apart = above(evidence, &other.blocks);
+        outcome.found.apart = above(evidence, &other.evidence);
         let separable = outcome.found.apart > APART;
         outcome.found.twins = !separable;
         outcome.found.runner_up = Some(RunnerUp { name: other.form.name().to_owned(), separable });

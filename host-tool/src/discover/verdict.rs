@@ -17,6 +17,9 @@ const MOST_UNEXPLAINED: f64 = 0.12;
 /// rig to rig, are in what is left.
 const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
 
+/// Kept-out recordings off by more than this many times the noise are a disagreement, even where the others show none.
+const MOST_KEPT_OUT: f64 = 1.5;
+
 /// Mean square on the samples that a model was found with; masked samples count if `all`.
 fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
@@ -77,7 +80,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let with_outliers = excluded * 2000 > total;
     let rmse_before = rmse(session, residual_before, with_outliers);
     let rmse_after = rmse(session, &residual_after, false);
-    // The verdict rests on the samples that were worked with; kept-out ones only report.
+    // Effects are judged by the samples that were worked with; kept-out ones only report, and forbid to say that nothing is missing.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
     let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
@@ -121,7 +124,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         });
     }
     debug_assert!(after.slots.len() <= owned + found.order.len(), "an effect came in unnoticed");
-    let verdict = if stands_out && (unexplained > most_unexplained || effects.is_empty()) {
+    let disagrees = stands_out || rmse_after > MOST_KEPT_OUT * floor;
+    let verdict = if (stands_out && unexplained > most_unexplained) || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
