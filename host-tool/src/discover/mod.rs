@@ -236,7 +236,15 @@ pub fn discover_from(
         .zip(&simulated)
         .map(|(run, simulated)| run.output.iter().zip(simulated).map(|(y, p)| y - p).collect())
         .collect();
-    let mut discovery = verdict::judge(&session, &residual_before, &after, &search.found, owned);
+    let mut found = search.found;
+    let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
+    // What makes recordings worse that it has not seen is no part of an explanation.
+    if owned == 0 && discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
+        after = before.clone();
+        found.order.clear();
+        found.jump_scatter = None;
+        discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
+    }
     discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
     discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
