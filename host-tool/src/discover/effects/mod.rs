@@ -1,4 +1,4 @@
-//! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them.
+//! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them. `seated` is the form that two of them share.
 
 pub mod activation_threshold;
 pub mod asymmetric_hysteresis;
@@ -14,6 +14,7 @@ pub mod periodic_disturbance;
 pub mod pneumatic_lag;
 pub mod rate_dependent_hysteresis;
 pub mod resonance;
+mod seated;
 pub mod setup_change;
 pub mod slew_limit;
 pub mod static_nonlinearity;

@@ -1,19 +1,18 @@
 //! `valve-dead-band`: the pressure holds until the error passes the band, then the valve opens and follows until little error is left.
 
-use std::collections::BTreeMap;
-
-use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::jumps::{self, Drive};
+use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
+use crate::discover::jumps::Drive;
 use crate::discover::session::{Role, Run, Session};
 
+use super::seated::Seated;
 use super::{best_starts, ladder};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Follow, &Seen];
+pub const FORMS: &[&dyn Form] = &[&Follow, &SEEN];
 
 struct Follow;
 /// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
-struct Seen;
+static SEEN: Seated = Seated { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command };
 
 /// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
 const LOOKS: usize = 2;
@@ -109,50 +108,6 @@ impl Form for Follow {
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);
-    }
-}
-
-impl Form for Seen {
-    fn name(&self) -> &'static str {
-        "valve-dead-band"
-    }
-    fn form(&self) -> &'static str {
-        "holds and opens, its pressure seen in the output"
-    }
-    // What it departs from is the model's output: it acts on the pressure, but it is seen behind the muscle.
-    fn place(&self) -> Place {
-        Place::Tip
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        const LENGTH: Parameter = Parameter { name: "break_away", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true };
-        const PARAMETERS: [Parameter; jumps::PARAMETERS] = jumps::parameters(LENGTH, Quantity::InputRate);
-        &PARAMETERS
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        Vec::new()
-    }
-    fn discrete(&self) -> bool {
-        true
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if parameters[jumps::LAG] > 0.0 {
-            super::lag(path, parameters[jumps::LAG], run.period_s);
-        }
-    }
-    fn jumps(&self) -> Option<Drive> {
-        Some(Drive::Command)
-    }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        jumps::push_departure(Drive::Command, parameters, run, sum, columns);
-    }
-    fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([(format!("travel_{}", session.input_unit), parameters[0] * (1.0 + parameters[1]) * session.input_scale)])
     }
 }
 

@@ -1,0 +1,73 @@
+//! What holds at a seat and breaks away, its seat read from the output: the form that a sticking tip and a valve share.
+
+use std::collections::BTreeMap;
+
+use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::jumps::{self, Drive};
+use crate::discover::session::{Run, Session};
+
+/// Where it sits hangs on when it last broke away, which no simulation meets; it is read from the output seen so far.
+pub struct Seated {
+    /// The effect.
+    pub name: &'static str,
+    /// The form's description.
+    pub form: &'static str,
+    /// What it breaks away by.
+    pub drive: Drive,
+}
+
+const fn break_away(quantity: Quantity) -> Parameter {
+    Parameter { name: "break_away", quantity, low: 1e-3, high: 0.5, logarithmic: true }
+}
+
+const OF_THE_PULL: [Parameter; jumps::PARAMETERS] = jumps::parameters(break_away(Quantity::Output), Quantity::OutputRate);
+const OF_THE_COMMAND: [Parameter; jumps::PARAMETERS] = jumps::parameters(break_away(Quantity::Input), Quantity::InputRate);
+
+impl Form for Seated {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    // What it departs from is the model's output: a valve acts on the pressure, but it is seen behind the muscle.
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        match self.drive {
+            Drive::Pull => &OF_THE_PULL,
+            Drive::Command => &OF_THE_COMMAND,
+        }
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+    fn discrete(&self) -> bool {
+        true
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if parameters[jumps::LAG] > 0.0 {
+            super::lag(path, parameters[jumps::LAG], run.period_s);
+        }
+    }
+    fn jumps(&self) -> Option<Drive> {
+        Some(self.drive)
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        jumps::push_departure(self.drive, parameters, run, sum, columns);
+    }
+    fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let (unit, scale) = match self.drive {
+            Drive::Pull => (&session.output_unit, session.output_scale.abs()),
+            Drive::Command => (&session.input_unit, session.input_scale),
+        };
+        BTreeMap::from([(format!("travel_{unit}"), parameters[0] * (1.0 + parameters[1]) * scale)])
+    }
+}
