@@ -248,17 +248,7 @@ fn add(
             let static_mm = range_mm * log_uniform(generator, 0.02, 0.08);
             let sliding_mm = static_mm * generator.random_range(0.2..0.6);
             values.push(("band_mm", static_mm));
-            chain.behind.push(Box::new(LuGreTip {
-                static_mm,
-                sliding_mm,
-                stribeck_mm_per_s: 2.0,
-                viscous_s: 0.004,
-                inertia_s2: 2e-5,
-                bristle: 30.0,
-                deflection_mm: 0.0,
-                speed_mm_per_s: 0.0,
-                position_mm: 0.0,
-            }));
+            chain.behind.push(Box::new(LuGreTip::stiff(static_mm, sliding_mm)));
         }
         "resonance" => {
             sensor = true;

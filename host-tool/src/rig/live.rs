@@ -189,7 +189,7 @@ impl AllEffects {
                 stribeck_mm_per_s: 2.0,
                 viscous_s: 0.002,
                 inertia_s2: 2e-5,
-                // Softer than the hidden rig's: at 10 kHz a stiff bristle behind so small a friction would be unstable at 50 mm/s.
+                // Softer than the hidden rig's: behind so small a friction stiff bristles would yield within a step at 50 mm/s.
                 bristle: 3.0,
                 deflection_mm: 0.0,
                 speed_mm_per_s: 0.0,

@@ -247,6 +247,23 @@ pub struct LuGreTip {
     pub position_mm: f64,
 }
 
+impl LuGreTip {
+    /// A light tip with stiff bristles, at rest.
+    pub const fn stiff(static_mm: f64, sliding_mm: f64) -> Self {
+        Self {
+            static_mm,
+            sliding_mm,
+            stribeck_mm_per_s: 2.0,
+            viscous_s: 0.004,
+            inertia_s2: 2e-5,
+            bristle: 30.0,
+            deflection_mm: 0.0,
+            speed_mm_per_s: 0.0,
+            position_mm: 0.0,
+        }
+    }
+}
+
 impl Stage for LuGreTip {
     fn step(&mut self, input: f64, _: &Moment) -> f64 {
         // Bristle damping keeps the pre-sliding oscillation of tip and bristle down.

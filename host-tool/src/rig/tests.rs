@@ -83,17 +83,7 @@ fn every_effect_of_the_second_rig_changes_its_recordings_too() {
 fn a_tip_that_slips_fast_over_little_friction_stays_on_its_band() {
     use stages::{LuGreTip, Stage};
     for static_mm in [0.002, 0.02, 0.2, 1.0] {
-        let mut tip = LuGreTip {
-            static_mm,
-            sliding_mm: 0.2 * static_mm,
-            stribeck_mm_per_s: 2.0,
-            viscous_s: 0.004,
-            inertia_s2: 2e-5,
-            bristle: 30.0,
-            deflection_mm: 0.0,
-            speed_mm_per_s: 0.0,
-            position_mm: 0.0,
-        };
+        let mut tip = LuGreTip::stiff(static_mm, 0.2 * static_mm);
         for pull_mm in [5.0, -5.0, 0.1, 10.0] {
             let still = Moment { session_s: 0.0, recording: 0 };
             let place_mm = (0..10_000).map(|_| tip.step(pull_mm, &still)).last().unwrap_or(f64::NAN);
