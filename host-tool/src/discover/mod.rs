@@ -24,6 +24,7 @@ pub mod plan;
 mod rounds;
 mod search;
 mod session;
+mod turning;
 mod verdict;
 pub mod whereabouts;
 

@@ -3,7 +3,8 @@
 use super::catalogue::{Columns, Form, Habit};
 use super::grid;
 use super::least_squares::Gram;
-use super::session::{Role, Run, Session, remember};
+use super::session::{Role, Run, Session};
+use super::turning::{between_samples, remember};
 
 /// One effect in the model.
 #[derive(Clone)]
@@ -178,6 +179,7 @@ impl Model {
         let gaps =
             |path: &[f64], moving: bool| if habit.is_plain() { Vec::new() } else { gaps(path, habit, moving.then_some(run.period_s)) };
         let (before, now) = (gaps(history, false), gaps(path, true));
+        let turns = between_samples(path);
         let values = &mut columns.values[start..];
         for (group, block) in self.thresholds.chunks(SIDE).zip(values.chunks_mut(SIDE * samples)) {
             let mut thresholds = [0.0; SIDE];
@@ -187,8 +189,13 @@ impl Model {
                 play(&mut state, &thresholds, value, before.get(at));
             }
             let mut lanes: Vec<&mut [f64]> = block.chunks_exact_mut(samples).collect();
+            let mut turns = turns.iter().peekable();
             for (sample, &value) in path.iter().enumerate() {
                 let gap = now.get(sample);
+                let turn = turns.next_if(|(at, _)| *at == sample);
+                if let Some((_, turn)) = turn.filter(|_| habit.viscous_s <= 0.0) {
+                    play(&mut state, &thresholds, *turn, gap);
+                }
                 if habit.viscous_s <= 0.0 || sample == 0 {
                     play(&mut state, &thresholds, value, gap);
                 } else if habit.stiffening > 0.0 {

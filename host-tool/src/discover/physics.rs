@@ -146,8 +146,9 @@ mod tests {
 
     fn recording() -> Recording {
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
-        let input: Vec<f64> =
-            time_s.iter().map(|time| 1.5 * (-0.05 * time).exp() * (1.0 - (std::f64::consts::TAU * 0.4 * time).cos())).collect();
+        // Every stroke turns on a sample: the microcontroller samples a thousand times a second and looks for no turn between two.
+        let stroke = |sample: i32| if (sample / 60) % 2 == 0 { sample % 60 } else { 60 - sample % 60 };
+        let input: Vec<f64> = (0..1000).map(|sample| 3.0 * (-0.001 * f64::from(sample)).exp() * f64::from(stroke(sample)) / 60.0).collect();
         let output = input.iter().map(|value| 4.0 * value).collect();
         Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).expect("a recording")
     }

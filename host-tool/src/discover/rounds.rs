@@ -8,8 +8,8 @@ use super::noise;
 use super::search::{self, Fitted, Started};
 use super::session::{Role, Run, Session};
 
-/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves on the fine grid: up to 0.073 % with
-/// twenty random operators and recordings without noise (twelve rigs of both kinds, a test).
+/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves on the fine grid: up to 0.079 % with
+/// twenty random operators and recordings without noise, in the median 0.007 % (first rig) and 0.026 % (second), twelve rigs in a test.
 pub const GRID_ERROR: f64 = 0.0008;
 /// Least share of the mean square that the first effect takes away.
 pub const LEAST_GAIN: f64 = 0.012;

@@ -7,6 +7,8 @@ use std::sync::Arc;
 
 use crate::recording::Recording;
 
+use super::turning::remember;
+
 /// What a sample is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
@@ -347,29 +349,4 @@ fn rest_of(input: &[f64], period_s: f64) -> Vec<std::ops::Range<usize>> {
         }
     }
     found
-}
-
-/// Adds the turning points of `input` to `history` and forgets those that later, larger ones wipe out.
-pub fn remember(history: &mut Vec<f64>, input: &[f64]) {
-    for &value in input {
-        loop {
-            let count = history.len();
-            if count >= 2 {
-                let (before, last) = (history[count - 2], history[count - 1]);
-                // Still going the same way: the last point was no turning point.
-                if (last - before) * (value - last) >= 0.0 {
-                    history.pop();
-                    continue;
-                }
-                // A stroke that swallows the one before wipes it out.
-                if count >= 3 && (value - last).abs() >= (last - before).abs() {
-                    history.pop();
-                    history.pop();
-                    continue;
-                }
-            }
-            break;
-        }
-        history.push(value);
-    }
 }
