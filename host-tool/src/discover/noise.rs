@@ -1,13 +1,15 @@
 //! How much of the residual is noise: from rest, where nothing else can be, or from the residual's fast part.
 
+use std::ops::Range;
+
 use super::mask::fast_noise;
-use super::session::{Role, Session};
+use super::session::{Role, Run, Session};
 
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
-/// correlation of neighbours (an AR(1) law). Without a hundred samples of rest, or where something moves during it, the fast part has to
-/// do, which misses coloured noise. A pump too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A sensor that reads in steps wider than its noise hides at rest what it adds in motion: a uniform
+/// correlation of neighbours (an AR(1) law). In a session that never rests, stretches in which the input hardly moves stand in for rest
+/// ([`stretches`]). Without either, or where something moves by itself there, the fast part has to do, which misses coloured noise. A pump too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A sensor that reads in steps wider than its noise hides at rest what it adds in motion: a uniform
 /// error of the step's width.
 #[must_use]
 pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
@@ -16,12 +18,13 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut count = 0.0;
     let mut freedom = 0.0;
     let mut lengths = 0.0;
-    let mut stretches = 0.0;
+    let mut count_of_stretches = 0.0;
     let mut slow = SlowMotion::new(session.runs[0].period_s);
     let mut lines = Lines::new();
-    for (run, residual) in session.runs.iter().zip(residual) {
-        for rest in &run.rest {
-            let values: Vec<f64> = rest.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
+    let quiet = stretches(session);
+    for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet) {
+        for stretch in quiet {
+            let values: Vec<f64> = stretch.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
             if values.len() < 10 {
                 continue;
             }
@@ -38,7 +41,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
             count += n;
             freedom += n - 2.0;
             lengths += n;
-            stretches += 1.0;
+            count_of_stretches += 1.0;
         }
     }
     let fast = || {
@@ -49,19 +52,44 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
     let over_fast = (sum / count).sqrt() / fast().max(1e-30);
-    if count < 100.0 || (slow.is_there() && over_fast > 2.0) || (slow.swings() && over_fast > 1.3) {
+    if count < ENOUGH_REST as f64 || (slow.is_there() && over_fast > 2.0) || (slow.swings() && over_fast > 1.3) {
         return with_step(fast().powi(2)).sqrt();
     }
     let of_lines = lines.share();
     // A line's correlation is not the noise's.
     let correlation = if of_lines > 0.0 { 0.0 } else { (neighbours / sum.max(1e-30)).clamp(0.0, 0.9) };
-    let mean_length = lengths / stretches;
+    let mean_length = lengths / count_of_stretches;
     let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
     let white_lost = 2.0 / mean_length;
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
     with_step(sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
+}
+
+/// Fewest samples of rest that tell the noise.
+const ENOUGH_REST: usize = 100;
+/// Length of the stretches that stand in for rest, s.
+const QUIET_S: f64 = 2.0;
+/// Most that the input moves in them, of its span: what a model misses of so small a motion is little beside the noise.
+const HARDLY_MOVES: f64 = 0.06;
+
+/// Where every recording shows its noise: at rest; in a session that never rests, where the input hardly moves.
+fn stretches(session: &Session) -> Vec<Vec<Range<usize>>> {
+    let at_rest: Vec<Vec<Range<usize>>> = session.runs.iter().map(|run| run.rest.clone()).collect();
+    if at_rest.iter().flatten().map(Range::len).sum::<usize>() >= ENOUGH_REST {
+        return at_rest;
+    }
+    let of = |run: &Run| {
+        let length = (QUIET_S / run.period_s).round().max(10.0) as usize;
+        let hardly_moves = |range: &Range<usize>| {
+            let (low, high) =
+                run.input[range.clone()].iter().fold((f64::MAX, f64::MIN), |(low, high), &value| (low.min(value), high.max(value)));
+            high - low <= HARDLY_MOVES
+        };
+        (0..run.input.len() / length).map(|at| at * length..(at + 1) * length).filter(hardly_moves).collect()
+    };
+    session.runs.iter().map(of).collect()
 }
 
 /// Motion during rest that is too slow for a sensor's noise: a rhythm, a hand, a valve that hunts. It must not pass for noise, or the
@@ -106,9 +134,9 @@ struct Lines {
 const WINDOW: usize = 64;
 /// Fewest windows whose average tells a line: it scatters by 0.3 of itself then.
 const FEWEST_WINDOWS: f64 = 12.0;
-/// Power of a line over the median of its surroundings, seven such scatters above one.
+/// Power of a line over its surroundings (the geometric mean of the medians on both sides), seven such scatters above one.
 const LINE: f64 = 3.0;
-/// Lowest bin that may be a line: noise correlated over a tenth of a second rises steeply below.
+/// Lowest bin that may be a line: below there is nothing to compare it with.
 const LOWEST_LINE: usize = 4;
 
 impl Lines {
@@ -139,13 +167,17 @@ impl Lines {
             return 0.0;
         }
         let last = self.powers.len();
-        let around = |bin: usize| {
-            let far = |other: &usize| other.abs_diff(bin) > 2;
-            let mut near: Vec<f64> =
-                (bin.saturating_sub(6).max(1)..(bin + 7).min(last)).filter(far).map(|other| self.powers[other]).collect();
+        let middle = |bins: std::ops::Range<usize>| {
+            let mut near: Vec<f64> = bins.map(|bin| self.powers[bin]).collect();
             near.sort_by(f64::total_cmp);
-            near[near.len() / 2]
+            near.get(near.len() / 2).copied()
         };
+        // Between both sides: the spectrum of correlated noise falls so steeply that its lower end stands far out of what follows.
+        let around =
+            |bin: usize| match (middle(bin.saturating_sub(6).max(1)..bin.saturating_sub(2).max(1)), middle(bin + 3..(bin + 7).min(last))) {
+                (Some(below), Some(above)) => (below * above).sqrt(),
+                (below, above) => below.or(above).unwrap_or(f64::MAX),
+            };
         let is_line = |bin: usize| self.powers[bin] > LINE * around(bin);
         let lines: Vec<usize> = (LOWEST_LINE..last).filter(|&bin| is_line(bin)).collect();
         let belongs = |bin: &usize| lines.iter().any(|line| line.abs_diff(*bin) <= 2);
@@ -169,4 +201,67 @@ pub fn blocks(session: &Session, residual: &[Vec<f64>], wanted: impl Fn(usize, u
         }
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+    use std::path::Path;
+
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::{Lines, floor};
+    use crate::discover::session::Session;
+    use crate::recording::{Recording, Signal};
+
+    /// Noise of unit variance whose neighbours correlate by `correlation`.
+    fn noise(rng: &mut ChaCha8Rng, correlation: f64, samples: usize) -> Vec<f64> {
+        let mut deviate = || (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>();
+        let mut state = deviate();
+        (0..samples)
+            .map(|_| {
+                state = correlation * state + (1.0 - correlation * correlation).sqrt() * deviate();
+                state
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_pump_is_a_line_and_the_steep_end_of_correlated_noise_is_none() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for correlation in [0.0, 0.6, 0.8, 0.88] {
+            let (mut plain, mut with_pump) = (Lines::new(), Lines::new());
+            for _ in 0..24 {
+                let values = noise(&mut rng, correlation, 100);
+                plain.add(&values);
+                let pumped: Vec<f64> =
+                    (0..100).zip(&values).map(|(at, value)| value + (2.0 * PI * 8.0 * f64::from(at) / 50.0).sin()).collect();
+                with_pump.add(&pumped);
+            }
+            assert!(plain.share() == 0.0, "{correlation}: {} of the noise passes for lines", plain.share());
+            // The pump has a third of the whole.
+            assert!((with_pump.share() - 1.0 / 3.0).abs() < 0.1, "{correlation}: {} instead of a third", with_pump.share());
+        }
+    }
+
+    #[test]
+    fn correlated_noise_is_measured_where_a_session_without_rest_is_quiet() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let mut of_noise = Vec::new();
+        let recordings: Vec<Recording> = (0..8)
+            .map(|run| {
+                let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+                let decay = 0.05 * f64::from(run);
+                let input: Vec<f64> = time_s.iter().map(|time| (-decay * time).exp() * (1.0 - (2.0 * PI * 0.5 * time).cos())).collect();
+                of_noise.push(noise(&mut rng, 0.8, 1000));
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                    .expect("a recording")
+            })
+            .collect();
+        let session = Session::new(&recordings, &[]).expect("a session");
+        assert!(session.runs.iter().all(|run| run.rest.is_empty()));
+        let found = floor(&session, &of_noise);
+        assert!((found - 1.0).abs() < 0.12, "{found} instead of 1");
+    }
 }
