@@ -99,6 +99,10 @@ pub struct Columns {
     pub samples: usize,
     /// Whether each column's weight may be negative.
     pub free: Vec<bool>,
+    /// The input as the muscle is told it, by everything that the model puts before it.
+    pub command: Vec<f64>,
+    /// What the sensor's effects add to the output by their last weights.
+    pub at_sensor: Vec<f64>,
 }
 
 impl Columns {
@@ -141,6 +145,8 @@ pub enum Place {
     Tip,
     /// What is added on the way to the sensor.
     Sensor,
+    /// What is read from the measured output itself: it comes last, and knows all that the others expect.
+    Reading,
 }
 
 /// One form of an effect: what it does to the signals. All values are normalised; the defaults do nothing.
@@ -193,6 +199,10 @@ pub trait Form: Sync {
     fn jumps(&self) -> Option<Drive> {
         None
     }
+    /// Whether a seat that is seen in the output feels what the sensor's effects add.
+    fn feels_sensor(&self) -> bool {
+        false
+    }
     /// Whether it needs the model's own output.
     fn needs_sum(&self) -> bool {
         false
@@ -201,7 +211,7 @@ pub trait Form: Sync {
     fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
     /// Changes the operators.
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
-    /// Changes all columns, or adds some; `sum` is the model's output without constant.
+    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
     /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
     fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {

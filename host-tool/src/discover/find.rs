@@ -38,6 +38,10 @@ pub struct Outcome {
     pub second: Option<Model>,
     /// What goes to the verdict.
     pub found: Found,
+    /// The best explanations that the search has met, on the fine grid: those that something which jumps may stand beside.
+    pub met: Vec<Model>,
+    /// Every effect alone, in its best form, on the coarse grid, best first.
+    pub tried: Vec<Model>,
 }
 
 /// Searches the whole catalogue, without the effects that a measured pressure has ruled out.
@@ -121,8 +125,23 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
             model = last.model;
         }
     }
-    Outcome { model, second, found }
+    let met = rivals.iter().chain(&firsts).map(|one| one.fine.pruned()).collect();
+    Outcome { model, second, found, met, tried: best_of_each(&tried) }
 }
+
+/// Every effect in its best form, where chance does not explain it.
+fn best_of_each(tried: &[Tried]) -> Vec<Model> {
+    let mut best: Vec<&Tried> = Vec::new();
+    for one in tried.iter().filter(|one| one.deviations > LEAST_OF_TRIED) {
+        if best.iter().all(|other| other.form.name() != one.form.name()) {
+            best.push(one);
+        }
+    }
+    best.into_iter().map(|one| one.fitted.model.clone()).collect()
+}
+
+/// Blocked deviations that an effect tried alone must reach to be met again beside something that jumps.
+const LEAST_OF_TRIED: f64 = 2.0;
 
 /// Evaluations for each parameter when candidates are polished.
 pub const POLISH: usize = 20;

@@ -96,18 +96,40 @@ impl JumpLaw {
 
 /// Adds a column with what the output is expected to depart from `sum` by, for what was measured before each sample. Where nothing was
 /// measured (a simulation) the column is zero: over all seats the mean of what sticks is the pull.
-pub fn push_departure(drive: Drive, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
     if run.output.iter().all(|value| *value == 0.0) {
         columns.push(false, |_| 0.0);
         return;
     }
     let (law, noise) = JumpLaw::of_parameters(drive, parameters);
-    let kept = || run.output.iter().zip(sum).zip(&run.keep).filter(|(_, keep)| **keep).map(|((measured, sum), _)| measured - sum);
-    let constant = kept().sum::<f64>() / kept().count().max(1) as f64;
-    let pull: Vec<f64> = sum.iter().map(|sum| sum + constant).collect();
-    let seen = Seen { command: &run.input, pull: &pull, measured: &run.output, keep: &run.keep, period_s: run.period_s, noise };
-    let expected = observe(&seen, &law);
-    columns.push(false, |sample| expected.mean[sample] - pull[sample]);
+    let tip = Tip::new(run, columns, sum, feels);
+    let expected = observe(&tip.seen(run, noise), &law);
+    columns.push(false, |sample| expected.mean[sample] - tip.pull[sample]);
+}
+
+/// One recording at the tip: what the sensor's effects add by the model is off where a seat does not feel them.
+#[derive(Clone, Debug)]
+pub struct Tip {
+    command: Vec<f64>,
+    /// The pull, normalised.
+    pub pull: Vec<f64>,
+    measured: Vec<f64>,
+}
+
+impl Tip {
+    /// The tip by a model's `columns` and its `output`, constant included.
+    #[must_use]
+    pub fn new(run: &Run, columns: &Columns, output: &[f64], feels: bool) -> Self {
+        let share = if feels { 0.0 } else { 1.0 };
+        let without = |values: &[f64]| values.iter().zip(&columns.at_sensor).map(|(value, added)| value - share * added).collect();
+        Self { command: columns.command.clone(), pull: without(output), measured: without(&run.output) }
+    }
+
+    /// What the observers see of it.
+    #[must_use]
+    pub fn seen<'a>(&'a self, run: &'a Run, noise: f64) -> Seen<'a> {
+        Seen { command: &self.command, pull: &self.pull, measured: &self.measured, keep: &run.keep, period_s: run.period_s, noise }
+    }
 }
 
 /// One recording as the observers see it.

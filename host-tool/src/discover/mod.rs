@@ -12,6 +12,7 @@ pub mod effects;
 pub mod file;
 mod find;
 mod grid;
+mod jump_evidence;
 mod jump_naming;
 pub mod jumps;
 mod least_squares;

@@ -1,6 +1,6 @@
 //! A simulation model under discovery: a bank of play operators and the effects added so far; its fit and its residual.
 
-use super::catalogue::{Columns, Form, Habit};
+use super::catalogue::{Columns, Form, Habit, Place};
 use super::grid;
 use super::least_squares::Gram;
 use super::session::{Role, Run, Session};
@@ -109,8 +109,12 @@ impl Model {
         columns.free.clear();
         let mut path = run.input.clone();
         let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
+        columns.command.clone_from(&path);
         for slot in &self.slots {
             slot.form.input(&slot.parameters, run, &mut path);
+            if slot.form.place() < Place::Muscle {
+                columns.command.clone_from(&path);
+            }
             slot.form.habit(&slot.parameters, &mut habit);
         }
         columns.push(true, |_| 1.0);
@@ -125,22 +129,36 @@ impl Model {
         }
         let mut weights = self.base.clone();
         let mut sum = Vec::new();
+        columns.at_sensor.clear();
+        columns.at_sensor.resize(samples, 0.0);
         for slot in &self.slots {
             if slot.form.needs_sum() {
                 sum.clear();
                 sum.resize(samples, 0.0);
-                for (index, &weight) in weights.iter().enumerate().skip(1) {
-                    if weight != 0.0 {
-                        for (value, column) in sum.iter_mut().zip(columns.column(index)) {
-                            *value += weight * column;
-                        }
-                    }
-                }
+                let first = usize::from(slot.form.jumps().is_none());
+                weigh(columns, &weights, first, &mut sum);
             }
             slot.form.output(&slot.parameters, run, &sum, columns);
+            let before = weights.len();
             weights.extend(&slot.weights);
             weights.resize(columns.free.len(), 0.0);
+            if slot.form.place() == Place::Sensor {
+                let mut added = std::mem::take(&mut columns.at_sensor);
+                weigh(columns, &weights, before, &mut added);
+                columns.at_sensor = added;
+            }
         }
+    }
+
+    /// Columns of one recording and what they come to with the weights of the last fit.
+    #[must_use]
+    pub fn columns_and_output(&self, run: &Run) -> (Columns, Vec<f64>) {
+        let mut columns = Columns::default();
+        self.columns(run, &mut columns);
+        let weights: Vec<f64> = self.base.iter().chain(self.slots.iter().flat_map(|slot| &slot.weights)).copied().collect();
+        let mut sum = vec![0.0; run.input.len()];
+        weigh(&columns, &weights, 0, &mut sum);
+        (columns, sum)
     }
 
     /// Whether the operators remember what stages with a memory of their own made of earlier recordings.
@@ -304,27 +322,24 @@ impl Model {
     /// Model output for one recording, normalised.
     #[must_use]
     pub fn predict(&self, run: &Run) -> Vec<f64> {
-        let mut columns = Columns::default();
-        self.columns(run, &mut columns);
-        let mut weights = self.base.clone();
-        for slot in &self.slots {
-            weights.extend(&slot.weights);
-        }
-        let mut sum = vec![0.0; run.input.len()];
-        for (index, &weight) in weights.iter().enumerate() {
-            if weight != 0.0 {
-                for (value, column) in sum.iter_mut().zip(columns.column(index)) {
-                    *value += weight * column;
-                }
-            }
-        }
-        sum
+        self.columns_and_output(run).1
     }
 
     /// Measured minus predicted for every recording.
     #[must_use]
     pub fn residuals(&self, session: &Session) -> Vec<Vec<f64>> {
         session.runs.iter().map(|run| run.output.iter().zip(self.predict(run)).map(|(y, p)| y - p).collect()).collect()
+    }
+}
+
+/// Adds the columns from `first` on, each by its weight, to `sum`.
+fn weigh(columns: &Columns, weights: &[f64], first: usize, sum: &mut [f64]) {
+    for (index, &weight) in weights.iter().enumerate().skip(first) {
+        if weight != 0.0 {
+            for (value, column) in sum.iter_mut().zip(columns.column(index)) {
+                *value += weight * column;
+            }
+        }
     }
 }
 

@@ -46,12 +46,26 @@ impl Left {
     }
 }
 
-/// Whether `after` leaves more of what `before` missed than a named effect may.
-pub fn is_unexplained(session: &Session, before: &Model, after: &Model) -> bool {
-    let (before, after) = (before.residuals(session), after.residuals(session));
-    let floor = noise::floor(session, &after).powi(2);
-    let left = Left::new(worked(session, &before, false), worked(session, &after, false), floor);
-    left.stands_out && left.share > MOST_UNEXPLAINED
+/// What a model leaves of what another missed, on the samples that both were found with.
+pub struct Leaves {
+    /// Whether it stands out of the noise.
+    pub stands_out: bool,
+    share: f64,
+}
+
+impl Leaves {
+    /// What `after` leaves of what `before` missed.
+    pub fn new(session: &Session, before: &Model, after: &Model) -> Self {
+        let (before, after) = (before.residuals(session), after.residuals(session));
+        let floor = noise::floor(session, &after).powi(2);
+        let Left { stands_out, share } = Left::new(worked(session, &before, false), worked(session, &after, false), floor);
+        Self { stands_out, share }
+    }
+
+    /// Whether that is more than a named effect may leave.
+    pub fn too_much(&self) -> bool {
+        self.stands_out && self.share > MOST_UNEXPLAINED
+    }
 }
 
 /// Root mean square over kept-out samples, or over all others when none is kept; masked samples count if `all`.
@@ -84,6 +98,13 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
     let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
+    // Beside something large, what jumps must explain its own part: what the rest of the model leaves without it.
+    let of_jumps = after.slots.iter().position(|slot| slot.form.jumps().is_some()).map_or(0.0, |slot| {
+        let mut without = after.without(slot);
+        without.fit_all(session);
+        let was = worked(session, &without.residuals(session), false);
+        Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor).share
+    });
     let mut effects: Vec<Effect> = Vec::new();
     let deviations = search::parameter_deviations(after, session, super::neighbour_correlation(session, &residual_after));
     for (rank, name) in found.order.iter().enumerate() {
@@ -125,11 +146,14 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     }
     debug_assert!(after.slots.len() <= owned + found.order.len(), "an effect came in unnoticed");
     let disagrees = stands_out || rmse_after > MOST_KEPT_OUT * floor;
-    let verdict = if (stands_out && unexplained > most_unexplained) || (disagrees && effects.is_empty()) {
+    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if found.twins && found.runner_up.as_ref().is_some_and(|second| !second.separable) && effects.len() == 1 {
+    } else if found.twins
+        && found.runner_up.as_ref().is_some_and(|second| !second.separable)
+        && (effects.len() == 1 || found.jump_scatter.is_some())
+    {
         Verdict::Ambiguous
     } else {
         Verdict::Named

@@ -14,6 +14,8 @@ pub struct Seated {
     pub form: &'static str,
     /// What it breaks away by.
     pub drive: Drive,
+    /// Whether the seat feels what the sensor's effects add: a heart may pull at the wire behind a tip that sticks, or beat against the tip.
+    pub feels: bool,
 }
 
 const fn break_away(quantity: Quantity) -> Parameter {
@@ -30,9 +32,9 @@ impl Form for Seated {
     fn form(&self) -> &'static str {
         self.form
     }
-    // What it departs from is the model's output: a valve acts on the pressure, but it is seen behind the muscle.
+    // What it departs from is the model's output: a valve acts on the pressure, but it is seen behind everything.
     fn place(&self) -> Place {
-        Place::Tip
+        Place::Reading
     }
     fn parameters(&self) -> &'static [Parameter] {
         match self.drive {
@@ -60,8 +62,11 @@ impl Form for Seated {
     fn jumps(&self) -> Option<Drive> {
         Some(self.drive)
     }
+    fn feels_sensor(&self) -> bool {
+        self.feels
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        jumps::push_departure(self.drive, parameters, run, sum, columns);
+        jumps::push_departure(self.drive, self.feels, parameters, run, sum, columns);
     }
     fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let (unit, scale) = match self.drive {

@@ -6,6 +6,9 @@ use crate::discover::jumps::Drive;
 use super::seated::Seated;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&SEEN];
+pub const FORMS: &[&dyn Form] = &[&SEEN, &BEHIND];
 
-static SEEN: Seated = Seated { name: "stick-slip", form: "holds and breaks away, its seat seen in the output", drive: Drive::Pull };
+static SEEN: Seated =
+    Seated { name: "stick-slip", form: "holds and breaks away, its seat seen in the output", drive: Drive::Pull, feels: false };
+static BEHIND: Seated =
+    Seated { form: "holds and breaks away behind what beats against it, its seat seen in the output", feels: true, ..SEEN };

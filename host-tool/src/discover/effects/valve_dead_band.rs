@@ -12,7 +12,8 @@ pub const FORMS: &[&dyn Form] = &[&Follow, &SEEN];
 
 struct Follow;
 /// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
-static SEEN: Seated = Seated { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command };
+static SEEN: Seated =
+    Seated { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
 
 /// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
 const LOOKS: usize = 2;

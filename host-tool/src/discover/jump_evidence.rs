@@ -1,0 +1,199 @@
+//! The evidence for a law of jumps, and the best law: what the observers of [`super::jumps`] make of all recordings.
+
+use super::jumps::{self, Drive, JumpLaw, NEVER, Seen, Tip};
+use super::model::Model;
+use super::session::{Role, Run, Session};
+
+/// Largest wander of the pull, in break-away distances: with more, holding says nothing.
+const MOST_WANDER: f64 = 0.4;
+/// Least break-away distance, in deviations of the noise: shorter ones cannot be seen.
+const LEAST_BREAK_AWAY: f64 = 2.0;
+/// Levels of the output at each of which the evidence must be for jumps: friction and valves hold everywhere, a wall at one place.
+const LEVELS: usize = 4;
+/// Steps of the search for a law, as shares of its parameters, one round each.
+const STEPS: [f64; 3] = [0.15, 0.07, 0.035];
+
+/// Evidence on the selecting samples: the logarithm of the likelihood per sample.
+pub struct Evidence {
+    /// Mean of every second.
+    pub blocks: Vec<f64>,
+    /// Mean at every level of the output while it moves; zero where it never does.
+    levels: [f64; LEVELS],
+}
+
+impl Evidence {
+    /// Mean of all.
+    pub fn mean(&self) -> f64 {
+        self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
+    }
+
+    /// Whether it is more than `less` at every level that the output moves at.
+    pub fn is_above_everywhere(&self, less: &Self) -> bool {
+        self.levels.iter().zip(&less.levels).all(|(more, less)| more > less || (*more == 0.0 && *less == 0.0))
+    }
+}
+
+/// A fitted model's pull and the noise, for the observers.
+pub struct Pull<'a> {
+    session: &'a Session,
+    tips: Vec<Tip>,
+    /// Range of the pull.
+    low: f64,
+    high: f64,
+    noise: f64,
+    /// Root mean square of what the pull misses beyond the noise.
+    excess: f64,
+}
+
+impl<'a> Pull<'a> {
+    /// The pull by a model with its weights fitted.
+    ///
+    /// A seat does not feel what the model's sensor adds, unless `feels`.
+    pub fn new(session: &'a Session, model: &Model, noise: f64, feels: bool) -> Self {
+        let (mut sum, mut count) = (0.0, 1.0);
+        let mut tip = |run: &Run| {
+            let (columns, values) = model.columns_and_output(run);
+            for sample in (0..values.len()).filter(|&sample| run.keep[sample] && run.role[sample] == Role::Fit) {
+                sum += (run.output[sample] - values[sample]).powi(2);
+                count += 1.0;
+            }
+            Tip::new(run, &columns, &values, feels)
+        };
+        let tips: Vec<Tip> = session.runs.iter().map(&mut tip).collect();
+        let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
+        let all = || tips.iter().flat_map(|tip| &tip.pull).copied();
+        let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
+        Self { session, tips, low, high, noise, excess }
+    }
+
+    fn seen<'b>(&'b self, run: &'b Run) -> Seen<'b> {
+        self.tips[run.index].seen(run, self.noise)
+    }
+
+    /// Sum of the evidence on the fitted samples, of the screening recordings only unless `all`.
+    fn fitted(&self, all: bool, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> f64 {
+        let runs = self.session.runs.iter().filter(|run| (all || run.screens) && run.role.contains(&Role::Fit));
+        runs.map(|run| {
+            let of = evidence(&self.seen(run));
+            of.iter().zip(&run.role).filter(|(_, role)| **role == Role::Fit).map(|(value, _)| value).sum::<f64>()
+        })
+        .sum()
+    }
+
+    /// Evidence on the selecting samples.
+    fn selecting(&self, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> Evidence {
+        let mut blocks = Vec::new();
+        let mut sums = [(0.0, 1e-30); LEVELS];
+        for run in self.session.runs.iter().filter(|run| run.role.contains(&Role::Select)) {
+            let of = evidence(&self.seen(run));
+            let length = (1.0 / run.period_s).round().max(4.0) as usize;
+            for (block, roles) in of.chunks(length).zip(run.role.chunks(length)) {
+                if roles.iter().all(|role| *role == Role::Select) {
+                    blocks.push(block.iter().sum::<f64>() / block.len() as f64);
+                }
+            }
+            let moves = |sample: usize| sample > 0 && run.input[sample] != run.input[sample - 1];
+            for sample in (0..of.len()).filter(|&sample| run.role[sample] == Role::Select && moves(sample)) {
+                let level = ((self.tips[run.index].pull[sample] - self.low) / (self.high - self.low) * LEVELS as f64).floor();
+                let (sum, count) = &mut sums[level.clamp(0.0, LEVELS as f64 - 1.0) as usize];
+                *sum += of[sample];
+                *count += 1.0;
+            }
+        }
+        Evidence { blocks, levels: sums.map(|(sum, count)| sum / count) }
+    }
+
+    /// Evidence of the best smooth observer of this pull.
+    pub fn smooth(&self) -> Evidence {
+        let wanders = [0.4, 0.7, 1.0, 1.4].map(|share| share * self.excess);
+        let grid = wanders.into_iter().flat_map(|wander| [0.04, 0.1, 0.25, 0.6, 2.0].map(|time_s| (wander, time_s)));
+        let judged = grid.map(|(wander, time_s)| (self.fitted(false, |seen| jumps::smooth(seen, wander, time_s)), wander, time_s));
+        let (_, wander, time_s) = judged.max_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((0.0, self.excess, 0.25));
+        self.selecting(|seen| jumps::smooth(seen, wander, time_s))
+    }
+
+    /// Evidence of jumps by `law` on the fitted samples.
+    pub fn fitting(&self, law: &JumpLaw) -> f64 {
+        self.fitted(true, |seen| jumps::observe(seen, law).evidence)
+    }
+
+    /// Evidence of jumps by `law`.
+    pub fn jumping(&self, law: &JumpLaw) -> Evidence {
+        self.selecting(|seen| jumps::observe(seen, law).evidence)
+    }
+
+    /// The best law of jumps that break away by `drive`.
+    pub fn law(&self, drive: Drive, lag_s: f64) -> JumpLaw {
+        // Landing beyond the drive and never sliding, or landing on it and sliding with it.
+        const KINDS: [(f64, f64); 7] = [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, 0.1), (0.0, 0.3), (0.0, 0.8), (0.0, NEVER)];
+        let (scatter, wander) = (0.25, 0.5 * self.excess);
+        let first = JumpLaw { drive, break_away: 0.16, landing: 0.0, sliding_speed: NEVER, scatter, wander, lag_s };
+        let ladder = super::effects::ladder(0.01, 0.16, 10).into_iter();
+        let laws =
+            ladder.flat_map(|break_away| KINDS.map(|(landing, sliding_speed)| JumpLaw { break_away, landing, sliding_speed, ..first }));
+        let best = self.best(laws.collect(), false).map_or(first, |best| best.1);
+        self.tuned(best, &STEPS)
+    }
+
+    /// The best of a few laws, and its evidence on the fitted samples; of none when none can be seen.
+    pub fn best(&self, laws: Vec<JumpLaw>, all: bool) -> Option<(f64, JumpLaw)> {
+        let seen = laws.into_iter().filter_map(|law| self.believed(law));
+        let judged = seen.map(|law| (self.fitted(all, |seen| jumps::observe(seen, &law).evidence), law));
+        // The first of equals, whatever comes later.
+        judged.reduce(|best, other| if other.0 > best.0 { other } else { best })
+    }
+
+    /// The laws with the wander that this pull may have, for one that was found on another.
+    pub fn with_own_wander(&self, laws: &[JumpLaw]) -> Vec<JumpLaw> {
+        let of = |law: &JumpLaw| [law.wander, 0.5 * self.excess, 0.2 * self.excess].map(|wander| JumpLaw { wander, ..*law });
+        laws.iter().flat_map(of).collect()
+    }
+
+    /// The law with no more wander than is believed, unless its jumps are shorter than can be seen.
+    fn believed(&self, law: JumpLaw) -> Option<JumpLaw> {
+        let seen = law.break_away >= LEAST_BREAK_AWAY * self.noise;
+        seen.then(|| JumpLaw { wander: law.wander.min(MOST_WANDER * law.break_away), ..law })
+    }
+
+    /// The best law about this one, its parameters moved one after the other by each of `steps`.
+    pub fn tuned(&self, law: JumpLaw, steps: &[f64]) -> JumpLaw {
+        let Some(mut best) = self.best(vec![law], true) else { return law };
+        for &size in steps {
+            for sign in [-size, size] {
+                let moves: [fn(JumpLaw, f64) -> JumpLaw; 5] = [
+                    |law, by| JumpLaw { break_away: law.break_away * (1.0 + by), ..law },
+                    |law, by| JumpLaw { landing: (law.landing + by).clamp(0.0, 1.0), ..law },
+                    |law, by| JumpLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
+                    |law, by| JumpLaw { wander: law.wander * (1.0 + 4.0 * by), ..law },
+                    |law, by| JumpLaw { sliding_speed: law.sliding_speed * (1.0 + 3.0 * by), ..law },
+                ];
+                let slides = best.1.sliding_speed < NEVER;
+                for moved in &moves[..if slides { 5 } else { 4 }] {
+                    if let Some(other) = self.best(vec![moved(best.1, sign)], true).filter(|other| other.0 > best.0) {
+                        best = other;
+                    }
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Mean square by which the observer of `law` expects to miss, without the noise, on all that is not kept out.
+    pub fn scatter(&self, law: &JumpLaw) -> f64 {
+        let (mut sum, mut count) = (0.0, 1e-30);
+        for run in self.session.runs.iter().filter(|run| !run.role.contains(&Role::Kept)) {
+            let variance = jumps::observe(&self.seen(run), law).variance;
+            sum += variance.iter().sum::<f64>();
+            count += variance.len() as f64;
+        }
+        sum / count
+    }
+}
+
+/// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds, a valve's flow takes longer.
+pub fn lags(drive: Drive) -> &'static [f64] {
+    match drive {
+        Drive::Pull => &[0.0, 0.004, 0.008],
+        Drive::Command => &[0.0, 0.01, 0.02, 0.03, 0.045],
+    }
+}
