@@ -18,6 +18,8 @@ use super::session::Run;
 
 /// Histories of seats that are followed side by side.
 const HISTORIES: usize = 6;
+/// Weight of a history below which it is given up: it could not come back within two samples.
+const LOST: f64 = 1e-9;
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
 const WILD: f64 = 0.01;
 /// Time over which the pull's error wanders, s.
@@ -242,7 +244,7 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         let fast = step.abs() > law.sliding_speed * seen.period_s;
         let mut leaves = [0.0; HISTORIES];
         let mut stretches = [0.0; HISTORIES];
-        for (at, history) in histories.iter_mut().enumerate() {
+        for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
             history.wander *= stay;
             history.wander_variance = stay * stay * history.wander_variance + kick;
             history.covariance *= stay;
@@ -298,6 +300,10 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         }
         let mut likelihood = 0.0;
         for history in &mut histories {
+            if history.weight < LOST {
+                history.weight = 0.0;
+                continue;
+            }
             let whole = history.level_variance + seen.noise * seen.noise;
             let error = seen.measured[sample] - history.level;
             let ours = density(error, whole);
