@@ -29,7 +29,7 @@ const APART: f64 = 2.0;
 /// Blocked deviations by which a smooth effect must help beside the jumps.
 const LEAST_DEVIATIONS_BESIDE: f64 = 3.0;
 /// Smooth explanations whose jumps are fitted in full.
-const LEADERS: usize = 4;
+const LEADERS: usize = 3;
 
 /// Jumps on a pull, with the evidence for them.
 struct Judged {
@@ -58,8 +58,11 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
     let parts = (0..found.slots.len()).map(|slot| found.without(slot));
     let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
     let mut wanted: Vec<(bool, Model)> = vec![(false, base.clone())];
-    let fine = outcome.met.iter().chain([found]).cloned().chain(parts).map(|model| (true, model));
-    for (is_fine, model) in fine.chain(outcome.tried.iter().map(|model| (false, model.clone()))) {
+    // One effect beside the jumps is likelier than two.
+    let met = |single: bool| outcome.met.iter().filter(move |model| (model.slots.len() <= base.slots.len() + 1) == single).cloned();
+    let singles = std::iter::once(found.clone()).chain(parts).chain(met(true)).map(|model| (true, model));
+    let tried = outcome.tried.iter().map(|model| (false, model.clone()));
+    for (is_fine, model) in singles.chain(tried).chain(met(false).map(|model| (true, model))) {
         let again = wanted.iter().any(|(_, other)| forms(other) == forms(&model));
         if !again && !simulated(&model) && keeps_base(&model) && wanted.len() < MOST_EXPLANATIONS {
             wanted.push((is_fine, model));
@@ -75,7 +78,7 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
 /// The simulated form of this effect is no smooth explanation.
 const VALVE: &str = "valve-dead-band";
 /// Smooth explanations that jumps are tried on.
-const MOST_EXPLANATIONS: usize = 16;
+const MOST_EXPLANATIONS: usize = 13;
 
 /// What moves follows with a lag of one pole.
 const LAG: &dyn Form = effects::pneumatic_lag::FORMS[0];
@@ -155,7 +158,7 @@ fn jumps(session: &Session, explanations: &[Model], smoothest: usize, form: &'st
 }
 
 /// How often weights are fitted again beside the jumps.
-const REFITS: usize = 3;
+const REFITS: usize = 2;
 
 /// The effect that moves a sensor within the time that a seat holds.
 const PERIODIC: &str = "periodic-disturbance";
@@ -224,14 +227,22 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     };
     let (model, select) = with_jumps(one);
     let name = one.form.name();
-    if let Some(other) = best.iter().find(|other| other.form.name() != name) {
+    let beside = &explanations[one.pull];
+    // What comes second is the other kind of jumps, or as many other smooth effects beside the same kind.
+    let unlike = |other: &&Judged| {
+        let of = &explanations[other.pull];
+        other.form.name() == name && of.slots.len() == beside.slots.len() && of.names().any(|name| beside.names().all(|ours| ours != name))
+    };
+    let others = best.iter().copied().filter(|other| other.form.name() != name).chain(judged.iter().flatten().filter(unlike));
+    if let Some(other) = others.max_by(|x, y| x.evidence.mean().total_cmp(&y.evidence.mean())) {
         outcome.found.apart = above(evidence, &other.evidence);
         let separable = outcome.found.apart > APART;
         outcome.found.twins = !separable;
-        outcome.found.runner_up = Some(RunnerUp { name: other.form.name().to_owned(), separable });
+        let new = explanations[other.pull].names().find(|name| beside.names().all(|ours| ours != *name));
+        let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
+        outcome.found.runner_up = Some(RunnerUp { name: second.to_owned(), separable });
         outcome.second = Some(with_jumps(other).0);
     }
-    let beside = &explanations[one.pull];
     outcome.found.jump_scatter =
         Some(Pull::new(session, &with_lag(&one.model, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
     outcome.found.candidates.retain(|candidate| candidate.name != name);
