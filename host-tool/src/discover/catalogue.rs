@@ -68,6 +68,8 @@ impl Parameter {
 pub struct Habit {
     /// Thresholds grow by this per unit of input.
     pub growth_per_input: f64,
+    /// Thresholds of the unloading branch alone grow by this more per unit of input.
+    pub growth_unloading: f64,
     /// Loading and unloading envelopes bend apart by this times `v (1 - v)`.
     pub envelope_bend: f64,
     /// Thresholds grow by this times their size times a power of the rate.

@@ -1,9 +1,15 @@
 //! Finding samples that no motion could have caused: out and back within a few samples, while the input did nothing of the kind.
 
-use super::session::Session;
+use std::ops::Range;
+
+use super::session::{Run, Session};
 
 /// Longest burst of wrong samples.
-const LONGEST: usize = 6;
+const LONGEST: usize = 8;
+/// Fewest equal readings in a row of a sensor that has stopped reading.
+const FROZEN: usize = 4;
+/// Largest share of a recording that may be in such rows: a sensor that often repeats itself reads something that holds.
+const SELDOM: f64 = 0.05;
 
 /// Median of `values`, which are reordered.
 fn median(values: &mut [f64]) -> f64 {
@@ -81,14 +87,43 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) ->
             sample += 1;
         }
         if modelled {
-            masked += lonely(run, residual, threshold);
+            masked += lonely(run, residual, threshold) + frozen(run, residual, threshold);
+        }
+    }
+    masked
+}
+
+/// Masks rows of equal readings that are wrong: the line was cut, or the last value was sent again.
+///
+/// Only where readings seldom repeat: else the sensor reads in steps, something holds the tip, or the recording has no noise. The reading that
+/// is sent again goes with its repeats.
+fn frozen(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
+    let samples = run.output.len();
+    let mut rows = Vec::new();
+    let mut start = 0;
+    for sample in 1..=samples {
+        if sample == samples || run.output[sample] != run.output[start] {
+            if sample - start >= FROZEN {
+                rows.push(start..sample);
+            }
+            start = sample;
+        }
+    }
+    if rows.iter().map(Range::len).sum::<usize>() as f64 > SELDOM * samples as f64 {
+        return 0;
+    }
+    let mut masked = 0;
+    for row in rows.into_iter().filter(|row| residual[row.clone()].iter().any(|value| value.abs() > threshold)) {
+        for sample in row {
+            masked += usize::from(run.keep[sample]);
+            run.keep[sample] = false;
         }
     }
     masked
 }
 
 /// Masks short bursts in which residual and output both leave the level of their surroundings, while those keep still.
-fn lonely(run: &mut super::session::Run, residual: &[f64], threshold: f64) -> usize {
+fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
     const AROUND: usize = 9;
     let samples = residual.len();
     let deviation = |values: &[f64], at: usize| {
@@ -126,4 +161,46 @@ fn lonely(run: &mut super::session::Run, residual: &[f64], threshold: f64) -> us
         start = end;
     }
     masked
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::outliers;
+    use crate::discover::session::Session;
+    use crate::recording::{Recording, Signal};
+
+    /// A recording with noise of half a percent, whose sensor reads zero, or its last value again, for eleven samples.
+    fn session(reads: impl Fn(f64) -> f64, noise: f64) -> Session {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (3.0 * time).cos()).collect();
+        let mut output: Vec<f64> = input.iter().map(|value| value + noise * rng.random_range(-1.0..1.0)).collect();
+        let last = output[399];
+        output[400..411].fill(reads(last));
+        let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
+        Session::new(&[recording.expect("a recording")], &[]).expect("a session")
+    }
+
+    #[test]
+    fn a_sensor_that_stops_reading_is_masked_and_one_that_holds_where_it_should_is_not() {
+        let left = |session: &Session| -> Vec<Vec<f64>> {
+            session.runs.iter().map(|run| run.output.iter().zip(&run.input).map(|(y, u)| y - u).collect()).collect()
+        };
+        for (share_of_last, first) in [(0.0, 400), (1.0, 399)] {
+            let mut session = session(|last| share_of_last * last, 0.02);
+            let residual = left(&session);
+            assert_eq!(outliers(&mut session, &residual, true), 411 - first);
+            assert!(session.runs[0].keep.iter().enumerate().all(|(at, keep)| *keep != (first..411).contains(&at)));
+        }
+        // Readings that repeat themselves where the model says the same are right.
+        let mut right = session(|last| last, 0.02);
+        let mut residual = left(&right);
+        residual[0][400..411].fill(0.0);
+        assert_eq!(outliers(&mut right, &residual, true), 0);
+    }
 }

@@ -349,9 +349,9 @@ const PASSES: usize = 2;
 /// Operators side by side.
 const SIDE: usize = 8;
 
-/// What an operator's threshold is multiplied by, and what is added to it, at every sample of `path`; rates count where there is a
-/// sample period.
-fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 2]> {
+/// What an operator's threshold is multiplied by, what is added to it, and by what its multiple is larger on the unloading branch, at every
+/// sample of `path`; rates count where there is a sample period.
+fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 3]> {
     let last = path.len().saturating_sub(1);
     let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
     let gap = |(index, &value): (usize, &f64)| {
@@ -363,17 +363,18 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 2]> {
             _ => 0.0,
         };
         let factor = (1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate;
-        [factor, habit.envelope_bend * value * (1.0 - value) + habit.extra_per_rate * rate]
+        let unloading = habit.growth_unloading * value;
+        [factor, habit.envelope_bend * value * (1.0 - value) + habit.extra_per_rate * rate, unloading]
     };
     path.iter().enumerate().map(gap).collect()
 }
 
 /// One step of plain operators, or of ones whose thresholds are changed by `gap`.
-fn play(state: &mut [f64; SIDE], thresholds: &[f64; SIDE], value: f64, gap: Option<&[f64; 2]>) {
-    let &[factor, extra] = gap.unwrap_or(&[1.0, 0.0]);
+fn play(state: &mut [f64; SIDE], thresholds: &[f64; SIDE], value: f64, gap: Option<&[f64; 3]>) {
+    let &[factor, extra, unloading] = gap.unwrap_or(&[1.0, 0.0, 0.0]);
     for (state, threshold) in state.iter_mut().zip(thresholds) {
         let gap = (factor * threshold + extra).max(0.0);
-        *state = state.max(value - gap).min(value + gap);
+        *state = state.max(value - gap).min(value + (gap + unloading * threshold).max(0.0));
     }
 }
 
@@ -385,7 +386,7 @@ fn stiffening(
     state: &mut [f64; SIDE],
     thresholds: &[f64; SIDE],
     [before, now]: [f64; 2],
-    gap: Option<&[f64; 2]>,
+    gap: Option<&[f64; 3]>,
     period_s: f64,
     habit: &Habit,
 ) {

@@ -16,6 +16,8 @@ const BEAM: [usize; 2] = [2, 5];
 const LEAST_OF_BEST: f64 = 0.1;
 /// Forms beside each first effect whose parameters are searched.
 const SECONDS: usize = 6;
+/// Forms of one effect among them: an effect with many forms must not crowd out the others.
+const FORMS_OF_ONE: usize = 2;
 /// Pairs that are polished at a time.
 const PAIRS: usize = 4;
 /// Rounds of replacement.
@@ -89,7 +91,13 @@ fn seconds(bench: &Bench<'_>, models: &[Model]) -> Vec<Fitted> {
         let most = grid.iter().filter(|started| !started.form.discrete()).map(|started| gain(started)).fold(0.0, f64::max);
         // The grid says little about a narrow valley, but it must show something.
         let (narrow, broad): (Vec<&Started>, Vec<&Started>) = grid.into_iter().partition(|started| is_narrow(started.form));
-        chosen.extend(broad.iter().take(SECONDS).map(|started| started.model.clone()));
+        let mut names: Vec<&str> = Vec::new();
+        let not_yet_twice = |started: &&&Started| {
+            let name = started.form.name();
+            names.push(name);
+            names.iter().filter(|other| **other == name).count() <= FORMS_OF_ONE
+        };
+        chosen.extend(broad.iter().filter(not_yet_twice).take(SECONDS).map(|started| started.model.clone()));
         chosen.extend(narrow.iter().filter(|started| gain(started) > FAR_BEHIND * most).map(|started| started.model.clone()));
     }
     in_parallel(&chosen, bench.threads, |model| search::polish(model, session, Scope::Screen, POLISH / 2))

@@ -1,17 +1,26 @@
-//! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, or the branches bend apart.
+//! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, or the
+//! branches bend apart.
 
 use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Growth, &Bend, &Loading, &Unloading];
+pub const FORMS: &[&dyn Form] = &[&Growth, &GROWS_UNLOADING, &GROWS_LOADING, &Bend, &Loading, &Unloading, &Unlike];
 
 struct Growth;
 struct Bend;
 struct Loading;
 struct Unloading;
+struct Unlike;
 
 const BEND: &[Parameter] = &[Parameter { name: "bend", quantity: Quantity::Ratio, low: -0.6, high: 0.9, logarithmic: false }];
+
+const GROWTH: &[Parameter] = &[Parameter { name: "growth", quantity: Quantity::PerInput, low: -0.9, high: 12.0, logarithmic: false }];
+
+/// Growths to begin from.
+fn growths() -> Vec<Vec<f64>> {
+    [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
+}
 
 impl Form for Growth {
     fn name(&self) -> &'static str {
@@ -24,13 +33,48 @@ impl Form for Growth {
         Place::Operators
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "growth", quantity: Quantity::PerInput, low: -0.9, high: 12.0, logarithmic: false }]
+        GROWTH
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
+        growths()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.growth_per_input = parameters[0];
+    }
+}
+
+/// Growth on one branch; the other keeps its thresholds.
+struct OneBranch {
+    form: &'static str,
+    unloading: bool,
+}
+
+static GROWS_UNLOADING: OneBranch = OneBranch { form: "thresholds of the unloading branch grow with the input", unloading: true };
+static GROWS_LOADING: OneBranch = OneBranch { form: "thresholds of the loading branch grow with the input", unloading: false };
+
+impl Form for OneBranch {
+    fn name(&self) -> &'static str {
+        "asymmetric-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        GROWTH
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        growths()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        if self.unloading {
+            habit.growth_unloading = parameters[0];
+        } else {
+            habit.growth_per_input = parameters[0];
+            habit.growth_unloading = -parameters[0];
+        }
     }
 }
 
@@ -109,11 +153,84 @@ impl Form for Unloading {
     }
 }
 
+impl Form for Unlike {
+    fn name(&self) -> &'static str {
+        "asymmetric-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "each branch bends its own way"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "loading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+            Parameter { name: "unloading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+            Parameter { name: "common_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+        ]
+    }
+    fn cost(&self) -> usize {
+        // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
+        4
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [-0.25, 0.25].into_iter().flat_map(|loading| [vec![loading, -0.25, 0.0], vec![loading, 0.25, 0.0]]).collect()
+    }
+    fn is_static(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        for value in path {
+            let v = value.clamp(0.0, 1.0);
+            *value += v * (1.0 - v) * (0.5 * (parameters[0] + parameters[1]) + parameters[2] * (1.0 - 2.0 * v));
+        }
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.envelope_bend = 0.5 * (parameters[1] - parameters[0]);
+    }
+}
+
 /// Bends both branches alike by `size v (1 - v)`; with the envelopes bent apart by as much, one of them stays as it was.
 fn both_branches(path: &mut [f64], size: f64) {
     for value in path {
         // Outside the span the curve goes on straight.
         let v = value.clamp(0.0, 1.0);
         *value += size * v * (1.0 - v);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::discover::catalogue::Columns;
+    use crate::discover::model::Model;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn the_branch_whose_thresholds_grow_is_late_and_the_other_is_where_it_was() {
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.1 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let operator = |forms: &[(&'static dyn Form, f64)]| {
+            let mut model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(false, false) };
+            for &(form, size) in forms {
+                model = model.with(form, vec![size]);
+            }
+            let mut columns = Columns::default();
+            model.columns(run, &mut columns);
+            columns.column(1).to_vec()
+        };
+        let (plain, unloading, loading) = (operator(&[]), operator(&[(&GROWS_UNLOADING, 2.0)]), operator(&[(&GROWS_LOADING, 2.0)]));
+        // Half way up (2.5 s) and half way down (7.5 s): the threshold there is twice as wide on the branch that grows.
+        for (sample, of_unloading, of_loading) in [(125, 0.0, -0.1), (375, 0.1, 0.0)] {
+            assert!((unloading[sample] - plain[sample] - of_unloading).abs() < 1e-9, "{} {}", unloading[sample], plain[sample]);
+            assert!((loading[sample] - plain[sample] - of_loading).abs() < 1e-9, "{} {}", loading[sample], plain[sample]);
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! `fill-vent-asymmetry`: filling and venting have their own time constants.
+//! `fill-vent-asymmetry`: filling and venting have their own time constants: by which of command and pressure is higher, by which way the
+//! command goes, with a flow that fades as what drives it does, or with one that grows with a power of the difference of pressures.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
@@ -6,25 +7,78 @@ use crate::discover::session::{Run, Session};
 use super::{ladder, lag_coefficients};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&TwoLags];
+pub const FORMS: &[&dyn Form] = &[&TWO_LAGS, &TWO_LAGS_HELD, &COMMANDED, &COMMANDED_HELD, &DRIVEN, &DRIVEN_HELD, &ORIFICE];
 
-struct TwoLags;
+/// What decides which time constant it is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Law {
+    /// Which of command and pressure is higher.
+    Error,
+    /// Which way the command goes.
+    Command,
+    /// As [`Self::Error`], and flow fades with the pressure that drives it.
+    Drive,
+    /// As [`Self::Error`], and the flow grows with a power of the difference of pressures: one is laminar, a half turbulent.
+    Orifice,
+}
+
+/// A lag with two time constants.
+struct TwoLags {
+    form: &'static str,
+    law: Law,
+    /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight.
+    held: bool,
+}
+
+static TWO_LAGS: TwoLags = TwoLags { form: "two time constants", law: Law::Error, held: false };
+static TWO_LAGS_HELD: TwoLags =
+    TwoLags { form: "two time constants, of a command that holds between samples", law: Law::Error, held: true };
+static COMMANDED: TwoLags = TwoLags { form: "two time constants, by which way the command goes", law: Law::Command, held: false };
+static COMMANDED_HELD: TwoLags =
+    TwoLags { form: "two time constants, by which way a command goes that holds between samples", law: Law::Command, held: true };
+static DRIVEN: TwoLags = TwoLags {
+    form: "two time constants, filling slower near the supply's pressure and venting slower near the room's",
+    law: Law::Drive,
+    held: false,
+};
+static DRIVEN_HELD: TwoLags = TwoLags {
+    form: "two time constants, filling slower near the supply's pressure and venting slower near the room's, of a command that holds \
+           between samples",
+    law: Law::Drive,
+    held: true,
+};
+
+static ORIFICE: TwoLags = TwoLags { form: "two orifices, flow with a power of the difference", law: Law::Orifice, held: false };
+
+const FILL: Parameter = Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
+const VENT: Parameter = Parameter { name: "vent_time_constant", ..FILL };
+const FADING: Parameter = Parameter { name: "fading", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false };
+const POWER: Parameter = Parameter { name: "flow_power", quantity: Quantity::Ratio, low: 0.4, high: 1.2, logarithmic: false };
+/// Difference, in spans, at which the power law has the time constants as they are told.
+const TOLD_AT: f64 = 0.1;
+/// Smallest difference that the power law is followed to.
+const LAMINAR: f64 = 1e-3;
 
 impl Form for TwoLags {
     fn name(&self) -> &'static str {
         "fill-vent-asymmetry"
     }
     fn form(&self) -> &'static str {
-        "two time constants"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Flow
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true },
-            Parameter { name: "vent_time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true },
-        ]
+        match self.law {
+            Law::Error | Law::Command => &[FILL, VENT],
+            Law::Drive => &[FILL, VENT, FADING],
+            Law::Orifice => &[FILL, VENT, POWER],
+        }
+    }
+    fn cost(&self) -> usize {
+        // With like time constants a held command is a lag and half a sample of delay: it must not pass for a lag.
+        self.parameters().len() + usize::from(self.held)
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let times = ladder(0.03, 0.5, 4);
@@ -32,22 +86,83 @@ impl Form for TwoLags {
         for &fill in &times {
             for &vent in &times {
                 if fill != vent {
-                    all.push(vec![fill, vent]);
+                    let third = if self.law == Law::Orifice { 0.75 } else { 0.5 };
+                    all.push([fill, vent, third][..self.parameters().len()].to_vec());
                 }
             }
         }
         all
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let fill = lag_coefficients(parameters[0], run.period_s);
-        let vent = lag_coefficients(parameters[1], run.period_s);
+        let coefficients = |time_s: f64| lag_coefficients(time_s, run.period_s);
+        let (fill, vent) = (coefficients(parameters[0]), coefficients(parameters[1]));
         let mut state = path[0];
         let mut last = path[0];
+        let mut rises = true;
         for value in path {
-            let (keep, now, before) = if 0.5 * (*value + last) > state { fill } else { vent };
+            let target = if self.held { last } else { 0.5 * (*value + last) };
+            rises = match self.law {
+                Law::Error | Law::Drive | Law::Orifice => target > state,
+                Law::Command if *value == last => rises,
+                Law::Command => *value > last,
+            };
+            let time_s = parameters[usize::from(!rises)];
+            let (keep, now, before) = match self.law {
+                Law::Drive => {
+                    let level = state.clamp(0.0, 1.0);
+                    let drive = if rises { 1.0 - level } else { level };
+                    // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
+                    coefficients(time_s / (1.0 - parameters[2] * (1.0 - drive)))
+                }
+                Law::Orifice => coefficients(time_s * ((target - state).abs().max(LAMINAR) / TOLD_AT).powf(1.0 - parameters[2])),
+                Law::Error | Law::Command if rises => fill,
+                Law::Error | Law::Command => vent,
+            };
+            let (now, before) = if self.held { (0.0, now + before) } else { (now, before) };
             state = keep * state + now * *value + before * last;
             last = *value;
             *value = state;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn the_laws_agree_on_a_step_where_they_must_and_the_driven_flow_fades() {
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = (0..1000).map(|sample| if (100..550).contains(&sample) { 1.0 } else { 0.0 }).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let through = |form: &dyn Form, parameters: &[f64]| {
+            let mut path = run.input.clone();
+            form.input(parameters, run, &mut path);
+            path
+        };
+        let two_lags = through(&TWO_LAGS, &[0.3, 0.8]);
+        let laminar = through(&ORIFICE, &[0.3, 0.8, 1.0]);
+        for (other, name) in
+            [(through(&COMMANDED, &[0.3, 0.8]), "commanded"), (through(&DRIVEN, &[0.3, 0.8, 0.0]), "driven"), (laminar, "orifice")]
+        {
+            for (sample, (x, y)) in two_lags.iter().zip(&other).enumerate() {
+                assert!((x - y).abs() < 1e-12, "{name}, sample {sample}: {x} and {y}");
+            }
+        }
+        // v' = sqrt(0.1 (1 - v)) / T fills in the time 2 T / sqrt(0.1); half of it leaves a quarter of the step.
+        let turbulent = through(&ORIFICE, &[0.3, 0.8, 0.5]);
+        let half_s = 0.3 / 0.1_f64.sqrt();
+        let at = 100 + (half_s / 0.02) as usize;
+        assert!((turbulent[at] - 0.75).abs() < 0.02, "{}", turbulent[at]);
+        // Filling begins as fast and ends slower; venting near the top is as fast, near the room's pressure slower.
+        let driven = through(&DRIVEN, &[0.3, 0.8, 0.6]);
+        assert!((driven[101] - two_lags[101]).abs() < 0.01 && driven[130] < two_lags[130] - 0.05, "{} {}", driven[130], two_lags[130]);
+        assert!((driven[551] - two_lags[551]).abs() < 0.01 && driven[640] > two_lags[640] + 0.05, "{} {}", driven[640], two_lags[640]);
     }
 }

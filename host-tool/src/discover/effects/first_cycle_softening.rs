@@ -1,4 +1,5 @@
-//! `first-cycle-softening` (Mullins): the first strokes of a recording are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d`.
+//! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
+//! recording began, where the muscle recovers in between, or since the session began, where it does not.
 
 use std::collections::BTreeMap;
 
@@ -8,9 +9,10 @@ use crate::discover::session::{Run, Session};
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Distance];
+pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting];
 
 struct Distance;
+struct Lasting;
 
 impl Form for Distance {
     fn name(&self) -> &'static str {
@@ -45,5 +47,80 @@ impl Form for Distance {
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+/// Way up and down that an input takes.
+fn travel(input: &[f64]) -> f64 {
+    input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
+}
+
+impl Form for Lasting {
+    fn name(&self) -> &'static str {
+        "first-cycle-softening"
+    }
+    fn form(&self) -> &'static str {
+        "with the distance that the input has travelled since the session began"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 300.0, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.0, 60.0, 6).into_iter().map(|value| vec![value]).collect()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        // A model from a file goes on with a muscle that has been worked long ago.
+        let worked = run.session.is_empty() && run.index > 0;
+        let mut travelled =
+            if worked { f64::INFINITY } else { run.session.iter().take(run.index).map(|earlier| travel(&earlier.input)).sum() };
+        let mut last = run.input[0];
+        columns.push(true, |sample| {
+            travelled += (run.input[sample] - last).abs();
+            last = run.input[sample];
+            sum[sample] * (-travelled / parameters[0]).exp()
+        });
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn a_lasting_softening_goes_on_where_the_recording_before_left_it() {
+        let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+        // Two strokes up and two down: four spans.
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.2 * time).cos()).collect();
+        let one = || {
+            let (time_s, input) = (time_s.clone(), input.clone());
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+        };
+        let recordings = [one().expect("a recording"), one().expect("a recording")];
+        let session = Session::new(&recordings, &[]).expect("a session");
+        let virgin_part = |form: &dyn Form, run: usize, sample: usize| {
+            let run = &session.runs[run];
+            let mut columns = Columns { samples: run.input.len(), ..Columns::default() };
+            form.output(&[4.0], run, &vec![1.0; run.input.len()], &mut columns);
+            columns.column(0)[sample]
+        };
+        assert!((virgin_part(&Lasting, 0, 0) - 1.0).abs() < 1e-12);
+        assert!((virgin_part(&Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Lasting, 1, 0));
+        assert!((virgin_part(&Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
+        assert_eq!(virgin_part(&Distance, 1, 0), 1.0);
     }
 }

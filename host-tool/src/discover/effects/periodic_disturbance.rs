@@ -7,14 +7,24 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Role, Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &Loose];
+pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT];
 
-/// Harmonics of the rhythm.
-const HARMONICS: usize = 3;
+/// Harmonics that must not go with the input for a rhythm to be from outside: the higher ones are small on either side.
+const STRONG_HARMONICS: usize = 3;
+/// Harmonics of the rhythm: a heart's pulse is a tenth of its period long.
+const HARMONICS: usize = 6;
 
 struct Beat;
 struct Triggered;
-struct Loose;
+/// A rhythm whose phase is read from each recording.
+struct Loose {
+    form: &'static str,
+    harmonics: usize,
+    cost: usize,
+}
+
+static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 5 };
+static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 8 };
 
 const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: true }];
 
@@ -98,26 +108,74 @@ fn spacing_hz(session: &Session) -> f64 {
     0.4 / session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max)
 }
 
-/// Frequencies at which the residual has most power over its surroundings, Hz, at most three.
-fn peaks(session: &Session, residual: &[Vec<f64>]) -> Vec<f64> {
-    let spacing = spacing_hz(session);
-    let period_s = session.runs[0].period_s;
-    let lowest = 0.3_f64.max(5.0 * spacing);
-    let count = ((0.45 / period_s - lowest) / spacing).max(0.0) as usize;
-    let frequencies: Vec<f64> = (0..count).map(|step| lowest + step as f64 * spacing).collect();
-    let spectrum: Vec<(f64, f64)> = powers(&Line::all(session, residual), &frequencies, false).into_iter().zip(frequencies).collect();
-    // Over their surroundings: the residual of a poor model is all low frequencies.
-    let mut peaks: Vec<(f64, f64)> = (0..spectrum.len())
-        .map(|index| {
-            let mut around: Vec<f64> =
-                spectrum[index.saturating_sub(30)..(index + 31).min(spectrum.len())].iter().map(|entry| entry.0).collect();
-            around.sort_by(f64::total_cmp);
-            (spectrum[index].0 / around[around.len() / 2].max(1e-30), spectrum[index].1)
-        })
-        .collect();
-    peaks.sort_by(|x, y| y.0.total_cmp(&x.0));
-    peaks.into_iter().take(3).filter(|entry| entry.0 > 1.5).map(|entry| entry.1).collect()
+/// The residual's power over that of its surroundings, at frequencies at equal distances: the residual of a poor model is all low frequencies.
+struct Spectrum {
+    lowest_hz: f64,
+    spacing_hz: f64,
+    over: Vec<f64>,
 }
+
+impl Spectrum {
+    fn new(session: &Session, residual: &[Vec<f64>]) -> Self {
+        let spacing_hz = spacing_hz(session);
+        let lowest_hz = 0.3_f64.max(5.0 * spacing_hz);
+        let count = ((0.45 / session.runs[0].period_s - lowest_hz) / spacing_hz).max(0.0) as usize;
+        let frequencies: Vec<f64> = (0..count).map(|step| lowest_hz + step as f64 * spacing_hz).collect();
+        let powers = powers(&Line::all(session, residual), &frequencies, false);
+        let over = (0..count)
+            .map(|index| {
+                let mut around: Vec<f64> = powers[index.saturating_sub(30)..(index + 31).min(count)].to_vec();
+                around.sort_by(f64::total_cmp);
+                powers[index] / around[around.len() / 2].max(1e-30)
+            })
+            .collect();
+        Self { lowest_hz, spacing_hz, over }
+    }
+
+    /// Frequencies with most power, Hz, at most three.
+    fn peaks(&self) -> Vec<f64> {
+        let mut peaks: Vec<(f64, f64)> = self.over.iter().zip(0..).map(|(&over, step)| (over, self.at(step))).collect();
+        peaks.sort_by(|x, y| y.0.total_cmp(&x.0));
+        peaks.into_iter().take(3).filter(|entry| entry.0 > 1.5).map(|entry| entry.1).collect()
+    }
+
+    fn at(&self, step: u32) -> f64 {
+        self.lowest_hz + f64::from(step) * self.spacing_hz
+    }
+
+    /// How much speaks for a rhythm at this frequency, known to half a step at its harmonic `exact`: the lines among its harmonics.
+    fn evidence(&self, frequency_hz: f64, exact: usize) -> f64 {
+        let line = |harmonic: usize| {
+            let place = (harmonic as f64 * frequency_hz - self.lowest_hz) / self.spacing_hz;
+            let width = 0.5 + 0.5 * harmonic as f64 / exact as f64;
+            let (low, high) = ((place - width).ceil().max(0.0) as usize, (place + width).floor().max(0.0) as usize);
+            let most = self.over.get(low..(high + 1).min(self.over.len())).unwrap_or(&[]).iter().copied().fold(0.0, f64::max);
+            (most / LINE).max(1.0).ln()
+        };
+        (1..=HARMONICS).map(line).sum()
+    }
+
+    /// Of which harmonic of a rhythm the peak is the line: the first unless a slower rhythm has lines that speak for it.
+    fn harmonic_of(&self, peak_hz: f64) -> usize {
+        let mut best = (1, self.evidence(peak_hz, 1));
+        for harmonic in 2..=3 {
+            let base_hz = peak_hz / harmonic as f64;
+            let evidence = self.evidence(base_hz, harmonic);
+            if base_hz >= self.lowest_hz && evidence > 1.1 * best.1 {
+                best = (harmonic, evidence);
+            }
+        }
+        best.0
+    }
+
+    /// Base frequencies of the rhythms with most power, Hz.
+    fn bases(&self) -> Vec<f64> {
+        self.peaks().into_iter().map(|peak| peak / self.harmonic_of(peak) as f64).collect()
+    }
+}
+
+/// Power over its surroundings from which on a frequency counts as a line: noise reaches it at one frequency in a hundred.
+const LINE: f64 = 6.0;
 
 /// Takes out the starts of which some harmonic goes with the input in every recording: no recording can tell such a rhythm from what the
 /// input itself causes.
@@ -159,21 +217,20 @@ impl Form for Beat {
         3
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let spacing = spacing_hz(session);
+        let spectrum = Spectrum::new(session, residual);
         let lines = Line::all(session, residual);
         let mut starts = Vec::new();
-        for peak in peaks(session, residual) {
+        for peak in spectrum.peaks() {
             // The phase runs on through the session: a comb of narrow lines under each peak.
             let fine = 0.2 / session.length_s;
-            let steps = (1.2 * spacing / fine).ceil() as i64;
+            let steps = (1.2 * spectrum.spacing_hz / fine).ceil() as i64;
             let comb: Vec<f64> = (-steps..=steps).map(|step| peak + step as f64 * fine).collect();
             let found = powers(&lines, &comb, true).into_iter().zip(comb).max_by(|x, y| x.0.total_cmp(&y.0));
             if let Some((_, frequency)) = found {
-                starts.push(vec![frequency]);
-                starts.push(vec![frequency / 2.0]);
+                starts.push(vec![frequency / spectrum.harmonic_of(peak) as f64]);
             }
         }
-        apart_from_input(session, residual, starts, HARMONICS)
+        apart_from_input(session, residual, starts, STRONG_HARMONICS)
     }
     fn step(&self, _: usize) -> f64 {
         // The comb is a fifth of what the session resolves.
@@ -216,8 +273,8 @@ impl Form for Triggered {
         3
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let starts = peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect();
-        apart_from_input(session, residual, starts, HARMONICS)
+        let starts = Spectrum::new(session, residual).bases().into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, STRONG_HARMONICS)
     }
     fn step(&self, _: usize) -> f64 {
         0.002
@@ -235,7 +292,7 @@ impl Form for Loose {
         "periodic-disturbance"
     }
     fn form(&self) -> &'static str {
-        "with a phase of its own in each recording"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Sensor
@@ -247,11 +304,13 @@ impl Form for Loose {
         1
     }
     fn cost(&self) -> usize {
-        5
+        self.cost
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let starts = peaks(session, residual).into_iter().map(|frequency| vec![frequency]).collect();
-        apart_from_input(session, residual, starts, 1)
+        let spectrum = Spectrum::new(session, residual);
+        let found = if self.harmonics > 1 { spectrum.bases() } else { spectrum.peaks() };
+        let starts = found.into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, self.harmonics.min(STRONG_HARMONICS))
     }
     fn step(&self, _: usize) -> f64 {
         0.002
@@ -262,24 +321,26 @@ impl Form for Loose {
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Nothing but the recording itself knows the phase: it is read from what the model leaves of the measured output. Where there is
         // no measured output (a simulation) there is no rhythm either.
-        let omega = 2.0 * PI * parameters[0];
-        let measured = run.output.iter().any(|value| *value != 0.0);
-        let mut mean = 0.0;
-        let (mut sine, mut cosine) = (0.0, 0.0);
-        if measured {
+        let mut rhythm = vec![0.0; run.output.len()];
+        if run.output.iter().any(|value| *value != 0.0) {
             let count = run.output.len() as f64;
-            mean += run.output.iter().zip(sum).map(|(output, sum)| output - sum).sum::<f64>() / count;
-            for (sample, (output, sum)) in run.output.iter().zip(sum).enumerate() {
-                let (im, re) = (omega * run.time_s[sample]).sin_cos();
-                let left = if run.keep[sample] { output - sum - mean } else { 0.0 };
-                sine += 2.0 * left * im / count;
-                cosine += 2.0 * left * re / count;
+            let mean = run.output.iter().zip(sum).map(|(output, sum)| output - sum).sum::<f64>() / count;
+            for harmonic in 1..=self.harmonics {
+                let omega = 2.0 * PI * parameters[0] * harmonic as f64;
+                let (mut sine, mut cosine) = (0.0, 0.0);
+                for (sample, (output, sum)) in run.output.iter().zip(sum).enumerate() {
+                    let (im, re) = (omega * run.time_s[sample]).sin_cos();
+                    let left = if run.keep[sample] { output - sum - mean } else { 0.0 };
+                    sine += 2.0 * left * im / count;
+                    cosine += 2.0 * left * re / count;
+                }
+                for (value, time_s) in rhythm.iter_mut().zip(&run.time_s) {
+                    let (im, re) = (omega * time_s).sin_cos();
+                    *value += sine * im + cosine * re;
+                }
             }
         }
-        columns.push(false, |sample| {
-            let (im, re) = (omega * run.time_s[sample]).sin_cos();
-            sine * im + cosine * re
-        });
+        columns.push(false, |sample| rhythm[sample]);
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("share_of_the_line".to_owned(), weights[0])])
@@ -318,5 +379,30 @@ mod tests {
         assert!(!begins_near(&[1.0], 3.0), "the third harmonic of the only input");
         assert!(begins_near(&[1.0], 3.37));
         assert!(begins_near(&[1.0, 0.7], 3.0), "the second recording tells");
+    }
+
+    #[test]
+    fn the_base_of_a_beat_is_found_whichever_of_its_harmonics_is_strongest() {
+        let (session, _) = session(&[0.3, 0.7], 1.0);
+        let base_hz = 1.17;
+        for sizes in [[1.0, 0.4, 0.2], [0.3, 1.0, 0.4], [0.4, 0.5, 1.0], [1.0, 0.0, 0.0], [0.6, 1.0, 0.0]] {
+            let beat = |time_s: &f64| -> f64 {
+                (1..).zip(sizes).map(|(harmonic, size)| size * (2.0 * PI * base_hz * f64::from(harmonic) * time_s + size).sin()).sum()
+            };
+            // A little of everything else, or a line would stand over nothing.
+            let residual: Vec<Vec<f64>> = session
+                .runs
+                .iter()
+                .map(|run| {
+                    run.session_s
+                        .iter()
+                        .zip(0_u32..)
+                        .map(|(time_s, at)| beat(time_s) + 0.3 * f64::from(at % 1009 * (at % 1009) * 31 % 101) / 101.0)
+                        .collect()
+                })
+                .collect();
+            let bases = Spectrum::new(&session, &residual).bases();
+            assert!(bases.first().is_some_and(|base| (base - base_hz).abs() < 0.02), "{sizes:?}: {bases:?}");
+        }
     }
 }

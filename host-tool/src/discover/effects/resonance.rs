@@ -1,4 +1,5 @@
-//! `resonance`: the tip swings, a mass on a spring behind the hysteresis.
+//! `resonance`: something swings: the tip, a mass on a spring behind the hysteresis; a part of the tip, when the sensor looks at a place
+//! that is held elsewhere too; or the pressure before the hysteresis, air in a tube (Helmholtz) or a regulator that overshoots.
 
 use std::f64::consts::PI;
 
@@ -8,9 +9,14 @@ use crate::discover::session::{Run, Session};
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Tip];
+pub const FORMS: &[&dyn Form] = &[&Tip, &PartOfTip, &Pressure];
 
 struct Tip;
+struct PartOfTip;
+struct Pressure;
+
+const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
+const DAMPING: Parameter = Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true };
 
 /// Sends `signal` through a swinging mass; exact for straight lines between samples.
 fn swing(signal: &mut [f64], frequency_hz: f64, damping: f64, period_s: f64) {
@@ -35,6 +41,11 @@ fn swing(signal: &mut [f64], frequency_hz: f64, damping: f64, period_s: f64) {
     }
 }
 
+/// Frequencies and damping ratios to begin from.
+fn places() -> Vec<Vec<f64>> {
+    ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
+}
+
 impl Form for Tip {
     fn name(&self) -> &'static str {
         "resonance"
@@ -46,15 +57,61 @@ impl Form for Tip {
         Place::Tip
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true },
-            Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true },
-        ]
+        &[FREQUENCY, DAMPING]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
+        places()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(|column| swing(column, parameters[0], parameters[1], run.period_s));
+    }
+}
+
+impl Form for PartOfTip {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "a part of the tip swings"
+    }
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[FREQUENCY, DAMPING, Parameter { name: "swinging_share", quantity: Quantity::Ratio, low: 0.02, high: 0.98, logarithmic: false }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect()
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.filter(|column| {
+            let still = column.to_vec();
+            swing(column, parameters[0], parameters[1], run.period_s);
+            for (value, still) in column.iter_mut().zip(still) {
+                *value = still + parameters[2] * (*value - still);
+            }
+        });
+    }
+}
+
+impl Form for Pressure {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "swinging pressure"
+    }
+    fn place(&self) -> Place {
+        Place::Tube
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        // Damped more than this it no longer swings, and any lag or delay would pass for it.
+        &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        places()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        swing(path, parameters[0], parameters[1], run.period_s);
     }
 }

@@ -6,71 +6,79 @@ use crate::discover::session::{Run, Session};
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Symmetric, &TwoSided, &Gradual];
+pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &GRADUAL, &GRADUAL_HELD];
 
-struct Symmetric;
-struct TwoSided;
-struct Gradual;
-
-fn limit(path: &mut [f64], up_per_s: f64, down_per_s: f64, period_s: f64) {
-    let mut state = path[0];
-    for value in path {
-        state += (*value - state).clamp(-down_per_s * period_s, up_per_s * period_s);
-        *value = state;
-    }
+/// A limit of the rate, or one for each direction.
+struct Limit {
+    form: &'static str,
+    parameters: &'static [Parameter],
+    /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight: then the pressure of a
+    /// sample is on the way to the command of the sample before.
+    held: bool,
 }
 
-impl Form for Symmetric {
+const ONE: Parameter = Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true };
+const RISING: Parameter = Parameter { name: "rising_limit", ..ONE };
+const FALLING: Parameter = Parameter { name: "falling_limit", ..ONE };
+
+static SYMMETRIC: Limit = Limit { form: "one limit", parameters: &[ONE], held: false };
+static SYMMETRIC_HELD: Limit = Limit { form: "one limit, of a command that holds between samples", parameters: &[ONE], held: true };
+static TWO_SIDED: Limit = Limit { form: "a limit for each direction", parameters: &[RISING, FALLING], held: false };
+static TWO_SIDED_HELD: Limit =
+    Limit { form: "a limit for each direction, of a command that holds between samples", parameters: &[RISING, FALLING], held: true };
+
+/// One limit that sets in gradually.
+struct Gradual {
+    form: &'static str,
+    /// As in [`Limit`].
+    held: bool,
+}
+
+static GRADUAL: Gradual = Gradual { form: "one limit that sets in gradually", held: false };
+static GRADUAL_HELD: Gradual = Gradual { form: "one limit that sets in gradually, of a command that holds between samples", held: true };
+
+impl Form for Limit {
     fn name(&self) -> &'static str {
         "slew-limit"
     }
     fn form(&self) -> &'static str {
-        "one limit"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Flow
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true }]
+        self.parameters
+    }
+    fn cost(&self) -> usize {
+        self.parameters.len() + usize::from(self.held)
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.05, 0.97, 9).into_iter().map(|share| vec![share * session.fastest_per_s]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        limit(path, parameters[0], parameters[0], run.period_s);
-    }
-}
-
-impl Form for TwoSided {
-    fn name(&self) -> &'static str {
-        "slew-limit"
-    }
-    fn form(&self) -> &'static str {
-        "a limit for each direction"
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "rising_limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
-            Parameter { name: "falling_limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
-        ]
-    }
-    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let shares = [0.15, 0.4, 0.8];
+        let of_fastest = |share: f64| share * session.fastest_per_s;
+        if self.parameters.len() == 1 {
+            return ladder(0.05, 0.97, 9).into_iter().map(|share| vec![of_fastest(share)]).collect();
+        }
+        // Limits that differ little show at the fastest strokes only: pairs near each other as well as far apart.
         let mut all = Vec::new();
-        for up in shares {
-            for down in shares {
+        for up in [0.15, 0.4, 0.6, 0.8] {
+            for down in [0.15, 0.4, 0.6, 0.8] {
                 if up != down {
-                    all.push(vec![up * session.fastest_per_s, down * session.fastest_per_s]);
+                    all.push(vec![of_fastest(up), of_fastest(down)]);
                 }
             }
         }
         all
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        limit(path, parameters[0], parameters[1], run.period_s);
+        let (up, down) = (parameters[0] * run.period_s, parameters[parameters.len() - 1] * run.period_s);
+        let mut state = path[0];
+        let mut last = path[0];
+        for value in path {
+            let target = if self.held { last } else { *value };
+            state += (target - state).clamp(-down, up);
+            last = *value;
+            *value = state;
+        }
     }
 }
 
@@ -82,7 +90,7 @@ impl Form for Gradual {
         "slew-limit"
     }
     fn form(&self) -> &'static str {
-        "one limit that sets in gradually"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Flow
@@ -105,12 +113,40 @@ impl Form for Gradual {
         let mut last = path[0];
         for value in path {
             for look in 1..=LOOKS {
-                let wanted = follow * (last + (*value - last) * look as f64 / LOOKS as f64 - state);
+                let target = if self.held { last } else { last + (*value - last) * look as f64 / LOOKS as f64 };
+                let wanted = follow * (target - state);
                 let steep = wanted / most;
                 state += wanted / (1.0 + steep * steep).sqrt();
             }
             last = *value;
             *value = state;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn a_command_that_holds_between_samples_moves_the_pressure_a_sample_later() {
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = (0..1000).map(|sample| if sample < 500 { 0.0 } else { 1.0 }).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let through = |limit: &Limit, parameters: &[f64]| {
+            let mut path = run.input.clone();
+            limit.input(parameters, run, &mut path);
+            path[498..504].iter().map(|value| (value * 100.0).round() as i32).collect::<Vec<_>>()
+        };
+        // Five spans a second are a tenth of a span in 20 ms.
+        assert_eq!(through(&SYMMETRIC, &[5.0]), [0, 0, 10, 20, 30, 40]);
+        assert_eq!(through(&SYMMETRIC_HELD, &[5.0]), [0, 0, 0, 10, 20, 30]);
+        assert_eq!(through(&TWO_SIDED, &[10.0, 5.0]), [0, 0, 20, 40, 60, 80]);
     }
 }

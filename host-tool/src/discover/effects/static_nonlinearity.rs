@@ -6,7 +6,7 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Pressure, &CUBIC, &QUINTIC, &Parallel];
+pub const FORMS: &[&dyn Form] = &[&Pressure, &CUBIC, &QUINTIC, &Pieces, &Parallel];
 
 struct Pressure;
 /// A polynomial of the output.
@@ -23,6 +23,11 @@ static QUINTIC: Displacement = Displacement {
     powers: &["quadratic", "cubic", "quartic", "quintic"],
 };
 struct Parallel;
+/// Straight pieces: what a stop or a joint with play at its ends does, and what no polynomial follows.
+struct Pieces;
+
+/// Pieces of equal length over the span.
+const PIECES: usize = 8;
 
 impl Form for Pressure {
     fn name(&self) -> &'static str {
@@ -109,5 +114,36 @@ impl Form for Parallel {
             (format!("quadratic_{output}_per_{input}2"), weights[0] * session.output_scale / session.input_scale.powi(2)),
             (format!("cubic_{output}_per_{input}3"), weights[1] * session.output_scale / session.input_scale.powi(3)),
         ])
+    }
+}
+
+impl Form for Pieces {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "curve of the output: eight straight pieces"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        PIECES - 1
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        for corner in 1..PIECES {
+            let corner = corner as f64 / PIECES as f64;
+            columns.push(true, |sample| (sum[sample] - corner).max(0.0));
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let of = |(corner, weight): (usize, &f64)| {
+            let place = corner as f64 / PIECES as f64 * session.output_scale.abs();
+            (format!("slope_more_from_{place:.3}_{}", session.output_unit), *weight)
+        };
+        (1..).zip(weights).map(of).collect()
     }
 }
