@@ -47,7 +47,8 @@ fn above(more: &Evidence, less: &Evidence) -> f64 {
     rounds::deviations(&more.blocks, &less.blocks)
 }
 
-/// What a parameter must bring, in the logarithm of the likelihood per sample: what [`rounds::PRICE`] is of the mean square.
+/// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
+/// recordings, nearly three times what the Bayesian information criterion asks.
 const PRICE: f64 = 0.001;
 
 /// Every smooth explanation that the search has met, its weights fitted on the fine grid, the first without any effect of the search.
