@@ -254,9 +254,6 @@ fn record(
     length_s: f64,
     command_bar: &dyn Fn(f64) -> f64,
 ) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
-    if !chain.continuous {
-        chain.muscle.relax();
-    }
     let Sampler { skew, .. } = chain.sampler;
     let samples = (length_s / STEP_S).round() as usize / STEPS_PER_SAMPLE;
     let mut output = Vec::with_capacity(samples);
@@ -274,8 +271,14 @@ fn record(
         (pressure, place)
     };
     // The rig stood at zero for a while: ten seconds nobody recorded, the last one in full.
-    for settling in 0..(10.0 / STEP_S) as usize {
-        let _ = step(chain, settling as f64 * STEP_S - 10.0, 0.0);
+    let settling = (10.0 / STEP_S) as usize;
+    for step_of_rest in 0..settling {
+        // A muscle that forgets does so when the line has let go what it held at the end of the last recording, and what hangs on the
+        // muscle has time to follow.
+        if step_of_rest == settling / 2 && !chain.continuous {
+            chain.muscle.relax();
+        }
+        let _ = step(chain, step_of_rest as f64 * STEP_S - 10.0, 0.0);
     }
     let mut previous = (0.0, 0.0);
     let mut index = 0_usize;

@@ -91,3 +91,19 @@ fn a_tip_that_slips_fast_over_little_friction_stays_on_its_band() {
         }
     }
 }
+
+#[test]
+fn a_muscle_that_forgets_begins_every_recording_at_rest_whatever_the_line_held_before() {
+    let effects = vec!["pneumatic-lag".to_owned()];
+    let hidden = |seed| hide(&CaseConfig { effects: effects.clone(), seed, noise: 0.0, ..CaseConfig::default() }).expect("a case");
+    // A slow line before the muscle still holds pressure when a recording ends, and lets it go before the next.
+    let slow = |case: &Case| {
+        !case.truth.continuous && case.truth.sensor_side.is_empty() && case.truth.parameters["pneumatic-lag.time_constant_s"] > 0.2
+    };
+    let case = (520..560).map(hidden).find(slow).expect("a slow line before a muscle that forgets");
+    let top = case.recordings.iter().flat_map(|run| &run.output).copied().fold(0.0, f64::max);
+    for recording in &case.recordings {
+        let rest = recording.output[..50].iter().copied().fold(0.0, |most: f64, value| most.max(value.abs()));
+        assert!(rest < 1e-6 * top, "seed {}: {} begins at {rest} mm of {top} mm", case.truth.seed, recording.path.display());
+    }
+}
