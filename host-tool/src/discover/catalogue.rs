@@ -78,6 +78,8 @@ pub struct Habit {
     pub extra_per_rate: f64,
     /// The power of the rate.
     pub rate_power: f64,
+    /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
+    pub rate_memory_s: f64,
     /// Operators follow their bounds with this time constant, s.
     pub viscous_s: f64,
     /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.

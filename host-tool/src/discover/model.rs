@@ -354,8 +354,14 @@ const SIDE: usize = 8;
 fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 3]> {
     let last = path.len().saturating_sub(1);
     let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
+    let mut faded = 0.0;
     let gap = |(index, &value): (usize, &f64)| {
         let rate = match period_s {
+            Some(period_s) if with_rate && habit.rate_memory_s > 0.0 => {
+                let step = (value - path[index.saturating_sub(1)]).abs() / period_s;
+                faded += (step - faded) * -(-period_s / habit.rate_memory_s).exp_m1();
+                faded
+            }
             Some(period_s) if with_rate => {
                 let (before, after) = (index.saturating_sub(1), (index + 1).min(last));
                 ((path[after] - path[before]).abs() / ((after - before) as f64 * period_s)).powf(habit.rate_power)

@@ -163,8 +163,8 @@ mod tests {
             (vec![creep], false, 2e-2),
             // Nothing of these moves on in a run of 20 s that ends a session of 100 s, but the drift by 20 s in 600 s.
             (vec![entry("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08])], false, 1e-9),
-            (vec![entry("offset-drift", "cubic in the session's time", &[], &[0.02, 0.0, 0.0])], false, 1e-2),
-            (vec![entry("gain-drift", "quadratic in the session's time", &[], &[0.1, 0.0])], true, 5e-2),
+            (vec![entry("offset-drift", "a smooth curve of the session's time", &[600.0], &[0.02, 0.0, 0.0, 0.0])], false, 1e-2),
+            (vec![entry("gain-drift", "a smooth curve of the session's time", &[600.0], &[0.1, 0.0, 0.0, 0.0])], true, 5e-2),
             // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
             (vec![entry("dead-time", "constant", &[0.137], &[])], false, 4e-2),
             (vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false, 4e-2),

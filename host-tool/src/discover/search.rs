@@ -191,7 +191,7 @@ pub fn start_form(base: &Model, form: &'static dyn Form, session: &Session, resi
         let square = if form.discrete() {
             let sums = model.sums(session, Scope::Both);
             let weights = sums.fit.solve(&sums.free);
-            sums.fit.mean_square(&weights) + sums.select.mean_square(&weights)
+            0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
         } else if form.needs_sum() {
             // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
             // what remains once the weights have given that back.

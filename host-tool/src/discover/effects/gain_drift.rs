@@ -1,9 +1,11 @@
-//! `gain-drift`: the gain wanders with the session's time, towards a limit or as a smooth curve.
+//! `gain-drift`: the gain wanders with the session's time, towards a limit or along a spline.
 
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
+
+use super::{KNOTS, UNTIL, spline, worked_until_s};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&WarmUp, &Curve];
@@ -48,23 +50,37 @@ impl Form for Curve {
         "gain-drift"
     }
     fn form(&self) -> &'static str {
-        "quadratic in the session's time"
+        "a smooth curve of the session's time"
     }
     fn place(&self) -> Place {
         Place::Sensor
     }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[UNTIL]
+    }
     fn weights(&self) -> usize {
-        2
+        KNOTS - 1
+    }
+    fn cost(&self) -> usize {
+        // When the session ended is known.
+        self.weights()
+    }
+    fn discrete(&self) -> bool {
+        true
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![worked_until_s(session)]]
     }
     fn needs_sum(&self) -> bool {
         true
     }
-    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        for power in 1..=2 {
-            columns.push(true, |sample| sum[sample] * (run.session_s[sample] / 600.0).powi(power));
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        for part in 0..self.weights() {
+            columns.push(true, |sample| sum[sample] * spline(run.session_s[sample] / parameters[0])[part]);
         }
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([("drift_in_600_s".to_owned(), weights.iter().sum())])
+        let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum();
+        BTreeMap::from([("drift_in_the_session".to_owned(), reached)])
     }
 }

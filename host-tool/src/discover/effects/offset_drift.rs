@@ -1,9 +1,11 @@
-//! `offset-drift`: the zero wanders with the session's time, towards a limit or as a smooth curve.
+//! `offset-drift`: the zero wanders with the session's time, towards a limit or along a spline.
 
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
+
+use super::{KNOTS, UNTIL, spline, worked_until_s};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&WarmUp, &Curve];
@@ -45,21 +47,34 @@ impl Form for Curve {
         "offset-drift"
     }
     fn form(&self) -> &'static str {
-        "cubic in the session's time"
+        "a smooth curve of the session's time"
     }
     fn place(&self) -> Place {
         Place::Sensor
     }
-    fn weights(&self) -> usize {
-        3
+    fn parameters(&self) -> &'static [Parameter] {
+        &[UNTIL]
     }
-    fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        for power in 1..=3 {
-            columns.push(true, |sample| (run.session_s[sample] / 600.0).powi(power));
+    fn weights(&self) -> usize {
+        KNOTS - 1
+    }
+    fn cost(&self) -> usize {
+        // When the session ended is known.
+        self.weights()
+    }
+    fn discrete(&self) -> bool {
+        true
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![worked_until_s(session)]]
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        for part in 0..self.weights() {
+            columns.push(true, |sample| spline(run.session_s[sample] / parameters[0])[part]);
         }
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let unit = &session.output_unit;
-        BTreeMap::from([(format!("drift_in_600_s_{unit}"), weights.iter().sum::<f64>() * session.output_scale)])
+        let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>() * session.output_scale;
+        BTreeMap::from([(format!("drift_in_the_session_{}", session.output_unit), reached)])
     }
 }

@@ -1,4 +1,8 @@
 //! `rate-dependent-hysteresis`: the loop widens with speed: thresholds grow with a power of the rate, or operators follow late.
+//!
+//! Thresholds that all grow by `c |dv/dt|` and a lag of the time constant `c` are the same to first order in `c`. To second order the lag
+//! adds `c^2 v''`; growth that takes a time `T` to build up (a dashpot with a spring in series, Maxwell's element) adds `c T v''`. So what
+//! the growth remembers decides between the two, and a form that remembers nothing loses to a lag wherever the rig's growth does.
 
 use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
 use crate::discover::session::Session;
@@ -6,12 +10,15 @@ use crate::discover::session::Session;
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Additive, &Proportional, &AdditiveLinear, &ProportionalLinear, &Viscous, &Stiffening];
+pub const FORMS: &[&dyn Form] =
+    &[&Additive, &Proportional, &AdditiveLinear, &ProportionalLinear, &AdditiveFading, &ProportionalFading, &Viscous, &Stiffening];
 
 struct Additive;
 struct Proportional;
 struct AdditiveLinear;
 struct ProportionalLinear;
+struct AdditiveFading;
+struct ProportionalFading;
 struct Viscous;
 struct Stiffening;
 
@@ -100,6 +107,53 @@ impl Form for ProportionalLinear {
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.growth_per_rate = parameters[0];
+    }
+}
+
+/// Time constant of Maxwell's element.
+const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
+
+impl Form for AdditiveFading {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same, in proportion to the rate, and builds up and fades"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }, FADING]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.01, 0.1, 3).into_iter().flat_map(|time| [vec![time, 0.02], vec![time, 0.06]]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.extra_per_rate = parameters[0];
+        habit.rate_memory_s = parameters[1];
+    }
+}
+
+impl Form for ProportionalFading {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, FADING]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.08, 1.2, 3).into_iter().flat_map(|growth| [vec![growth, 0.02], vec![growth, 0.06]]).collect()
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.growth_per_rate = parameters[0];
+        habit.rate_memory_s = parameters[1];
     }
 }
 

@@ -105,7 +105,8 @@ impl Form for Gradual {
         ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        // A lag while the error is small, the limit when it is large: `a e / sqrt(1 + (a e / S h)^2)` a step of length `h`.
+        // A lag while the error is small, the limit when it is large: `a e / (1 + |a e / S h|^3)^(1/3)` a step of length `h`. A square
+        // in place of the cube would come to the limit so late that other effects look like what is missing.
         let step_s = run.period_s / LOOKS as f64;
         let follow = 1.0 - (-step_s / parameters[1]).exp();
         let most = parameters[0] * step_s;
@@ -115,8 +116,8 @@ impl Form for Gradual {
             for look in 1..=LOOKS {
                 let target = if self.held { last } else { last + (*value - last) * look as f64 / LOOKS as f64 };
                 let wanted = follow * (target - state);
-                let steep = wanted / most;
-                state += wanted / (1.0 + steep * steep).sqrt();
+                let steep = (wanted / most).abs();
+                state += wanted / (1.0 + steep * steep * steep).cbrt();
             }
             last = *value;
             *value = state;
