@@ -43,6 +43,15 @@ pub struct Sums {
     pub free: Vec<bool>,
 }
 
+/// In which order two effects on the same side of the operators follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// That of their places in the chain.
+    Usual,
+    /// The other way round.
+    Turned,
+}
+
 /// Which samples a pass looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
@@ -65,10 +74,40 @@ impl Model {
     /// This model with one more effect, in its place in the chain.
     #[must_use]
     pub fn with(&self, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+        self.with_in(Order::Usual, form, parameters)
+    }
+
+    /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there.
+    #[must_use]
+    pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
         let mut model = self.clone();
-        let at = model.slots.partition_point(|slot| slot.form.place() <= form.place());
+        let usual = self.place_of(form);
+        let at = match self.neighbour_of(form) {
+            Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
+            Some(_) if order == Order::Turned => usual + 1,
+            _ => usual,
+        };
         model.slots.insert(at, Slot { form, parameters, weights: Vec::new() });
         model
+    }
+
+    /// Whether the effect has a neighbour in the chain that changes the same side, input or output: then their order matters.
+    #[must_use]
+    pub fn turns_with(&self, form: &'static dyn Form) -> bool {
+        self.neighbour_of(form).is_some()
+    }
+
+    /// Where an effect comes in the usual order: behind the last one that comes before it, though others may have changed places.
+    fn place_of(&self, form: &'static dyn Form) -> usize {
+        self.slots.iter().rposition(|slot| slot.form.place() <= form.place()).map_or(0, |last| last + 1)
+    }
+
+    /// The nearest effect on the same side of the operators.
+    fn neighbour_of(&self, form: &'static dyn Form) -> Option<usize> {
+        let usual = self.place_of(form);
+        let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
+        let beside = |at: &usize| self.slots.get(*at).is_some_and(|slot| side(slot.form) == side(form) && side(form).is_ne());
+        usual.checked_sub(1).into_iter().chain([usual]).find(beside)
     }
 
     /// This model without one effect.

@@ -3,10 +3,14 @@
 //! A second effect is looked for beside each of the best few first ones; the best pairs are polished together; then either member of the
 //! best pair is replaced by whatever goes better with the other, until nothing does. Method: a beam in place of a greedy addition
 //! (sequential floating selection; Pudil, Novovicova and Kittler 1994).
+//!
+//! The catalogue knows a usual order of the signal, and a rig may have another: a supply that gives way behind a leak bends what the leak
+//! has left. So where the usual order leaves something, the other way round is tried as well, if both members change the input or both the
+//! output.
 
 use super::catalogue::Form;
 use super::find::POLISH;
-use super::model::{Model, Scope};
+use super::model::{Model, Order, Scope};
 use super::rounds::{Bench, FAR_BEHIND, Judged, Tried, in_parallel, is_narrow};
 use super::search::{self, Fitted, Started};
 
@@ -43,10 +47,10 @@ pub fn search(
     }
     let few = BEAM[0].min(begun.len());
     let mut pairs = Vec::new();
-    more_pairs(bench, &begun[..few], &mut pairs);
+    more_pairs(bench, &begun[..few], Order::Usual, &mut pairs);
     let unfinished = |pairs: &[Judged]| pairs.first().is_none_or(leaves_something);
     if unfinished(&pairs) {
-        more_pairs(bench, &begun[few..], &mut pairs);
+        more_pairs(bench, &begun[few..], Order::Usual, &mut pairs);
     }
     // The first effect came in when the second was missing: whatever goes better with the second may take its place, in whatever form.
     for replacement in 0..REPLACEMENTS {
@@ -58,29 +62,36 @@ pub fn search(
         if held.is_empty() {
             break;
         }
-        more_pairs(bench, &held, &mut pairs);
+        more_pairs(bench, &held, Order::Usual, &mut pairs);
         begun.extend(held);
+    }
+    if unfinished(&pairs) {
+        more_pairs(bench, &begun, Order::Turned, &mut pairs);
     }
     pairs
 }
 
 /// Adds the best pairs with each of `firsts` in them to `pairs`, best first.
-fn more_pairs(bench: &Bench<'_>, firsts: &[Model], pairs: &mut Vec<Judged>) {
-    pairs.extend(bench.polished(&distinct(seconds(bench, firsts), pairs), POLISH));
+fn more_pairs(bench: &Bench<'_>, firsts: &[Model], order: Order, pairs: &mut Vec<Judged>) {
+    pairs.extend(bench.polished(&distinct(seconds(bench, firsts, order), pairs), POLISH));
     pairs.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
 }
 
 /// The best few forms on top of each model, all parameters fitted together to the screening samples.
-fn seconds(bench: &Bench<'_>, models: &[Model]) -> Vec<Fitted> {
+fn seconds(bench: &Bench<'_>, models: &[Model], order: Order) -> Vec<Fitted> {
     let session = bench.session;
     let residuals: Vec<Vec<Vec<f64>>> = models.iter().map(|model| model.residuals(session)).collect();
     // A narrow valley in several parameters takes as long as all other forms together: beside the best first effect only.
     let laborious = |form: &'static dyn Form| is_narrow(form) && form.parameters().len() > 1;
-    let wanted =
-        |first: usize, form: &&'static dyn Form| models[first].names().all(|name| name != form.name()) && (first == 0 || !laborious(*form));
+    let wanted = |first: usize, form: &&'static dyn Form| {
+        let is_other = models[first].names().all(|name| name != form.name());
+        let in_reach = first == 0 && order == Order::Usual || !laborious(*form);
+        is_other && in_reach && (order == Order::Usual || models[first].turns_with(*form))
+    };
     let of = |first: usize| bench.forms.iter().copied().filter(move |form| wanted(first, form)).map(move |form| (first, form));
     let jobs: Vec<(usize, &'static dyn Form)> = (0..models.len()).flat_map(of).collect();
-    let started = in_parallel(&jobs, bench.threads, |&(first, form)| search::start_form(&models[first], form, session, &residuals[first]));
+    let started =
+        in_parallel(&jobs, bench.threads, |&(first, form)| search::start_form(&models[first], form, order, session, &residuals[first]));
     let mut chosen: Vec<Model> = Vec::new();
     for (first, model) in models.iter().enumerate() {
         let was = search::screened(model, session);
@@ -116,4 +127,42 @@ fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::effects::{leakage, pneumatic_lag, resonance, supply_saturation};
+    use crate::discover::session::Session;
+    use crate::rig::{self, CaseConfig, Generator};
+
+    #[test]
+    fn a_supply_that_gives_way_behind_a_leak_is_found_in_that_order_only() {
+        // The second rig has its effects in the order in which they are given: what leaks reaches the limit less often.
+        let effects = ["leakage", "supply-saturation"].map(str::to_owned).into();
+        let config = CaseConfig { effects, seed: 560, noise: 0.001, generator: Generator::Rival, ..CaseConfig::default() };
+        let case = rig::hide(&config).expect("a case");
+        let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+        let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1 };
+        let mut leak = Model::baseline(case.truth.continuous, false).with(leakage::FORMS[1], vec![10.0, 0.2]);
+        leak = search::polish(&leak, &session, Scope::Fit, POLISH).model;
+        let left = |order| {
+            let mut pairs = Vec::new();
+            more_pairs(&bench, std::slice::from_ref(&leak), order, &mut pairs);
+            pairs.first().map_or(f64::NAN, |pair| pair.select)
+        };
+        let (usual, turned) = (left(Order::Usual), left(Order::Turned));
+        assert!(turned < 0.7 * usual, "{turned} is not much less than {usual}");
+    }
+
+    #[test]
+    fn effects_on_two_sides_of_the_hysteresis_have_one_order() {
+        let (lag, supply, tip) = (pneumatic_lag::FORMS[0], supply_saturation::FORMS[0], resonance::FORMS[0]);
+        let lagging = Model::baseline(false, false).with(lag, vec![0.1]);
+        assert!(lagging.turns_with(supply) && !lagging.turns_with(tip));
+        let names = |order, form| lagging.with_in(order, form, vec![0.5, 0.1]).names().collect::<Vec<_>>();
+        assert_eq!(names(Order::Usual, supply), ["supply-saturation", "pneumatic-lag"]);
+        assert_eq!(names(Order::Turned, supply), ["pneumatic-lag", "supply-saturation"]);
+        assert_eq!(names(Order::Turned, tip), ["pneumatic-lag", "resonance"]);
+    }
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::catalogue::Form;
-use super::model::{Model, Scope};
+use super::model::{Model, Order, Scope};
 use super::noise;
 use super::search::{self, Fitted, Started};
 use super::session::{Role, Run, Session};
@@ -132,7 +132,7 @@ impl Bench<'_> {
         let before = self.selecting_blocks(base);
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
-        let started = in_parallel(&forms, self.threads, |form| search::start_form(base, *form, self.session, &residual));
+        let started = in_parallel(&forms, self.threads, |form| search::start_form(base, *form, Order::Usual, self.session, &residual));
         let started: Vec<Started> = started.into_iter().flatten().collect();
         let was = search::screened(base, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;

@@ -1,7 +1,7 @@
 //! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates, weights solved inside.
 
 use super::catalogue::{Form, Parameter};
-use super::model::{Model, Scope, Slot};
+use super::model::{Model, Order, Scope, Slot};
 use super::rounds;
 use super::session::Session;
 
@@ -185,9 +185,9 @@ pub fn screened(base: &Model, session: &Session) -> f64 {
 
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
 #[must_use]
-pub fn start_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
+pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
     let look = |start: Vec<f64>| {
-        let mut model = base.with(form, start.clone());
+        let mut model = base.with_in(order, form, start.clone());
         let square = if form.discrete() {
             let sums = model.sums(session, Scope::Both);
             let weights = sums.fit.solve(&sums.free);
@@ -280,7 +280,7 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
 /// Fits one more effect in one form, the others held.
 #[must_use]
 pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
-    start_form(base, form, session, residual).map(|started| refine_form(&started, session))
+    start_form(base, form, Order::Usual, session, residual).map(|started| refine_form(&started, session))
 }
 
 /// Improves all parameters of all effects together, by the samples of `scope`.
