@@ -1,5 +1,6 @@
 //! The search: a first effect, two together where the first leaves something, a third; and what leaves again.
 
+use super::alike;
 use super::catalogue::{self, Form};
 use super::jump_naming;
 use super::model::{Model, Scope};
@@ -24,6 +25,8 @@ pub struct Found {
     pub runner_up: Option<RunnerUp>,
     /// Whether the second explains as much with as few parameters.
     pub twins: bool,
+    /// Whether the second takes the place of an effect that the recordings do not tell it from.
+    pub alike: bool,
     /// How many deviations the first lies above the second.
     pub apart: f64,
     /// Where something jumps: mean square by which even a right observer misses the times of the jumps.
@@ -116,7 +119,17 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
             count = now;
         }
     }
-    let second = second_best(&standing, &rivals, &mut found);
+    let alike = alike::compare(bench, standing, &owned);
+    standing = alike.first;
+    let second = match alike.second {
+        Some((second, name)) => {
+            found.alike = true;
+            found.apart = rounds::deviations(&second.blocks, &standing.blocks).max(0.0);
+            found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: false });
+            Some(second.fine.pruned())
+        }
+        None => second_best(&standing, &rivals, &mut found),
+    };
     found.order = by_loss(bench, &standing, &owned);
     let mut model = standing.fine.pruned();
     if !model.slots.is_empty() {
@@ -147,7 +160,7 @@ const LEAST_OF_TRIED: f64 = 2.0;
 pub const POLISH: usize = 20;
 
 /// The best few of a round: two forms of an effect at most, five models at most.
-fn leaders(tried: &[Tried]) -> Vec<Model> {
+pub fn leaders(tried: &[Tried]) -> Vec<Model> {
     let mut names: Vec<&str> = Vec::new();
     let mut best = Vec::new();
     for one in tried {

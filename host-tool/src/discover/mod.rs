@@ -5,6 +5,7 @@
 //! the other half selects. Effects come in one at a time, are polished together and leave again when they stop paying. What is still
 //! there in the end decides between `named` and `unknown`. Kept-out recordings only give the final figures.
 
+mod alike;
 pub mod catalogue;
 pub mod corpus;
 mod diagnosis;

@@ -146,14 +146,15 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     }
     debug_assert!(after.slots.len() <= owned + found.order.len(), "an effect came in unnoticed");
     let disagrees = stands_out || rmse_after > MOST_KEPT_OUT * floor;
+    // What is named by its jumps was not the search's to compare.
+    let jumps = found.jump_scatter.is_some();
+    let alike = found.alike && !jumps;
+    let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
     let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if found.twins
-        && found.runner_up.as_ref().is_some_and(|second| !second.separable)
-        && (effects.len() == 1 || found.jump_scatter.is_some())
-    {
+    } else if alike || twins {
         Verdict::Ambiguous
     } else {
         Verdict::Named
