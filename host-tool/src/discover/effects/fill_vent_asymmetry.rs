@@ -101,21 +101,24 @@ impl Form for TwoLags {
         let mut rises = true;
         for value in path {
             let target = if self.held { last } else { 0.5 * (*value + last) };
+            let before_step = rises;
             rises = match self.law {
                 Law::Error | Law::Drive | Law::Orifice => target > state,
                 Law::Command if *value == last => rises,
                 Law::Command => *value > last,
             };
-            let time_s = parameters[usize::from(!rises)];
+            // Until a held command makes its step, the one before counts.
+            let fills = if self.held && self.law == Law::Command { before_step } else { rises };
+            let time_s = parameters[usize::from(!fills)];
             let (keep, now, before) = match self.law {
                 Law::Drive => {
                     let level = state.clamp(0.0, 1.0);
-                    let drive = if rises { 1.0 - level } else { level };
+                    let drive = if fills { 1.0 - level } else { level };
                     // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
                     coefficients(time_s / (1.0 - parameters[2] * (1.0 - drive)))
                 }
                 Law::Orifice => coefficients(time_s * ((target - state).abs().max(LAMINAR) / TOLD_AT).powf(1.0 - parameters[2])),
-                Law::Error | Law::Command if rises => fill,
+                Law::Error | Law::Command if fills => fill,
                 Law::Error | Law::Command => vent,
             };
             let (now, before) = if self.held { (0.0, now + before) } else { (now, before) };
@@ -164,5 +167,33 @@ mod tests {
         let driven = through(&DRIVEN, &[0.3, 0.8, 0.6]);
         assert!((driven[101] - two_lags[101]).abs() < 0.01 && driven[130] < two_lags[130] - 0.05, "{} {}", driven[130], two_lags[130]);
         assert!((driven[551] - two_lags[551]).abs() < 0.01 && driven[640] > two_lags[640] + 0.05, "{} {}", driven[640], two_lags[640]);
+    }
+
+    #[test]
+    fn a_command_that_holds_between_samples_is_followed_as_in_small_steps() {
+        let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+        // Ragged on its way up and down, as a command with noise is.
+        let input: Vec<f64> =
+            (0_u32..500).map(|sample| 0.5 - 0.4 * (f64::from(sample) * 0.05).cos() + 0.02 * f64::from(sample * 7 % 5)).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        for form in [&TWO_LAGS_HELD, &COMMANDED_HELD] {
+            let mut path = run.input.clone();
+            form.input(&[0.1, 0.3], run, &mut path);
+            let (mut state, mut fills) = (run.input[0], true);
+            for sample in 1..run.input.len() {
+                let held = run.input[sample - 1];
+                if sample > 1 && held != run.input[sample - 2] {
+                    fills = held > run.input[sample - 2];
+                }
+                for _ in 0..2000 {
+                    let fast = if form.law == Law::Command { fills } else { held > state };
+                    state += 1e-5 * (held - state) / if fast { 0.1 } else { 0.3 };
+                }
+                assert!((path[sample] - state).abs() < 1e-4, "{}, sample {sample}: {} and {state}", form.form, path[sample]);
+            }
+        }
     }
 }
