@@ -26,8 +26,8 @@ const LARGE_EVIDENCE: f64 = 0.1;
 const LEAST_EVIDENCE: f64 = 0.01;
 /// Blocked deviations by which one kind of jumps must beat the other to be told from it.
 const APART: f64 = 2.0;
-/// Blocked deviations by which a smooth effect must help beside the jumps.
-const LEAST_DEVIATIONS_BESIDE: f64 = 3.0;
+/// The same that a smooth effect must bring beside the jumps: what little a law of jumps is wrong by looks like one everywhere.
+const LEAST_EVIDENCE_BESIDE: f64 = 0.03;
 /// Smooth explanations whose jumps are fitted in full.
 const LEADERS: usize = 3;
 
@@ -45,6 +45,12 @@ struct Judged {
 /// Deviations by which `more` lies above `less`, block by block.
 fn above(more: &Evidence, less: &Evidence) -> f64 {
     rounds::deviations(&more.blocks, &less.blocks)
+}
+
+/// Whether `more` explains the recordings better than `less` by more than chance does.
+fn is_no_chance(more: &Evidence, less: &Evidence) -> bool {
+    let gain = more.mean() - less.mean();
+    above(more, less) >= if gain > LARGE_EVIDENCE { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
 }
 
 /// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
@@ -176,7 +182,8 @@ fn best_of<'a>(judged: &'a [Judged], explanations: &[Model]) -> Option<&'a Judge
     for effects in fewest + 1..=fewest + 2 {
         if let Some(more) = with(effects)
             && worth(more) > worth(best)
-            && above(&more.evidence, &best.evidence) >= LEAST_DEVIATIONS_BESIDE
+            && more.evidence.mean() - best.evidence.mean() > LEAST_EVIDENCE_BESIDE
+            && is_no_chance(&more.evidence, &best.evidence)
         {
             best = more;
         }
@@ -216,8 +223,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let smooth = &smooth[if outcome.found.order == [VALVE] { 0 } else { smoothest }];
     let deviations = above(evidence, smooth);
     let gain = evidence.mean() - smooth.mean();
-    let least = if gain > LARGE_EVIDENCE { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS };
-    if deviations < least || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
+    if !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;
     }
     let first_select = base.clone().fit(session, Scope::Both).1;
