@@ -233,10 +233,12 @@ impl Model {
         let start = columns.values.len();
         columns.values.resize(start + samples * self.thresholds.len(), 0.0);
         columns.free.resize(columns.free.len() + self.thresholds.len(), false);
-        let gaps =
-            |path: &[f64], moving: bool| if habit.is_plain() { Vec::new() } else { gaps(path, habit, moving.then_some(run.period_s)) };
-        let (before, now) = (gaps(history, false), gaps(path, true));
         let turns = between_samples(path);
+        let (before, now) = if habit.is_plain() {
+            (Vec::new(), Vec::new())
+        } else {
+            (gaps(history, habit, None, &[]), gaps(path, habit, Some(run.period_s), &turns))
+        };
         let values = &mut columns.values[start..];
         for (group, block) in self.thresholds.chunks(SIDE).zip(values.chunks_mut(SIDE * samples)) {
             let mut thresholds = [0.0; SIDE];
@@ -251,7 +253,8 @@ impl Model {
                 let gap = now.get(sample);
                 let turn = turns.next_if(|(at, _)| *at == sample);
                 if let Some((_, turn)) = turn.filter(|_| habit.viscous_s <= 0.0) {
-                    play(&mut state, &thresholds, *turn, gap);
+                    // It is still on the stroke that ends there, at its rate.
+                    play(&mut state, &thresholds, *turn, now.get(sample - 1));
                 }
                 if habit.viscous_s <= 0.0 || sample == 0 {
                     play(&mut state, &thresholds, value, gap);
@@ -390,7 +393,7 @@ const SIDE: usize = 8;
 
 /// What an operator's threshold is multiplied by, what is added to it, and by what its multiple is larger on the unloading branch, at every
 /// sample of `path`; rates count where there is a sample period.
-fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 3]> {
+fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<[f64; 3]> {
     let last = path.len().saturating_sub(1);
     let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
     let mut faded = 0.0;
@@ -402,8 +405,11 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>) -> Vec<[f64; 3]> {
                 faded
             }
             Some(period_s) if with_rate => {
-                let (before, after) = (index.saturating_sub(1), (index + 1).min(last));
-                ((path[after] - path[before]).abs() / ((after - before) as f64 * period_s)).powf(habit.rate_power)
+                // Not across a turn: the mean of both strokes' rates would be next to nothing.
+                let turned = |at: usize| turns.binary_search_by_key(&at, |turn| turn.0).is_ok();
+                let before = if turned(index) { index } else { index.saturating_sub(1) };
+                let after = if turned(index + 1) { index } else { (index + 1).min(last) };
+                ((path[after] - path[before]).abs() / ((after - before).max(1) as f64 * period_s)).powf(habit.rate_power)
             }
             _ => 0.0,
         };
