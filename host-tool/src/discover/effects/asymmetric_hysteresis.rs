@@ -172,7 +172,8 @@ impl Form for Unlike {
     }
     fn cost(&self) -> usize {
         // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
-        4
+        // Three bends of any size follow much that is neither.
+        6
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.25, 0.25].into_iter().flat_map(|loading| [vec![loading, -0.25, 0.0], vec![loading, 0.25, 0.0]]).collect()

@@ -66,13 +66,18 @@ impl Form for Lasting {
         Place::Material
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 300.0, logarithmic: true }]
+        // First cycles are few: what goes on for many recordings is a drift of the gain.
+        &[Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 20.0, logarithmic: true }]
     }
     fn weights(&self) -> usize {
         1
     }
+    fn cost(&self) -> usize {
+        // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
+        3
+    }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(1.0, 60.0, 6).into_iter().map(|value| vec![value]).collect()
+        ladder(1.0, 15.0, 4).into_iter().map(|value| vec![value]).collect()
     }
     fn needs_sum(&self) -> bool {
         true
