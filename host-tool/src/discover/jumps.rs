@@ -1,8 +1,8 @@
 //! Seeing jumps in the measured output: an observer of something that holds, breaks away and holds again.
 //!
 //! When such a thing jumps hangs on a state that nobody records, and an error of a tenth of its travel in the pull moves all jumps that
-//! follow. No simulation from the input alone can meet them, so they are judged by what can be met: each sample is predicted from the
-//! samples before it. Two observers do that, and whether something jumps is the difference of their likelihoods.
+//! follow. A simulation from the input alone meets few of them (`docs/discovery.md`), so they are judged by what can be met: each sample is
+//! predicted from the samples before it. Two observers do that, and whether something jumps is the difference of their likelihoods.
 //!
 //! Terms. *Pull*: the output that the model expects where nothing sticks; its weights have taken the mean lag of what sticks for hysteresis
 //! of the muscle, so distances count from the middle between break-away up and down. *Seat*: where the thing holds. *Drive*: what a seat is
