@@ -5,9 +5,8 @@ use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Growth, &GROWS_UNLOADING, &GROWS_LOADING, &Bend, &Loading, &Unloading, &Unlike];
+pub const FORMS: &[&dyn Form] = &[&GROWS, &GROWS_UNLOADING, &GROWS_LOADING, &Bend, &Loading, &Unloading, &Unlike];
 
-struct Growth;
 struct Bend;
 struct Loading;
 struct Unloading;
@@ -17,42 +16,25 @@ const BEND: &[Parameter] = &[Parameter { name: "bend", quantity: Quantity::Ratio
 
 const GROWTH: &[Parameter] = &[Parameter { name: "growth", quantity: Quantity::PerInput, low: -0.9, high: 12.0, logarithmic: false }];
 
-/// Growths to begin from.
-fn growths() -> Vec<Vec<f64>> {
-    [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
+/// Branches of the loop.
+#[derive(Clone, Copy)]
+enum Branches {
+    Both,
+    Unloading,
+    Loading,
 }
+
+/// Thresholds that grow with the input, on both branches or on one; the other keeps its thresholds.
+struct Growth {
+    form: &'static str,
+    branches: Branches,
+}
+
+static GROWS: Growth = Growth { form: "thresholds grow with the input", branches: Branches::Both };
+static GROWS_UNLOADING: Growth = Growth { form: "thresholds of the unloading branch grow with the input", branches: Branches::Unloading };
+static GROWS_LOADING: Growth = Growth { form: "thresholds of the loading branch grow with the input", branches: Branches::Loading };
 
 impl Form for Growth {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "thresholds grow with the input"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        GROWTH
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        growths()
-    }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.growth_per_input = parameters[0];
-    }
-}
-
-/// Growth on one branch; the other keeps its thresholds.
-struct OneBranch {
-    form: &'static str,
-    unloading: bool,
-}
-
-static GROWS_UNLOADING: OneBranch = OneBranch { form: "thresholds of the unloading branch grow with the input", unloading: true };
-static GROWS_LOADING: OneBranch = OneBranch { form: "thresholds of the loading branch grow with the input", unloading: false };
-
-impl Form for OneBranch {
     fn name(&self) -> &'static str {
         "asymmetric-hysteresis"
     }
@@ -66,15 +48,15 @@ impl Form for OneBranch {
         GROWTH
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        growths()
+        [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        if self.unloading {
-            habit.growth_unloading = parameters[0];
-        } else {
-            habit.growth_per_input = parameters[0];
-            habit.growth_unloading = -parameters[0];
-        }
+        let growth = parameters[0];
+        (habit.growth_per_input, habit.growth_unloading) = match self.branches {
+            Branches::Both => (growth, 0.0),
+            Branches::Unloading => (0.0, growth),
+            Branches::Loading => (growth, -growth),
+        };
     }
 }
 

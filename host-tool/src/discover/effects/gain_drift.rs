@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::{KNOTS, UNTIL, spline, worked_until_s};
+use super::session_curve::{Drifts, SessionCurve};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&WarmUp, &Curve];
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE];
 
 struct WarmUp;
-struct Curve;
+static CURVE: SessionCurve = SessionCurve { name: "gain-drift", drifts: Drifts::Gain };
 
 impl Form for WarmUp {
     fn name(&self) -> &'static str {
@@ -41,46 +41,6 @@ impl Form for WarmUp {
     fn tell(&self, parameters: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         // The limit of a drift that has hardly begun to bend is anybody's guess; what it did in the session is not.
         let reached = -(-session.length_s / parameters[0]).exp_m1() * weights[0];
-        BTreeMap::from([("drift_in_the_session".to_owned(), reached)])
-    }
-}
-
-impl Form for Curve {
-    fn name(&self) -> &'static str {
-        "gain-drift"
-    }
-    fn form(&self) -> &'static str {
-        "a smooth curve of the session's time"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[UNTIL]
-    }
-    fn weights(&self) -> usize {
-        KNOTS - 1
-    }
-    fn cost(&self) -> usize {
-        // When the session ended is known.
-        self.weights()
-    }
-    fn discrete(&self) -> bool {
-        true
-    }
-    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![worked_until_s(session)]]
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        for part in 0..self.weights() {
-            columns.push(true, |sample| sum[sample] * spline(run.session_s[sample] / parameters[0])[part]);
-        }
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum();
         BTreeMap::from([("drift_in_the_session".to_owned(), reached)])
     }
 }

@@ -1,4 +1,5 @@
-//! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them. `seated` is the form that two of them share.
+//! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them. `seated` and `session_curve` are
+//! forms that two of them share.
 
 pub mod activation_threshold;
 pub mod asymmetric_hysteresis;
@@ -15,15 +16,13 @@ pub mod pneumatic_lag;
 pub mod rate_dependent_hysteresis;
 pub mod resonance;
 mod seated;
+mod session_curve;
 pub mod setup_change;
 pub mod slew_limit;
 pub mod static_nonlinearity;
 pub mod stick_slip;
 pub mod supply_saturation;
 pub mod valve_dead_band;
-
-use super::catalogue::{Parameter, Quantity};
-use super::session::{Role, Session};
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
@@ -67,33 +66,6 @@ fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64>) -
     scored.into_iter().take(count).map(|entry| entry.1).collect()
 }
 
-/// When the last recording ended that is not kept out, s of the session.
-fn worked_until_s(session: &Session) -> f64 {
-    let worked = session.runs.iter().filter(|run| run.role.iter().any(|&role| role != Role::Kept));
-    worked.filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max)
-}
-
-/// The time of the session that is one for [`spline`].
-const UNTIL: Parameter = Parameter { name: "until", quantity: Quantity::Time, low: 1.0, high: 1e7, logarithmic: true };
-
-/// Knots of [`spline`], at equal distances.
-const KNOTS: usize = 5;
-
-/// A natural cubic spline of a time whose first knot is 0 and last 1, without its constant: the time and the curved parts.
-///
-/// Beyond the last knot it goes on straight for the distance of two knots and then stays: a polynomial that fits a session runs away
-/// behind it. Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning (2009), equations 5.4 and 5.5.
-fn spline(time: f64) -> [f64; KNOTS - 1] {
-    let spacing = 1.0 / (KNOTS - 1) as f64;
-    let time = time.min(1.0 + spacing);
-    let beyond = |knot: f64| (time - knot).max(0.0).powi(3);
-    let part = |index: usize| {
-        let knot = index as f64 * spacing;
-        (beyond(knot) - beyond(1.0)) / (1.0 - knot)
-    };
-    std::array::from_fn(|index| if index == 0 { time } else { part(index - 1) - part(KNOTS - 2) })
-}
-
 /// Values from `low` to `high` at equal ratios.
 pub(super) fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
@@ -101,20 +73,7 @@ pub(super) fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{lag, shift, spline};
-
-    #[test]
-    fn the_spline_goes_on_straight_behind_its_last_knot_and_then_stays() {
-        let weights = [0.3, -2.0, 1.1, 0.7];
-        let at = |time: f64| -> f64 { spline(time).iter().zip(weights).map(|(value, weight)| value * weight).sum() };
-        assert_eq!(at(0.0), 0.0);
-        // Curved inside, without a kink at the last knot, straight behind it.
-        assert!((at(0.6) - 0.5 * (at(0.4) + at(0.8))).abs() > 1e-2, "the spline bends nowhere");
-        let slope = (at(1.2) - at(1.0)) / 0.2;
-        assert!(((at(1.0) - at(0.9999)) / 1e-4 - slope).abs() < 1e-3, "a kink at the last knot");
-        assert!((at(1.1) - at(1.0) - 0.1 * slope).abs() < 1e-12 && slope.abs() > 0.1);
-        assert_eq!(at(1.25), at(7.0));
-    }
+    use super::{lag, shift};
 
     #[test]
     fn the_lag_is_exact_on_a_ramp() {
