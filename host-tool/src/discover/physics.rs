@@ -36,7 +36,7 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
                 input_path.lag_time_constant_s = effect.normalised[0];
                 input_path.dead_time_s += effect.normalised[1] + 0.5 * model.sample_period_s;
             }
-            ("creep", "of the displacement") => {
+            ("creep", form) if form.starts_with("of the displacement") => {
                 let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
                 (creep.time_constants_s, creep.gains) = active.map(|(time_s, weight)| (*time_s, *weight)).unzip();
             }

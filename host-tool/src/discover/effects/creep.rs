@@ -8,20 +8,54 @@ use crate::discover::session::{Run, Session};
 use super::{ladder, lag};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&OfOutput, &OfInput];
+pub const FORMS: &[&dyn Form] = &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput];
 
 /// Retardation times, s: a decade takes about two of them.
 pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
-struct OfOutput;
+/// Share of what a recording has left in the material below which earlier recordings are not looked at.
+const FORGOTTEN: f64 = 0.01;
+
+struct OfOutput {
+    /// Whether the material goes on from recording to recording.
+    remembers: bool,
+}
 struct OfInput;
+
+/// What earlier recordings have left of themselves, at the start of this one, in the input behind a lag of `time_s`: the lagged input over
+/// the input at rest. Between recordings the input rests.
+fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
+    let start_s = run.session_s[0];
+    let mut left = 0.0;
+    for earlier in run.session.iter().take(run.index).rev() {
+        let age_s = |sample: usize| start_s - earlier.session_s[sample];
+        let rest = earlier.input[0];
+        if (-age_s(earlier.input.len() - 1) / time_s).exp() < FORGOTTEN {
+            break;
+        }
+        let share = earlier.period_s / time_s;
+        left +=
+            share * earlier.input.iter().enumerate().map(|(sample, value)| (value - rest) * (-age_s(sample) / time_s).exp()).sum::<f64>();
+    }
+    left
+}
+
+/// How much of the output goes with a unit of the input in one recording.
+fn gain(input: &[f64], output: &[f64]) -> f64 {
+    let moved = |values: &[f64], sample: usize| values[sample] - values[0];
+    let (product, square) = (0..input.len()).fold((0.0, 1e-30), |(product, square), sample| {
+        let input = moved(input, sample);
+        (product + input * moved(output, sample), square + input * input)
+    });
+    product / square
+}
 
 impl Form for OfOutput {
     fn name(&self) -> &'static str {
         "creep"
     }
     fn form(&self) -> &'static str {
-        "of the displacement"
+        if self.remembers { "of the displacement, going on from recording to recording" } else { "of the displacement" }
     }
     fn place(&self) -> Place {
         Place::Material
@@ -40,6 +74,15 @@ impl Form for OfOutput {
         for time_s in TIMES_S {
             let mut slow = sum.to_vec();
             lag(&mut slow, time_s, run.period_s);
+            if self.remembers {
+                // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
+                let left = gain(&run.input, sum) * left_of_earlier(run, time_s);
+                let keep = (-run.period_s / time_s).exp();
+                slow.iter_mut().fold(left, |left, value| {
+                    *value += left;
+                    left * keep
+                });
+            }
             columns.push(false, |sample| slow[sample]);
         }
     }
@@ -81,5 +124,51 @@ impl Form for OfInput {
                 *value += parameters[0] / 3.0 * slow;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::{gain, lag, left_of_earlier};
+    use crate::discover::session::Session;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn what_earlier_recordings_left_is_what_one_long_lag_has_left() {
+        const PERIOD_S: f64 = 0.02;
+        let record = |recording: u32| {
+            let time_s: Vec<f64> = (0..900).map(|sample| f64::from(sample) * PERIOD_S).collect();
+            let top = 1.0 + 0.3 * f64::from(recording);
+            let input: Vec<f64> = time_s.iter().map(|time| top * (-0.1 * time).exp() * (1.0 - (1.9 * time).cos())).collect();
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                .expect("a recording")
+        };
+        let session = Session::new(&(0..5).map(record).collect::<Vec<_>>(), &[]).expect("a session");
+        let last = session.runs.last().expect("recordings");
+        for time_s in [2.0, 8.0, 32.0] {
+            // One signal with the rest between recordings in it; it rests at the same input everywhere.
+            let mut whole = Vec::new();
+            for run in &session.runs[..last.index] {
+                let start = (run.session_s[0] / PERIOD_S).round() as usize;
+                whole.resize(start, run.input[0]);
+                whole.extend(&run.input);
+            }
+            let rest = last.input[0];
+            whole.resize((last.session_s[0] / PERIOD_S).round() as usize + 1, rest);
+            lag(&mut whole, time_s, PERIOD_S);
+            let exact = whole.last().expect("samples") - rest;
+            let left = left_of_earlier(last, time_s);
+            assert!((left - exact).abs() < 0.02 * exact + 0.002, "{time_s} s: {left} instead of {exact}");
+        }
+        assert_eq!(left_of_earlier(&session.runs[0], 8.0), 0.0);
+    }
+
+    #[test]
+    fn the_gain_is_that_of_a_straight_line() {
+        let input: Vec<f64> = (0..50).map(|sample| (f64::from(sample) * 0.3).sin()).collect();
+        let output: Vec<f64> = input.iter().map(|value| 4.0 - 2.5 * value).collect();
+        assert!((gain(&input, &output) + 2.5).abs() < 1e-12);
     }
 }
