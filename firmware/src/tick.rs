@@ -27,28 +27,27 @@
 //!
 //! The watchdog's period must stay below 50 ms while [`TickOutputs::energised`]; while vented it may be longer than a flash erase.
 
+mod config;
+mod ports;
+mod reports;
 mod trace;
 
 use core::num::NonZeroU16;
 
 use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet, Notice, NoticeSet};
-use model_export::link::message::{FaultRecord, Refusal, Reply, Status, Telemetry};
-use model_export::link::settings::Settings;
+use model_export::link::message::{Refusal, Reply};
 use model_export::link::state::{ResetCause, State};
-use model_export::link::trace::TraceRecord;
 
-use crate::calibration::{CalibrationConfig, ConverterConfig};
-use crate::control::{
-    Accepted, Compensator, ControlInputs, ControlLaw, Controller, ControllerState, Demand, FeedForward, FeedbackSensor, ObserverConfig,
-    OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, SetPoint, TrackingConfig,
-};
+use crate::control::{Accepted, ControlInputs, ControlLaw, Controller, ControllerState, Demand};
 use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
-use crate::limiter::{Limiter, LimiterConfig, LimiterState};
+use crate::limiter::LimiterState;
 use crate::number::MicroBar;
-use crate::plausibility::{Follower, FollowerConfig, FollowerState, Rejection, Sensor, SensorConfig, SensorState, Verdict};
-use crate::seam::RawSample;
-use crate::supervisor::{Decision, Event, Observation, Supervisor, SupervisorConfig, SupervisorState};
+use crate::plausibility::{FollowerState, Rejection, SensorState, Verdict};
+use crate::supervisor::{Decision, Event, Observation, SupervisorState};
 
+pub use config::{Inconsistent, Tick, TickConfig};
+pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, RigFacts, TickInputs, TickOutputs, ValveOutput};
+pub use reports::Insight;
 pub use trace::Origin;
 use trace::{Taken, Tracing};
 
@@ -67,363 +66,6 @@ pub const DEFAULT_MODEL_PERIOD: NonZeroU16 = NonZeroU16::new(20).unwrap();
 
 /// The channels of the decimation filter: command, measured pressure, displacement.
 const FILTERED: usize = 3;
-
-/// What the board knows about itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RigFacts {
-    /// The converter of both measured channels.
-    pub converter: ConverterConfig,
-}
-
-/// What the board found when it started.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BootReport {
-    /// Why it started.
-    pub reset_cause: ResetCause,
-    /// Faults found before the first tick: no crystal, damaged settings, a crash before the reset.
-    pub faults: FaultSet,
-}
-
-/// Which way a model runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Direction {
-    /// From pressure in bar to displacement in mm: a virtual sensor.
-    #[default]
-    Estimator,
-    /// From displacement in mm to pressure in bar: a feed-forward.
-    Inverse,
-}
-
-/// A model, one step each model period.
-pub trait ModelStep {
-    /// Displacement in mm for the filtered pressure of the last window in bar; for an inverse the other way round.
-    fn step(&mut self, input: f32) -> f32;
-
-    /// Forgets everything: the next step starts from its equilibrium.
-    fn reset(&mut self);
-
-    /// Whether there is one.
-    fn is_present(&self) -> bool;
-
-    /// Which way it runs.
-    fn direction(&self) -> Direction {
-        Direction::Estimator
-    }
-
-    /// The inverses of the actuator that came with it.
-    fn compensator(&self) -> Option<&Compensator> {
-        None
-    }
-
-    /// Whether its last input was outside of what it was trained on.
-    fn is_outside_domain(&self) -> bool {
-        false
-    }
-}
-
-/// For a rig without a model.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NoModel;
-
-impl ModelStep for NoModel {
-    fn step(&mut self, _pressure_bar: f32) -> f32 {
-        f32::NAN
-    }
-
-    fn reset(&mut self) {}
-
-    fn is_present(&self) -> bool {
-        false
-    }
-}
-
-/// What the background wants from the tick.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Command {
-    /// Token of the request that asked for it; `None` if nobody waits for an answer.
-    pub token: Option<u16>,
-    /// What to do.
-    pub action: Action,
-}
-
-/// What a command does.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Action {
-    /// Move the state machine; events other than the host's are refused.
-    Request(Event),
-    /// A set-point for the control law.
-    SetPoint(SetPoint),
-    /// Forget the playback buffer.
-    PlaybackClear,
-    /// Put new settings into force; refused while energised. Empties the playback buffer, and the sensors must prove themselves again.
-    Configure(Tick),
-    /// What the self-test found, and the period of the model that may run from now on.
-    SelfTestReport {
-        /// Empty if all is well.
-        faults: FaultSet,
-        /// Ticks from one model step to the next; `None` without a model.
-        model_period: Option<NonZeroU16>,
-    },
-    /// A fault that the background found.
-    Raise(Fault),
-    /// Tell the state.
-    Status,
-    /// Tell the fault record.
-    FaultRecord,
-    /// Tell what the controllers did.
-    ControlReport,
-    /// Begin again and tell every tick from the next one on; refused unless idle and vented.
-    TraceBegin,
-    /// Tell no more ticks.
-    TraceEnd,
-}
-
-/// Answer to a command that carried a token.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
-    /// The command's token.
-    pub token: u16,
-    /// What to tell the host.
-    pub reply: Reply,
-}
-
-/// What goes into a tick.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct TickInputs {
-    /// The newest sample of both channels.
-    pub sample: RawSample,
-    /// Whether the emergency stop is pressed or its wire broken.
-    pub emergency_stop: bool,
-    /// Whether the last tick ran longer than its millisecond.
-    pub overran: bool,
-    /// Ticks that were lost since the last call.
-    pub lost_ticks: u16,
-    /// Counter that the background advances.
-    pub background_beat: u32,
-    /// Vent, whatever else is asked for. The board clears its flag when it copies it here.
-    pub vent: bool,
-    /// At most one command.
-    pub command: Option<Command>,
-    /// Telemetry samples dropped so far, for the next sample.
-    pub telemetry_dropped: u32,
-}
-
-/// Which of the board's two outputs drives the valve; the other one stays at zero.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ValveOutput {
-    /// A voltage.
-    #[default]
-    Analogue,
-    /// A pulse width.
-    PulseWidth,
-}
-
-/// What comes out of a tick.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TickOutputs {
-    /// Whether to energise (close) the dump valve.
-    pub energised: bool,
-    /// Drive of the valve, share of full scale out of 65535.
-    pub valve_share: u16,
-    /// What that drive means.
-    pub output: MicroBar,
-    /// Whether to feed the watchdog.
-    pub feed_watchdog: bool,
-    /// The state after this tick.
-    pub state: State,
-    /// The background should run the self-test and report.
-    pub self_test_wanted: bool,
-    /// The fault record changed: keep a copy where a reset does not reach.
-    pub record_changed: bool,
-    /// Answer to this tick's command.
-    pub answer: Option<Answer>,
-    /// A sample for the host.
-    pub telemetry: Option<Telemetry>,
-    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`].
-    pub trace: Option<TraceRecord>,
-}
-
-/// The settings and the board's facts, before they are built.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TickConfig<'a> {
-    /// The operator's settings.
-    pub settings: &'a Settings,
-    /// The board.
-    pub facts: RigFacts,
-}
-
-/// Settings that do not go together: the number of the first one to blame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Inconsistent(pub u16);
-
-/// Everything immutable that a tick needs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tick {
-    laser: Sensor,
-    laser_required: bool,
-    pressure: Sensor,
-    pressure_follower: Follower,
-    model_follower: Option<Follower>,
-    model_sees_measured: bool,
-    controller: Controller,
-    supervisor: Supervisor,
-    limiter: Limiter,
-    over_pressure_bar: f32,
-    valve_full_scale_ubar: u32,
-    valve_output: ValveOutput,
-    host_timeout_ticks: u16,
-    maximum_late_ticks: u16,
-    telemetry_period_ticks: u16,
-}
-
-impl TickConfig<'_> {
-    /// Builds the tick.
-    ///
-    /// # Errors
-    /// [`Inconsistent`] names the first setting that contradicts another.
-    pub fn build(&self) -> Result<Tick, Inconsistent> {
-        let settings = self.settings;
-        let laser_calibration = CalibrationConfig {
-            low_v: settings.laser_low_v,
-            low_value: settings.laser_low_mm,
-            high_v: settings.laser_high_v,
-            high_value: settings.laser_high_mm,
-            fault_below_v: settings.laser_fault_below_v,
-            fault_above_v: settings.laser_fault_above_v,
-        };
-        let pressure_calibration = CalibrationConfig {
-            low_v: settings.pressure_low_v,
-            low_value: settings.pressure_low_bar,
-            high_v: settings.pressure_high_v,
-            high_value: settings.pressure_high_bar,
-            fault_below_v: settings.pressure_fault_below_v,
-            fault_above_v: settings.pressure_fault_above_v,
-        };
-        let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent(32))?;
-        let sensor = |calibration, maximum_rate_per_s| {
-            SensorConfig {
-                maximum_rate_per_s,
-                rejected_ms: narrow(settings.rejected_ms),
-                stuck_ms: narrow(settings.stuck_ms),
-                stuck_command,
-                calibration,
-            }
-            .build()
-        };
-        let converter = &self.facts.converter;
-        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent(10))?;
-        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent(20))?;
-        let limiter = LimiterConfig {
-            ceiling_bar: settings.ceiling_bar,
-            slew_up_bar_per_s: settings.slew_up_bar_per_s,
-            slew_down_bar_per_s: settings.slew_down_bar_per_s,
-            output_time_to_live_ms: narrow(settings.output_time_to_live_ms),
-        }
-        .build()
-        .map_err(|_| Inconsistent(1))?;
-        // A pressure that the sensor cannot show must not be asked for: over-pressure could not be seen.
-        let over_pressure_bar = settings.ceiling_bar + settings.over_pressure_margin_bar;
-        if pressure.highest_value() <= over_pressure_bar {
-            return Err(Inconsistent(23));
-        }
-        let full_scale = MicroBar::from_bar(settings.valve_full_scale_bar).ok_or(Inconsistent(50))?;
-        let period = |milliseconds: u32, number| NonZeroU16::new(narrow(milliseconds)).ok_or(Inconsistent(number));
-        let controller = match settings.control_law {
-            0 => Controller::Playback(PlaybackConfig { period_ms: period(settings.playback_period_ms, 61)? }.build()),
-            1 => Controller::PressureSetPoint(PressureSetPoint),
-            2 => Controller::Tracking(tracking(settings, period(settings.playback_period_ms, 61)?)?.build()),
-            _ => return Err(Inconsistent(60)),
-        };
-        let model_follower = FollowerConfig {
-            response_steps: 0.0,
-            tolerance: settings.mismatch_displacement_mm,
-            steps: narrow(settings.mismatch_displacement_steps),
-        };
-        Ok(Tick {
-            laser: sensor(laser, settings.laser_maximum_rate_mm_per_s),
-            laser_required: settings.laser_required,
-            pressure: sensor(pressure, settings.pressure_maximum_rate_bar_per_s),
-            pressure_follower: FollowerConfig {
-                response_steps: settings.pressure_response_ms,
-                tolerance: settings.mismatch_pressure_bar,
-                steps: narrow(settings.mismatch_pressure_ms),
-            }
-            .build(),
-            model_follower: (settings.mismatch_displacement_mm > 0.0).then(|| model_follower.build()),
-            model_sees_measured: settings.estimator_input_measured,
-            controller,
-            supervisor: SupervisorConfig { arming_timeout_s: narrow(settings.arming_timeout_s) }.build(),
-            limiter,
-            over_pressure_bar,
-            valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent(50))?,
-            valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
-            host_timeout_ticks: narrow(settings.host_timeout_ms),
-            maximum_late_ticks: narrow(settings.maximum_late_ticks),
-            telemetry_period_ticks: period(settings.telemetry_period_ms, 80)?.get(),
-        })
-    }
-}
-
-/// The settings of a control law that tracks.
-fn tracking(settings: &Settings, period_ms: NonZeroU16) -> Result<TrackingConfig, Inconsistent> {
-    Ok(TrackingConfig {
-        period_ms,
-        feed_forward: FeedForward::from_number(settings.feed_forward).ok_or(Inconsistent(62))?,
-        sensor: FeedbackSensor::from_number(settings.feedback_sensor).ok_or(Inconsistent(63))?,
-        linear_mm_per_bar: settings.linear_mm_per_bar,
-        linear_offset_mm: settings.linear_offset_mm,
-        learned_look_ahead_ms: narrow(settings.learned_look_ahead_ms),
-        pid: PidConfig {
-            proportional: settings.pid_proportional,
-            integral_per_s: settings.pid_integral_per_s,
-            derivative_s: settings.pid_derivative_s,
-            derivative_filter_s: settings.pid_derivative_filter_s,
-            limit_mm: settings.pid_limit_mm,
-        },
-        observer: ObserverConfig {
-            time_constant_s: settings.observer_time_constant_s,
-            estimate_bound_mm: settings.observer_estimate_bound_mm,
-            widening_mm_per_s: settings.observer_widening_mm_per_s,
-        },
-        transfer_s: settings.transfer_s,
-        outside_domain: OutsideDomain::from_number(settings.outside_domain).ok_or(Inconsistent(68))?,
-        estimate_by_physics: settings.estimate_by_physics,
-    })
-}
-
-/// The setting's bounds lie within 16 bits; saturating is for settings that bypassed them.
-fn narrow(value: u32) -> u16 {
-    u16::try_from(value).unwrap_or(u16::MAX)
-}
-
-impl Tick {
-    /// The limits in force.
-    pub fn limiter(&self) -> &Limiter {
-        &self.limiter
-    }
-
-    /// The laser's checks.
-    pub fn laser(&self) -> &Sensor {
-        &self.laser
-    }
-
-    /// The pressure sensor's checks.
-    pub fn pressure(&self) -> &Sensor {
-        &self.pressure
-    }
-
-    /// What drives the valve.
-    pub fn valve_output(&self) -> ValveOutput {
-        self.valve_output
-    }
-
-    fn valve_share(&self, output: MicroBar) -> u16 {
-        // Rounded down: the valve never gets more than the output.
-        let output_ubar = u64::from(u32::try_from(output.0).unwrap_or(0));
-        let share = (output_ubar * u64::from(u16::MAX)).checked_div(u64::from(self.valve_full_scale_ubar)).unwrap_or(0);
-        u16::try_from(share).unwrap_or(u16::MAX)
-    }
-}
 
 /// Everything mutable that a tick needs.
 #[derive(Clone, Debug)]
@@ -509,29 +151,6 @@ pub struct Rig {
     state: TickState,
 }
 
-/// What a tick saw and did, for whoever asks why: more than the outputs tell, and never sent.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Insight {
-    /// Ticks since the start.
-    pub time_ms: u64,
-    /// What was limited or degraded.
-    pub notices: NoticeSet,
-    /// Set-point in force, in the control law's quantity.
-    pub set_point: f32,
-    /// Number of the playback point in force, counted from one; zero before the first.
-    pub playback_index: u32,
-    /// What the feedback adds to the reference, mm, if the law tracks one.
-    pub correction_mm: Option<f32>,
-    /// Measured pressure, if the sensor is believed.
-    pub pressure_bar: Option<f32>,
-    /// Measured displacement, if the laser is believed.
-    pub displacement_mm: Option<f32>,
-    /// The model's estimate.
-    pub estimate_mm: Option<f32>,
-    /// How long ago the host last sent a set-point while running, in ms.
-    pub host_age_ms: u16,
-}
-
 /// What a command left to do in its tick.
 #[derive(Default)]
 struct Pending {
@@ -559,24 +178,6 @@ impl Rig {
     /// The state machine, the fault record and the vent watch.
     pub fn supervisor(&self) -> &SupervisorState {
         &self.state.supervisor
-    }
-
-    /// What the last tick saw and did.
-    pub fn insight(&self) -> Insight {
-        let state = &self.state;
-        let believed = |sensor: &SensorState| sensor.is_believed().then(|| sensor.last_value());
-        Insight {
-            time_ms: state.time_ms,
-            notices: state.notices,
-            set_point: state.set_point,
-            playback_index: self.tick.controller.point_index(&state.controller),
-            correction_mm: matches!(self.tick.controller, Controller::Tracking(_))
-                .then(|| state.controller.tracking.report().correction_mm),
-            pressure_bar: believed(&state.pressure),
-            displacement_mm: believed(&state.laser),
-            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
-            host_age_ms: state.host_age_ticks,
-        }
     }
 
     /// Everything the rig does in one millisecond.
@@ -917,21 +518,6 @@ impl Rig {
         blockers
     }
 
-    fn context(&self, sample: RawSample, in_force: MicroBar) -> FaultRecord {
-        FaultRecord {
-            time_ms: self.state.time_ms,
-            output_ubar: in_force.0,
-            pressure_code: sample.pressure_code,
-            laser_code: sample.laser_code,
-            pressure_bar: self.state.pressure.last_value(),
-            displacement_mm: self.state.laser.last_value(),
-            estimate_mm: self.state.estimate_mm.unwrap_or(f32::NAN),
-            set_point: self.state.set_point,
-            late_ticks: self.state.late_ticks,
-            ..FaultRecord::default()
-        }
-    }
-
     /// What follows from a change of state.
     fn follow_state(&mut self, model: &impl ModelStep, decision: Decision, window_begins: bool) {
         if decision.started {
@@ -944,72 +530,6 @@ impl Rig {
             self.state.model_follower = FollowerState::default();
             self.state.set_point = 0.0;
         }
-    }
-
-    fn answer(&self, pending: Pending, observation: &Observation, decision: &Decision) -> Option<Answer> {
-        let token = pending.token?;
-        let blockers = self.state.supervisor.blockers(BlockerSet::EMPTY);
-        let reply = if pending.wants_trace && !blockers.is_empty() {
-            Reply::Refused(Refusal::Blocked(blockers))
-        } else if pending.wants_status || pending.wants_trace {
-            Reply::Status(self.status(observation.arm_blockers))
-        } else if pending.wants_record {
-            let record = *self.state.supervisor.record();
-            if record.first == 0 { Reply::Refused(Refusal::NoRecord) } else { Reply::FaultRecord(record) }
-        } else if let Some(reply) = pending.reply {
-            reply
-        } else {
-            decision.refusal.map_or(Reply::Done, Reply::Refused)
-        };
-        Some(Answer { token, reply })
-    }
-
-    /// The part of the status that the tick knows.
-    fn status(&self, arm_blockers: BlockerSet) -> Status {
-        let record = self.state.supervisor.record();
-        Status {
-            state: self.state.supervisor.state(),
-            first_fault: record.first,
-            faults: record.all,
-            blockers: self.state.supervisor.blockers(arm_blockers),
-            notices: self.state.notices,
-            time_ms: self.state.time_ms,
-            late_ticks: self.state.late_ticks,
-            reset_cause: self.state.reset_cause,
-            playback_next_index: self.tick.controller.points(&self.state.controller).next_index(),
-            playback_free: self.tick.controller.points(&self.state.controller).free(),
-            ..Status::default()
-        }
-    }
-
-    fn telemetry(&mut self, sample: RawSample, output: MicroBar, dropped: u32) -> Option<Telemetry> {
-        let state = &mut self.state;
-        state.telemetry_countdown = state.telemetry_countdown.saturating_sub(1);
-        if state.telemetry_countdown > 0 {
-            return None;
-        }
-        state.telemetry_countdown = self.tick.telemetry_period_ticks;
-        let sequence = state.telemetry_sequence;
-        state.telemetry_sequence = sequence.wrapping_add(1);
-        let [command_bar, pressure_bar, displacement_mm] = state.filtered;
-        Some(Telemetry {
-            sequence,
-            time_ms: state.time_ms,
-            dropped,
-            state: state.supervisor.state(),
-            first_fault: state.supervisor.record().first,
-            notices: state.notices,
-            laser_code: sample.laser_code,
-            pressure_code: sample.pressure_code,
-            output_ubar: output.0,
-            command_bar: command_bar.unwrap_or(0.0),
-            set_point: state.set_point,
-            pressure_bar,
-            displacement_mm,
-            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
-            playback_index: self.tick.controller.point_index(&state.controller),
-            late_ticks: state.late_ticks,
-        })
     }
 }
 

@@ -1,0 +1,197 @@
+//! From the operator's settings to everything immutable that a tick needs.
+
+use core::num::NonZeroU16;
+
+use model_export::link::settings::Settings;
+
+use super::{RigFacts, ValveOutput};
+use crate::calibration::CalibrationConfig;
+use crate::control::{
+    Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
+};
+use crate::limiter::{Limiter, LimiterConfig};
+use crate::number::MicroBar;
+use crate::plausibility::{Follower, FollowerConfig, Sensor, SensorConfig};
+use crate::supervisor::{Supervisor, SupervisorConfig};
+
+/// The settings and the board's facts, before they are built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TickConfig<'a> {
+    /// The operator's settings.
+    pub settings: &'a Settings,
+    /// The board.
+    pub facts: RigFacts,
+}
+
+/// Settings that do not go together: the number of the first one to blame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inconsistent(pub u16);
+
+/// Everything immutable that a tick needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    pub(super) laser: Sensor,
+    pub(super) laser_required: bool,
+    pub(super) pressure: Sensor,
+    pub(super) pressure_follower: Follower,
+    pub(super) model_follower: Option<Follower>,
+    pub(super) model_sees_measured: bool,
+    pub(super) controller: Controller,
+    pub(super) supervisor: Supervisor,
+    pub(super) limiter: Limiter,
+    pub(super) over_pressure_bar: f32,
+    pub(super) valve_full_scale_ubar: u32,
+    pub(super) valve_output: ValveOutput,
+    pub(super) host_timeout_ticks: u16,
+    pub(super) maximum_late_ticks: u16,
+    pub(super) telemetry_period_ticks: u16,
+}
+
+impl TickConfig<'_> {
+    /// Builds the tick.
+    ///
+    /// # Errors
+    /// [`Inconsistent`] names the first setting that contradicts another.
+    pub fn build(&self) -> Result<Tick, Inconsistent> {
+        let settings = self.settings;
+        let laser_calibration = CalibrationConfig {
+            low_v: settings.laser_low_v,
+            low_value: settings.laser_low_mm,
+            high_v: settings.laser_high_v,
+            high_value: settings.laser_high_mm,
+            fault_below_v: settings.laser_fault_below_v,
+            fault_above_v: settings.laser_fault_above_v,
+        };
+        let pressure_calibration = CalibrationConfig {
+            low_v: settings.pressure_low_v,
+            low_value: settings.pressure_low_bar,
+            high_v: settings.pressure_high_v,
+            high_value: settings.pressure_high_bar,
+            fault_below_v: settings.pressure_fault_below_v,
+            fault_above_v: settings.pressure_fault_above_v,
+        };
+        let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent(32))?;
+        let sensor = |calibration, maximum_rate_per_s| {
+            SensorConfig {
+                maximum_rate_per_s,
+                rejected_ms: narrow(settings.rejected_ms),
+                stuck_ms: narrow(settings.stuck_ms),
+                stuck_command,
+                calibration,
+            }
+            .build()
+        };
+        let converter = &self.facts.converter;
+        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent(10))?;
+        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent(20))?;
+        let limiter = LimiterConfig {
+            ceiling_bar: settings.ceiling_bar,
+            slew_up_bar_per_s: settings.slew_up_bar_per_s,
+            slew_down_bar_per_s: settings.slew_down_bar_per_s,
+            output_time_to_live_ms: narrow(settings.output_time_to_live_ms),
+        }
+        .build()
+        .map_err(|_| Inconsistent(1))?;
+        // A pressure that the sensor cannot show must not be asked for: over-pressure could not be seen.
+        let over_pressure_bar = settings.ceiling_bar + settings.over_pressure_margin_bar;
+        if pressure.highest_value() <= over_pressure_bar {
+            return Err(Inconsistent(23));
+        }
+        let full_scale = MicroBar::from_bar(settings.valve_full_scale_bar).ok_or(Inconsistent(50))?;
+        let period = |milliseconds: u32, number| NonZeroU16::new(narrow(milliseconds)).ok_or(Inconsistent(number));
+        let controller = match settings.control_law {
+            0 => Controller::Playback(PlaybackConfig { period_ms: period(settings.playback_period_ms, 61)? }.build()),
+            1 => Controller::PressureSetPoint(PressureSetPoint),
+            2 => Controller::Tracking(tracking(settings, period(settings.playback_period_ms, 61)?)?.build()),
+            _ => return Err(Inconsistent(60)),
+        };
+        let model_follower = FollowerConfig {
+            response_steps: 0.0,
+            tolerance: settings.mismatch_displacement_mm,
+            steps: narrow(settings.mismatch_displacement_steps),
+        };
+        Ok(Tick {
+            laser: sensor(laser, settings.laser_maximum_rate_mm_per_s),
+            laser_required: settings.laser_required,
+            pressure: sensor(pressure, settings.pressure_maximum_rate_bar_per_s),
+            pressure_follower: FollowerConfig {
+                response_steps: settings.pressure_response_ms,
+                tolerance: settings.mismatch_pressure_bar,
+                steps: narrow(settings.mismatch_pressure_ms),
+            }
+            .build(),
+            model_follower: (settings.mismatch_displacement_mm > 0.0).then(|| model_follower.build()),
+            model_sees_measured: settings.estimator_input_measured,
+            controller,
+            supervisor: SupervisorConfig { arming_timeout_s: narrow(settings.arming_timeout_s) }.build(),
+            limiter,
+            over_pressure_bar,
+            valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent(50))?,
+            valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
+            host_timeout_ticks: narrow(settings.host_timeout_ms),
+            maximum_late_ticks: narrow(settings.maximum_late_ticks),
+            telemetry_period_ticks: period(settings.telemetry_period_ms, 80)?.get(),
+        })
+    }
+}
+
+/// The settings of a control law that tracks.
+fn tracking(settings: &Settings, period_ms: NonZeroU16) -> Result<TrackingConfig, Inconsistent> {
+    Ok(TrackingConfig {
+        period_ms,
+        feed_forward: FeedForward::from_number(settings.feed_forward).ok_or(Inconsistent(62))?,
+        sensor: FeedbackSensor::from_number(settings.feedback_sensor).ok_or(Inconsistent(63))?,
+        linear_mm_per_bar: settings.linear_mm_per_bar,
+        linear_offset_mm: settings.linear_offset_mm,
+        learned_look_ahead_ms: narrow(settings.learned_look_ahead_ms),
+        pid: PidConfig {
+            proportional: settings.pid_proportional,
+            integral_per_s: settings.pid_integral_per_s,
+            derivative_s: settings.pid_derivative_s,
+            derivative_filter_s: settings.pid_derivative_filter_s,
+            limit_mm: settings.pid_limit_mm,
+        },
+        observer: ObserverConfig {
+            time_constant_s: settings.observer_time_constant_s,
+            estimate_bound_mm: settings.observer_estimate_bound_mm,
+            widening_mm_per_s: settings.observer_widening_mm_per_s,
+        },
+        transfer_s: settings.transfer_s,
+        outside_domain: OutsideDomain::from_number(settings.outside_domain).ok_or(Inconsistent(68))?,
+        estimate_by_physics: settings.estimate_by_physics,
+    })
+}
+
+/// The setting's bounds lie within 16 bits; saturating is for settings that bypassed them.
+fn narrow(value: u32) -> u16 {
+    u16::try_from(value).unwrap_or(u16::MAX)
+}
+
+impl Tick {
+    /// The limits in force.
+    pub fn limiter(&self) -> &Limiter {
+        &self.limiter
+    }
+
+    /// The laser's checks.
+    pub fn laser(&self) -> &Sensor {
+        &self.laser
+    }
+
+    /// The pressure sensor's checks.
+    pub fn pressure(&self) -> &Sensor {
+        &self.pressure
+    }
+
+    /// What drives the valve.
+    pub fn valve_output(&self) -> ValveOutput {
+        self.valve_output
+    }
+
+    pub(super) fn valve_share(&self, output: MicroBar) -> u16 {
+        // Rounded down: the valve never gets more than the output.
+        let output_ubar = u64::from(u32::try_from(output.0).unwrap_or(0));
+        let share = (output_ubar * u64::from(u16::MAX)).checked_div(u64::from(self.valve_full_scale_ubar)).unwrap_or(0);
+        u16::try_from(share).unwrap_or(u16::MAX)
+    }
+}
