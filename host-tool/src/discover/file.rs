@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -193,7 +194,14 @@ impl DiscoveredModel {
             slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
-        Ok(Model { thresholds: self.thresholds.clone(), carry: !self.memory.is_empty(), stops: self.stops, slots, base })
+        Ok(Model {
+            thresholds: self.thresholds.clone(),
+            carry: !self.memory.is_empty(),
+            stops: self.stops,
+            slots,
+            base,
+            ease: Arc::default(),
+        })
     }
 
     /// The effects of the file in the normalised units of another session.

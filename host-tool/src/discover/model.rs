@@ -1,5 +1,7 @@
 //! A simulation model under discovery: a bank of play operators and the effects added so far; its fit and its residual.
 
+use std::sync::Arc;
+
 use super::catalogue::{Columns, Form, Habit, Place};
 use super::grid;
 use super::least_squares::Gram;
@@ -30,6 +32,8 @@ pub struct Model {
     pub slots: Vec<Slot>,
     /// Constant and weights of the operators as of the last fit.
     pub base: Vec<f64>,
+    /// Further columns of free weight for each recording, which belong to no effect and have no say in predictions; none outside a search.
+    pub ease: Arc<Vec<Vec<Vec<f64>>>>,
 }
 
 /// Sums for the three roles.
@@ -68,7 +72,7 @@ impl Model {
     #[must_use]
     pub fn baseline(carry: bool, stops: bool) -> Self {
         let thresholds = grid::coarse();
-        Self { base: vec![0.0; thresholds.len() + 1], thresholds, carry, stops, slots: Vec::new() }
+        Self { base: vec![0.0; thresholds.len() + 1], thresholds, carry, stops, slots: Vec::new(), ease: Arc::default() }
     }
 
     /// This model with one more effect, in its place in the chain.
@@ -186,6 +190,9 @@ impl Model {
                 weigh(columns, &weights, before, &mut added);
                 columns.at_sensor = added;
             }
+        }
+        for column in self.ease.get(run.index).into_iter().flatten() {
+            columns.push(true, |sample| column[sample]);
         }
     }
 

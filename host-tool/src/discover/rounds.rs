@@ -132,9 +132,10 @@ impl Bench<'_> {
         let before = self.selecting_blocks(base);
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
-        let started = in_parallel(&forms, self.threads, |form| search::start_form(base, *form, Order::Usual, self.session, &residual));
+        let eased = search::eased(base, self.session);
+        let started = in_parallel(&forms, self.threads, |form| search::start_form(&eased, *form, Order::Usual, self.session, &residual));
         let started: Vec<Started> = started.into_iter().flatten().collect();
-        let was = search::screened(base, self.session);
+        let was = search::screened(&eased, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
         let broad = |started: &&Started| !started.form.discrete();
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);

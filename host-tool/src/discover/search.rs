@@ -1,5 +1,7 @@
 //! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates, weights solved inside.
 
+use std::sync::Arc;
+
 use super::catalogue::{Form, Parameter};
 use super::model::{Model, Order, Scope, Slot};
 use super::rounds;
@@ -177,6 +179,32 @@ pub struct Started {
     pub square: f64,
 }
 
+/// `model` with further columns that let its effects' parameters give way to first order: what its output changes by with a tenth of a
+/// first step of each. Beside them an effect is judged by what it takes away when those that are there already are fitted again.
+#[must_use]
+pub fn eased(model: &Model, session: &Session) -> Model {
+    const STEP: f64 = 0.1;
+    let axes = axes(model);
+    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
+    let indices = (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot));
+    let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); session.runs.len()];
+    let centre = inward(&axes, &line);
+    for index in indices {
+        let at = |step: f64| {
+            let mut point = centre.clone();
+            point[index] += step;
+            let mut moved = model.clone();
+            place(&mut moved, &outward(&axes, &point));
+            moved
+        };
+        let (less, more) = (at(-STEP), at(STEP));
+        for (run, columns) in session.runs.iter().zip(&mut columns) {
+            columns.push(more.predict(run).iter().zip(less.predict(run)).map(|(more, less)| more - less).collect());
+        }
+    }
+    Model { ease: Arc::new(columns), ..model.clone() }
+}
+
 /// Mean square that `base` leaves of the samples that [`start_form`] looks at.
 #[must_use]
 pub fn screened(base: &Model, session: &Session) -> f64 {
@@ -216,7 +244,9 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
             }
         }
     }
-    tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))
+    let mut best = tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))?;
+    best.model.ease = Arc::default();
+    Some(best)
 }
 
 /// Starts from which a walk across a narrow valley begins.
@@ -376,4 +406,34 @@ fn inverse_diagonal(matrix: &[f64], n: usize, axis: usize) -> Option<f64> {
         }
     }
     Some(right[axis] / left[axis * n + axis])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::effects::pneumatic_lag;
+    use crate::rig::{self, CaseConfig, Generator};
+
+    #[test]
+    fn columns_that_ease_a_model_take_away_what_a_wrong_parameter_leaves() {
+        let effects = vec!["pneumatic-lag".to_owned()];
+        let case = rig::hide(&CaseConfig { effects, seed: 562, noise: 0.0, generator: Generator::Rival, ..CaseConfig::default() });
+        let case = case.expect("a case");
+        let session = Session::new(&case.recordings[..6], &[]).expect("a session");
+        let lagging = |time_s: f64| {
+            let mut model = Model::baseline(case.truth.continuous, false).with(pneumatic_lag::FORMS[0], vec![time_s]);
+            model.fit(&session, Scope::Screen);
+            model
+        };
+        let right = polish(&lagging(case.truth.parameters["pneumatic-lag.time_constant_s"]), &session, Scope::Screen, 40).model;
+        let wrong = lagging(1.1 * right.slots[0].parameters[0]);
+        let eased = eased(&wrong, &session);
+        let [of_right, of_wrong, of_eased] = [&right, &wrong, &eased].map(|model| screened(model, &session));
+        assert!(of_wrong > 2.0 * of_right, "{of_wrong} is no more than {of_right}");
+        // Not all: weights that may not be negative give way to one side only.
+        assert!(of_wrong - of_eased > 0.5 * (of_wrong - of_right), "{of_wrong} to {of_eased}, and {of_right} with the right one");
+        // They have no say in what it predicts.
+        let run = &session.runs[0];
+        assert_eq!(eased.predict(run), wrong.predict(run));
+    }
 }
