@@ -14,6 +14,9 @@ use super::{Candidate, DiscoverConfig, RunnerUp, tail};
 /// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
 pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
 
+/// What goes on by itself while the input rests.
+const RHYTHM: &str = "periodic-disturbance";
+
 /// What the search hands on to the verdict.
 #[derive(Default)]
 pub struct Found {
@@ -117,6 +120,20 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
                 break;
             }
             count = now;
+        }
+    }
+    // A slow rhythm is at rest too, and passes for noise until it is told.
+    let count = standing.model.slots.len() - owned.len();
+    if (1..most_effects).contains(&count)
+        && standing.model.names().all(|name| name != RHYTHM)
+        && noise::may_hold_a_rhythm(session, &standing.fine.residuals(session))
+    {
+        let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
+        let of_rhythms = Bench { session, forms, threads: bench.threads };
+        let least = least_further(session, &bare, &standing);
+        let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
+        if let Some(best) = with_rhythm.filter(|best| best.pays(&standing, least)) {
+            standing = without_idle(bench, &bare, best, &owned);
         }
     }
     let alike = alike::compare(bench, standing, &owned);

@@ -44,16 +44,11 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
             count_of_stretches += 1.0;
         }
     }
-    let fast = || {
-        let mut floors: Vec<f64> = residual.iter().map(|values| fast_noise(values)).collect();
-        floors.sort_by(f64::total_cmp);
-        floors[floors.len() / 2]
-    };
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
-    let over_fast = (sum / count).sqrt() / fast().max(1e-30);
+    let over_fast = (sum / count).sqrt() / fast_part(residual).max(1e-30);
     if count < ENOUGH_REST as f64 || (slow.is_there() && over_fast > 2.0) || (slow.swings() && over_fast > 1.3) {
-        return with_step(fast().powi(2)).sqrt();
+        return with_step(fast_part(residual).powi(2)).sqrt();
     }
     let of_lines = lines.share();
     // A line's correlation is not the noise's.
@@ -65,6 +60,22 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
     with_step(sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
+}
+
+/// Whether what counts as noise may hold a rhythm: it is louder than its fast part, as coloured noise is and as a slow rhythm makes it.
+#[must_use]
+pub fn may_hold_a_rhythm(session: &Session, residual: &[Vec<f64>]) -> bool {
+    floor(session, residual).powi(2) > LOUDER_THAN_FAST * fast_part(residual).powi(2)
+}
+
+/// Mean square of the noise over that of its fast part that a rhythm of half the noise adds to it.
+const LOUDER_THAN_FAST: f64 = 1.2;
+
+/// Standard deviation of the fast part, the median over all recordings.
+fn fast_part(residual: &[Vec<f64>]) -> f64 {
+    let mut floors: Vec<f64> = residual.iter().map(|values| fast_noise(values)).collect();
+    floors.sort_by(f64::total_cmp);
+    floors[floors.len() / 2]
 }
 
 /// Fewest samples of rest that tell the noise.
@@ -211,7 +222,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    use super::{Lines, floor};
+    use super::{Lines, floor, may_hold_a_rhythm};
     use crate::discover::session::Session;
     use crate::recording::{Recording, Signal};
 
@@ -263,5 +274,34 @@ mod tests {
         assert!(session.runs.iter().all(|run| run.rest.is_empty()));
         let found = floor(&session, &of_noise);
         assert!((found - 1.0).abs() < 0.12, "{found} instead of 1");
+    }
+
+    #[test]
+    fn a_slow_rhythm_at_rest_is_suspected_and_white_noise_is_not() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        // Two seconds of rest in each recording.
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (PI * (time - 2.0_f64).max(0.0)).cos()).collect();
+        let recording = |_| {
+            Recording::new(
+                Path::new("run.csv"),
+                Signal::pressure_bar(),
+                Signal::displacement_mm(),
+                time_s.clone(),
+                input.clone(),
+                input.clone(),
+            )
+            .expect("a recording")
+        };
+        let session = Session::new(&(0..8).map(recording).collect::<Vec<_>>(), &[]).expect("a session");
+        let white: Vec<Vec<f64>> = (0..8).map(|_| noise(&mut rng, 0.0, 1000)).collect();
+        // 0.9 Hz, as much energy as the noise: less than two periods in a stretch of rest, and the floor counts it as noise.
+        let beat = |(run, values): (usize, &Vec<f64>)| -> Vec<f64> {
+            let at = |time: &f64| 1.4 * (2.0 * PI * 0.9 * (time + 24.7 * run as f64)).sin();
+            values.iter().zip(&time_s).map(|(value, time)| value + at(time)).collect()
+        };
+        let with_rhythm: Vec<Vec<f64>> = white.iter().enumerate().map(beat).collect();
+        assert!(!may_hold_a_rhythm(&session, &white), "white noise passes for a rhythm");
+        assert!(may_hold_a_rhythm(&session, &with_rhythm), "a floor of {} holds the rhythm", floor(&session, &with_rhythm));
     }
 }

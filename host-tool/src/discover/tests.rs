@@ -100,6 +100,19 @@ fn names_two_effects_where_the_best_single_one_is_neither() {
 }
 
 #[test]
+fn names_a_slow_rhythm_that_passes_for_noise_beside_a_dead_time() {
+    // 0.91 Hz, of one and a half times the noise's energy: at rest it raises what counts as noise to all that the dead time leaves.
+    let case = case(&["periodic-disturbance", "dead-time"], 1302, 0.005);
+    let config = DiscoverConfig { most_effects: 2, ..DiscoverConfig::default() };
+    let discovery = discover(&case.recordings, &case.kept_out, &config).expect("a finding").discovery;
+    let named: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+    assert_eq!(named, ["dead-time", "periodic-disturbance"], "{discovery:?}");
+    let frequency_hz = discovery.effects[1].parameters["frequency_hz"];
+    assert!((frequency_hz / case.truth.parameters["periodic-disturbance.frequency_hz"] - 1.0).abs() < 0.01, "{frequency_hz}");
+    assert!((discovery.noise_floor / case.truth.noise_mm - 1.0).abs() < 0.05, "{}", discovery.noise_floor);
+}
+
+#[test]
 fn operators_that_remember_remember_what_a_slow_valve_made_of_earlier_recordings() {
     let hidden = |seed| {
         let effects = vec!["pneumatic-lag".to_owned()];
