@@ -242,10 +242,9 @@ pub fn discover_from(
     let mut found = search.found;
     let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     // What makes recordings worse that it has not seen is no part of an explanation.
-    if owned == 0 && discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
-        after = before.clone();
-        found.order.clear();
-        found.jump_scatter = None;
+    while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
+        let Some(fewer) = verdict::without_the_least(&session, &before, &after, &mut found) else { break };
+        after = fewer;
         discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     }
     discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);

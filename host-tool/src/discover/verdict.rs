@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::find::Found;
-use super::model::Model;
+use super::find::{Found, POLISH};
+use super::model::{Model, Scope};
 use super::noise;
 use super::rounds;
 use super::search;
@@ -82,6 +82,24 @@ fn rmse(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
         }
     }
     (sum / count.max(1.0)).sqrt()
+}
+
+/// `model` without the effect that is missed least of those found, which `found` then no longer tells; the others' parameters are fitted
+/// again. `bare` is the model without any effect. Nothing when nothing was found.
+pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: &mut Found) -> Option<Model> {
+    let least = found.order.pop()?;
+    let mut slots = model.slots.clone();
+    slots.retain(|slot| slot.form.name() != least);
+    if !slots.iter().any(|slot| slot.form.jumps().is_some()) {
+        found.jump_scatter = None;
+    }
+    if slots.is_empty() {
+        return Some(bare.clone());
+    }
+    let coarse = Model { slots, ..Model::baseline(model.carry, model.stops) };
+    let mut fewer = search::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
+    fewer.fit_all(session);
+    Some(fewer.pruned())
 }
 
 /// The verdict and the figures; the model had `owned` effects before the search.
