@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+pub use super::columns::Columns;
 use super::effects;
 use super::jumps::Drive;
 use super::session::{Run, Session};
@@ -94,42 +95,6 @@ impl Habit {
     }
 }
 
-/// Columns of the linear part for one recording: sample after sample of one column, then the next.
-#[derive(Debug, Default)]
-pub struct Columns {
-    /// Values, column by column.
-    pub values: Vec<f64>,
-    /// Samples of a column.
-    pub samples: usize,
-    /// Whether each column's weight may be negative.
-    pub free: Vec<bool>,
-    /// The input as the muscle is told it, by everything that the model puts before it.
-    pub command: Vec<f64>,
-    /// What the sensor's effects add to the output by their last weights.
-    pub at_sensor: Vec<f64>,
-}
-
-impl Columns {
-    /// Column of this index.
-    #[must_use]
-    pub fn column(&self, index: usize) -> &[f64] {
-        &self.values[index * self.samples..(index + 1) * self.samples]
-    }
-
-    /// Adds a column made from a value per sample.
-    pub fn push(&mut self, free: bool, value: impl FnMut(usize) -> f64) {
-        self.values.extend((0..self.samples).map(value));
-        self.free.push(free);
-    }
-
-    /// Replaces every column by what `filter` makes of it.
-    pub fn filter(&mut self, mut filter: impl FnMut(&mut [f64])) {
-        for column in self.values.chunks_exact_mut(self.samples) {
-            filter(column);
-        }
-    }
-}
-
 /// Where in the chain a form acts, in the order of the signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Place {
@@ -207,13 +172,18 @@ pub trait Form: Sync {
     fn feels_sensor(&self) -> bool {
         false
     }
+    /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
+    /// all of them does not, and the operators' columns are kept while such a form is searched.
+    fn leads_operators(&self) -> bool {
+        self.place() <= Place::Operators || self.jumps().is_some()
+    }
     /// Whether it needs the model's own output.
     fn needs_sum(&self) -> bool {
         false
     }
-    /// Changes the input path.
+    /// Changes the input path, if it [leads the operators](Self::leads_operators).
     fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
-    /// Changes the operators.
+    /// Changes the operators, if it [leads them](Self::leads_operators).
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}

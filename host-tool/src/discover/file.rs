@@ -267,9 +267,9 @@ impl DiscoveredModel {
         let slot = model.slots.iter().find(|slot| slot.form.name() == effect.name).ok_or_else(|| effect.name.clone())?;
         let run = Run { session_s: vec![self.session_s], ..self.run(&[self.input_offset]) };
         let of = |sum: f64| {
-            let mut columns = Columns { samples: 1, ..Columns::default() };
+            let mut columns = Columns::of(1);
             slot.form.output(&slot.parameters, &run, &[sum], &mut columns);
-            sum + columns.values.iter().zip(&slot.weights).map(|(value, weight)| value * weight).sum::<f64>()
+            sum + columns.added().values.iter().zip(&slot.weights).map(|(value, weight)| value * weight).sum::<f64>()
         };
         Ok((of(1.0) - of(0.0), of(0.0)))
     }

@@ -7,6 +7,7 @@
 
 mod alike;
 pub mod catalogue;
+mod columns;
 pub mod corpus;
 mod diagnosis;
 pub mod effects;
@@ -20,6 +21,7 @@ mod least_squares;
 mod mask;
 mod model;
 mod noise;
+mod operators;
 mod pairs;
 pub mod physics;
 pub mod plan;
@@ -29,6 +31,7 @@ mod session;
 mod turning;
 mod verdict;
 pub mod whereabouts;
+mod workspace;
 
 use std::collections::BTreeMap;
 

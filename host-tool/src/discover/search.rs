@@ -6,6 +6,7 @@ use super::catalogue::{Form, Parameter};
 use super::model::{Model, Order, Scope, Slot};
 use super::rounds;
 use super::session::Session;
+use super::workspace::Workspace;
 
 /// A fitted candidate.
 #[derive(Clone)]
@@ -74,9 +75,9 @@ fn place(model: &mut Model, values: &[f64]) {
 }
 
 /// Mean square of the fitted samples with the weights solved for and the model's own output as it is.
-fn objective(model: &Model, session: &Session, scope: Scope) -> f64 {
-    let sums = model.sums(session, scope);
-    let weights = sums.fit.solve(&sums.free);
+fn objective(model: &Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 {
+    let sums = workspace.sums(model, scope);
+    let weights = sums.fit.solve(&sums.free, &model.weights());
     sums.fit.mean_square(&weights)
 }
 
@@ -96,8 +97,9 @@ pub struct Effort {
 /// Improves the parameters at `indices` (on the line of all parameters) from where they are.
 pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: Effort) -> f64 {
     let Effort { scope, size, evaluations, spread: enough } = effort;
+    let mut workspace = Workspace::new(session);
     if indices.is_empty() {
-        return objective(model, session, scope);
+        return objective(model, &mut workspace, scope);
     }
     let all = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
@@ -112,7 +114,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
             values[index] = value;
         }
         place(&mut trial, &values);
-        objective(&trial, session, scope)
+        objective(&trial, &mut workspace, scope)
     };
     let n = begin.len();
     let mut points: Vec<(f64, Vec<f64>)> = vec![(evaluate(&begin, &mut spent), begin.clone())];
@@ -208,28 +210,29 @@ pub fn eased(model: &Model, session: &Session) -> Model {
 /// Mean square that `base` leaves of the samples that [`start_form`] looks at.
 #[must_use]
 pub fn screened(base: &Model, session: &Session) -> f64 {
-    objective(base, session, Scope::Screen)
+    objective(base, &mut Workspace::new(session), Scope::Screen)
 }
 
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
 #[must_use]
 pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
-    let look = |start: Vec<f64>| {
+    let mut workspace = Workspace::new(session);
+    let mut look = |start: Vec<f64>| {
         let mut model = base.with_in(order, form, start.clone());
         let square = if form.discrete() {
-            let sums = model.sums(session, Scope::Both);
-            let weights = sums.fit.solve(&sums.free);
+            let sums = workspace.sums(&model, Scope::Both);
+            let weights = sums.fit.solve(&sums.free, &model.weights());
             0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
         } else if form.needs_sum() {
             // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
             // what remains once the weights have given that back.
-            model.fit(session, Scope::Screen).0
+            model.fit_in(&mut workspace, Scope::Screen).0
         } else {
-            objective(&model, session, Scope::Screen)
+            objective(&model, &mut workspace, Scope::Screen)
         };
         (Started { model, form, square }, start)
     };
-    let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(look).collect();
+    let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(&mut look).collect();
     tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
     if let Some(across) = form.across() {
         // The valley is narrower than the grid, and the best point of the grid need not lie in the deepest: a walk across from a few.
@@ -296,10 +299,11 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
     let limits = form.parameters()[parameter];
     let centre = model.slots[slot].parameters[parameter];
     let mut best = (f64::MAX, centre);
+    let mut workspace = Workspace::new(session);
     for place in -ACROSS..=ACROSS {
         let value = (centre * (f64::from(place) * stride * form.step(parameter)).exp()).clamp(limits.low, limits.high);
         model.slots[slot].parameters[parameter] = value;
-        let square = objective(model, session, Scope::Screen);
+        let square = objective(model, &mut workspace, Scope::Screen);
         if square < best.0 {
             best = (square, value);
         }
@@ -347,6 +351,7 @@ pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) 
         return result;
     }
     let mut trial = model.clone();
+    let mut workspace = Workspace::new(session);
     let centre = inward(&axes, &line);
     let mut value = |moves: &[(usize, f64)]| {
         let mut point = centre.clone();
@@ -354,7 +359,7 @@ pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) 
             point[searched[axis]] += step;
         }
         place(&mut trial, &outward(&axes, &point));
-        objective(&trial, session, Scope::Fit)
+        objective(&trial, &mut workspace, Scope::Fit)
     };
     let here = value(&[]);
     let mut curvature = vec![0.0; n * n];

@@ -207,7 +207,7 @@ mod tests {
             }
             let mut columns = Columns::default();
             model.columns(run, &mut columns);
-            columns.column(1).to_vec()
+            columns.column(1)
         };
         let (plain, unloading, loading) = (operator(&[]), operator(&[(&GROWS_UNLOADING, 2.0)]), operator(&[(&GROWS_LOADING, 2.0)]));
         // Half way up (2.5 s) and half way down (7.5 s): the threshold there is twice as wide on the branch that grows.

@@ -119,7 +119,7 @@ mod tests {
         let session = Session::new(&recordings, &[]).expect("a session");
         let virgin_part = |form: &dyn Form, run: usize, sample: usize| {
             let run = &session.runs[run];
-            let mut columns = Columns { samples: run.input.len(), ..Columns::default() };
+            let mut columns = Columns::of(run.input.len());
             form.output(&[4.0], run, &vec![1.0; run.input.len()], &mut columns);
             columns.column(0)[sample]
         };

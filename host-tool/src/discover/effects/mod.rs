@@ -24,6 +24,8 @@ pub mod stick_slip;
 pub mod supply_saturation;
 pub mod valve_dead_band;
 
+use super::columns::Filter;
+
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
     let ratio = period_s / time_constant_s.max(1e-6);
@@ -32,16 +34,35 @@ fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
     (keep, 1.0 - mean, mean - keep)
 }
 
+/// A first-order lag that starts settled.
+struct Lag {
+    keep: f64,
+    now: f64,
+    before: f64,
+}
+
+impl Lag {
+    fn new(time_constant_s: f64, period_s: f64) -> Self {
+        let (keep, now, before) = lag_coefficients(time_constant_s, period_s);
+        Self { keep, now, before }
+    }
+}
+
+impl Filter<2> for Lag {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        *state = self.keep * *state + self.now * value + self.before * *last;
+        *last = value;
+        *state
+    }
+}
+
 /// Sends `signal` through a first-order lag that starts settled.
 fn lag(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
-    let (keep, now, before) = lag_coefficients(time_constant_s, period_s);
-    let mut state = signal[0];
-    let mut last = signal[0];
-    for value in signal {
-        state = keep * state + now * *value + before * last;
-        last = *value;
-        *value = state;
-    }
+    Lag::new(time_constant_s, period_s).run(signal);
 }
 
 /// Delays `signal` by `delay(index)` samples, which may be negative or fractional; a cubic that does not overshoot its neighbours.

@@ -3,7 +3,7 @@
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::{ladder, lag};
+use super::{Lag, ladder, lag};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Command, &Sensor, &TwoPoles, &TwoPolesBehind];
@@ -53,7 +53,7 @@ impl Form for Sensor {
         ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(|column| lag(column, parameters[0], run.period_s));
+        columns.filter(&Lag::new(parameters[0], run.period_s));
     }
 }
 
@@ -104,9 +104,7 @@ impl Form for TwoPolesBehind {
         starts_of_two()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(|column| {
-            lag(column, parameters[0], run.period_s);
-            lag(column, parameters[1], run.period_s);
-        });
+        columns.filter(&Lag::new(parameters[0], run.period_s));
+        columns.filter(&Lag::new(parameters[1], run.period_s));
     }
 }

@@ -4,6 +4,7 @@
 use std::f64::consts::PI;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
 use super::ladder;
@@ -18,26 +19,60 @@ struct Pressure;
 const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
 const DAMPING: Parameter = Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true };
 
-/// Sends `signal` through a swinging mass; exact for straight lines between samples.
-fn swing(signal: &mut [f64], frequency_hz: f64, damping: f64, period_s: f64) {
-    let omega = 2.0 * PI * frequency_hz;
-    let damped = omega * (1.0 - damping * damping).max(1e-6).sqrt();
-    let decay = (-damping * omega * period_s).exp();
-    let (sine, cosine) = (damped * period_s).sin_cos();
-    let ratio = damping * omega / damped;
-    let position = (decay * (cosine + ratio * sine), decay * sine / damped);
-    let speed = (-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine));
-    let mut place = signal[0];
-    let mut rate = 0.0;
-    let mut last = signal[0];
-    for value in signal {
-        let slope = (*value - last) / period_s;
-        let behind = 2.0 * damping / omega * slope;
-        let (off, off_rate) = (place - (last - behind), rate - slope);
-        place = position.0 * off + position.1 * off_rate + *value - behind;
-        rate = speed.0 * off + speed.1 * off_rate + slope;
-        last = *value;
-        *value = place;
+/// A swinging mass that starts at rest; exact for straight lines between samples.
+struct Swing {
+    position: [f64; 2],
+    speed: [f64; 2],
+    /// How far it is behind a command of this slope, s.
+    behind_s: f64,
+    period_s: f64,
+}
+
+impl Swing {
+    fn new(frequency_hz: f64, damping: f64, period_s: f64) -> Self {
+        let omega = 2.0 * PI * frequency_hz;
+        let damped = omega * (1.0 - damping * damping).max(1e-6).sqrt();
+        let decay = (-damping * omega * period_s).exp();
+        let (sine, cosine) = (damped * period_s).sin_cos();
+        let ratio = damping * omega / damped;
+        Self {
+            position: [decay * (cosine + ratio * sine), decay * sine / damped],
+            speed: [-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine)],
+            behind_s: 2.0 * damping / omega,
+            period_s,
+        }
+    }
+}
+
+impl Filter<3> for Swing {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        [first, 0.0, first]
+    }
+    #[inline(always)]
+    fn step(&self, [place, rate, last]: &mut [f64; 3], value: f64) -> f64 {
+        let slope = (value - *last) / self.period_s;
+        let behind = self.behind_s * slope;
+        let (off, off_rate) = (*place - (*last - behind), *rate - slope);
+        *place = self.position[0] * off + self.position[1] * off_rate + value - behind;
+        *rate = self.speed[0] * off + self.speed[1] * off_rate + slope;
+        *last = value;
+        *place
+    }
+}
+
+/// A mass of which the sensor sees a share only.
+struct Part {
+    swing: Swing,
+    share: f64,
+}
+
+impl Filter<3> for Part {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        self.swing.begin(first)
+    }
+    #[inline(always)]
+    fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
+        value + self.share * (self.swing.step(memory, value) - value)
     }
 }
 
@@ -63,7 +98,7 @@ impl Form for Tip {
         places()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(|column| swing(column, parameters[0], parameters[1], run.period_s));
+        columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
     }
 }
 
@@ -84,13 +119,7 @@ impl Form for PartOfTip {
         ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(|column| {
-            let still = column.to_vec();
-            swing(column, parameters[0], parameters[1], run.period_s);
-            for (value, still) in column.iter_mut().zip(still) {
-                *value = still + parameters[2] * (*value - still);
-            }
-        });
+        columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
     }
 }
 
@@ -112,6 +141,6 @@ impl Form for Pressure {
         places()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        swing(path, parameters[0], parameters[1], run.period_s);
+        Swing::new(parameters[0], parameters[1], run.period_s).run(path);
     }
 }
