@@ -31,7 +31,9 @@ impl Rows {
 
     /// Adds a column with a value per sample.
     fn push(&mut self, samples: usize, mut value: impl FnMut(usize) -> f64) {
-        if self.count == self.stride {
+        if self.stride == 0 {
+            self.shape(samples, 0, SIDE);
+        } else if self.count == self.stride {
             let stride = self.stride + SIDE;
             let mut values = vec![0.0; samples * stride];
             for (wide, narrow) in values.chunks_exact_mut(stride).zip(self.values.chunks_exact(self.stride.max(1))) {
@@ -150,7 +152,7 @@ impl Columns {
         Self { samples, ..Self::default() }
     }
 
-    /// Begins anew with so many operators, which `write` puts into the first columns and may write [`SIDE`] at a time; behind them come the
+    /// Begins anew with so many operators, which `write` puts into the first columns, as many at a time as it likes; behind them come the
     /// constant and the measured output.
     pub fn begin(&mut self, operators: usize, output: &[f64], write: impl FnOnce(&mut Rows)) {
         self.samples = output.len();

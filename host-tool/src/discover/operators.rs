@@ -3,7 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::catalogue::Habit;
-use super::columns::{Rows, SIDE};
+use super::columns::Rows;
 use super::turning::between_samples;
 
 /// What a bank of operators is led along.
@@ -21,7 +21,8 @@ pub struct Lead<'a> {
 /// What an operator's threshold is multiplied by, what is added to it, and by what its multiple is larger on the unloading branch.
 type Gap = [f64; 3];
 
-/// Writes the operators of these thresholds into the first columns of `rows`, [`SIDE`] at a time: what follows them is overwritten.
+/// Writes the operators of these thresholds into the first columns of `rows`, as many at a time as the processor takes: what follows
+/// them is overwritten.
 pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     let turns = between_samples(lead.path);
     let (before, now) = if lead.habit.is_plain() {
@@ -29,137 +30,151 @@ pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     } else {
         (gaps(lead.history, lead.habit, None, &[]), gaps(lead.path, lead.habit, Some(lead.period_s), &turns))
     };
-    Arch::new().dispatch(Writing { thresholds, lead, turns: &turns, before: &before, now: &now, rows });
+    let mut padded = thresholds.to_vec();
+    padded.resize(rows.stride, 0.0);
+    Arch::new().dispatch(Writing { thresholds: &padded, lead, turns: &turns, before: &before, now: &now, rows });
 }
 
-/// Writes a bank, a few operators at a time.
+/// Writes a bank; the thresholds are as many as there are places in a row.
 struct Writing<'a> {
     thresholds: &'a [f64],
     lead: &'a Lead<'a>,
-    turns: &'a [(usize, f64)],
-    before: &'a [Gap],
-    now: &'a [Gap],
-    rows: &'a mut Rows,
-}
-
-impl WithSimd for Writing<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let Self { thresholds, lead, turns, before, now, rows } = self;
-        for (group, thresholds) in thresholds.chunks(SIDE).enumerate() {
-            let mut lanes = [0.0; SIDE];
-            lanes[..thresholds.len()].copy_from_slice(thresholds);
-            let side = Side { lead, thresholds: &lanes, turns, before, now };
-            let mut state = side.begin();
-            let from = group * SIDE;
-            let write = |row: &mut [f64], state: &[f64; SIDE]| row[from..from + SIDE].copy_from_slice(state);
-            if lead.habit.viscous_s > 0.0 {
-                side.follow_late(&mut state, rows, write);
-            } else {
-                side.follow(&mut state, rows, write);
-            }
-        }
-    }
-}
-
-/// A few operators.
-struct Side<'a> {
-    lead: &'a Lead<'a>,
-    thresholds: &'a [f64; SIDE],
     turns: &'a [(usize, f64)],
     /// Gaps at the turning points before the recording; empty for plain operators.
     before: &'a [Gap],
     /// Gaps at the samples; empty for plain operators.
     now: &'a [Gap],
+    rows: &'a mut Rows,
 }
 
-impl Side<'_> {
-    /// Where the recordings before have left them.
-    #[inline(always)]
-    fn begin(&self) -> [f64; SIDE] {
-        let mut state = [0.0; SIDE];
-        for (at, &value) in self.lead.history.iter().enumerate() {
-            self.play(&mut state, value, self.before.get(at));
-        }
-        state
-    }
+/// Vectors of operators side by side, where there are enough.
+const VECTORS: usize = 4;
 
-    /// One step of plain operators, or of ones whose thresholds are changed by `gap`.
+impl WithSimd for Writing<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn play(&self, state: &mut [f64; SIDE], value: f64, gap: Option<&Gap>) {
-        match gap {
-            None => {
-                for (state, threshold) in state.iter_mut().zip(self.thresholds) {
-                    *state = between(value - threshold, *state, value + threshold);
-                }
-            }
-            Some(&[factor, extra, unloading]) => {
-                for (state, threshold) in state.iter_mut().zip(self.thresholds) {
-                    let gap = greater(factor * threshold + extra, 0.0);
-                    *state = between(value - gap, *state, value + greater(gap + unloading * threshold, 0.0));
-                }
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let vectors = self.thresholds.len() / S::F64_LANES;
+        let mut first = 0;
+        while first < vectors {
+            if vectors - first >= VECTORS {
+                self.side::<S, VECTORS>(simd, first);
+                first += VECTORS;
+            } else {
+                self.side::<S, 1>(simd, first);
+                first += 1;
             }
         }
     }
+}
 
-    /// Operators that are at their bounds as soon as these have reached them.
+impl Writing<'_> {
+    /// Writes `N` vectors of operators.
     #[inline(always)]
-    fn follow(&self, state: &mut [f64; SIDE], rows: &mut Rows, write: impl Fn(&mut [f64], &[f64; SIDE])) {
-        let stride = rows.stride;
+    fn side<S: Simd, const N: usize>(&mut self, simd: S, first: usize) {
+        let Lead { history, path, habit, .. } = *self.lead;
+        let (thresholds, _) = S::as_simd_f64s(self.thresholds);
+        let side = Side { simd, lead: self.lead, thresholds: std::array::from_fn::<_, N, _>(|at| thresholds[first + at]) };
+        let mut state = [simd.splat_f64s(0.0); N];
+        for (at, &value) in history.iter().enumerate() {
+            side.play(&mut state, value, self.before.get(at));
+        }
+        let stride = self.rows.stride;
+        let write = |row: &mut [f64], state: &[S::f64s; N]| {
+            let (row, _) = S::as_mut_simd_f64s(row);
+            row[first..first + N].copy_from_slice(state);
+        };
+        if habit.viscous_s > 0.0 {
+            for (sample, row) in self.rows.values.chunks_exact_mut(stride).enumerate() {
+                side.follow_late(&mut state, sample, self.now.get(sample));
+                write(row, &state);
+            }
+            return;
+        }
         let mut from = 0;
-        for &(to, turn) in self.turns.iter().chain(&[(self.lead.path.len(), f64::NAN)]) {
-            for ((sample, value), row) in
-                (from..to).zip(&self.lead.path[from..to]).zip(rows.values[from * stride..].chunks_exact_mut(stride))
-            {
-                self.play(state, *value, self.now.get(sample));
-                write(row, state);
+        for &(to, turn) in self.turns.iter().chain(&[(path.len(), f64::NAN)]) {
+            let rows = self.rows.values[from * stride..to * stride].chunks_exact_mut(stride);
+            for ((sample, &value), row) in (from..to).zip(&path[from..to]).zip(rows) {
+                side.play(&mut state, value, self.now.get(sample));
+                write(row, &state);
             }
-            if to < self.lead.path.len() {
+            if to < path.len() {
                 // They are still on the stroke that ends there, at its rate.
-                self.play(state, turn, self.now.get(to - 1));
+                side.play(&mut state, turn, self.now.get(to - 1));
             }
             from = to;
         }
     }
+}
 
-    /// Operators that follow their bounds late.
+/// A few vectors of operators.
+struct Side<'a, S: Simd, const N: usize> {
+    simd: S,
+    lead: &'a Lead<'a>,
+    thresholds: [S::f64s; N],
+}
+
+impl<S: Simd, const N: usize> Side<'_, S, N> {
+    /// One step of plain operators, or of ones whose thresholds are changed by `gap`.
     #[inline(always)]
-    fn follow_late(&self, state: &mut [f64; SIDE], rows: &mut Rows, write: impl Fn(&mut [f64], &[f64; SIDE])) {
-        let Lead { path, habit, period_s, .. } = *self.lead;
-        let share = 1.0 - (-period_s / habit.viscous_s).exp();
-        for ((sample, &value), row) in path.iter().enumerate().zip(rows.values.chunks_exact_mut(rows.stride)) {
-            let gap = self.now.get(sample);
-            if sample == 0 {
-                self.play(state, value, gap);
-            } else if habit.stiffening > 0.0 {
-                self.stiffening(state, [path[sample - 1], value], gap);
-            } else {
-                let mut bound = *state;
-                self.play(&mut bound, value, gap);
-                for (state, bound) in state.iter_mut().zip(bound) {
-                    *state += share * (bound - *state);
-                }
+    fn play(&self, state: &mut [S::f64s; N], value: f64, gap: Option<&Gap>) {
+        let simd = self.simd;
+        let value = simd.splat_f64s(value);
+        let Some(gap) = gap else {
+            for (state, &threshold) in state.iter_mut().zip(&self.thresholds) {
+                let raised = simd.max_f64s(simd.sub_f64s(value, threshold), *state);
+                *state = simd.min_f64s(simd.add_f64s(value, threshold), raised);
             }
-            write(row, state);
+            return;
+        };
+        let [factor, extra, unloading] = gap.map(|part| simd.splat_f64s(part));
+        let zero = simd.splat_f64s(0.0);
+        for (state, &threshold) in state.iter_mut().zip(&self.thresholds) {
+            let gap = simd.max_f64s(simd.add_f64s(simd.mul_f64s(factor, threshold), extra), zero);
+            let wide = simd.max_f64s(simd.add_f64s(gap, simd.mul_f64s(unloading, threshold)), zero);
+            let raised = simd.max_f64s(simd.sub_f64s(value, gap), *state);
+            *state = simd.min_f64s(simd.add_f64s(value, wide), raised);
+        }
+    }
+
+    /// One sample of operators that follow their bounds late.
+    #[inline(always)]
+    fn follow_late(&self, state: &mut [S::f64s; N], sample: usize, gap: Option<&Gap>) {
+        let Lead { path, habit, period_s, .. } = *self.lead;
+        let simd = self.simd;
+        if sample == 0 {
+            self.play(state, path[0], gap);
+        } else if habit.stiffening > 0.0 {
+            self.stiffening(state, [path[sample - 1], path[sample]], gap);
+        } else {
+            let share = simd.splat_f64s(1.0 - (-period_s / habit.viscous_s).exp());
+            let mut bound = *state;
+            self.play(&mut bound, path[sample], gap);
+            for (state, bound) in state.iter_mut().zip(bound) {
+                *state = simd.add_f64s(*state, simd.mul_f64s(share, simd.sub_f64s(bound, *state)));
+            }
         }
     }
 
     /// Operators that follow their bounds at the speed `x / T (1 + (x / E)^2)` for a distance `x`: the first terms of Eyring's law.
     #[inline(always)]
-    fn stiffening(&self, state: &mut [f64; SIDE], [before, now]: [f64; 2], gap: Option<&Gap>) {
+    fn stiffening(&self, state: &mut [S::f64s; N], [before, now]: [f64; 2], gap: Option<&Gap>) {
         let Lead { habit, period_s, .. } = *self.lead;
-        let growth = (2.0 * period_s / LOOKS as f64 / habit.viscous_s).min(700.0).exp();
-        let far = 1.0 / (habit.stiffening * habit.stiffening);
+        let simd = self.simd;
+        let growth = simd.splat_f64s((2.0 * period_s / LOOKS as f64 / habit.viscous_s).min(700.0).exp());
+        let far = simd.splat_f64s(1.0 / (habit.stiffening * habit.stiffening));
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         for look in 1..=LOOKS {
             let mut bound = *state;
             self.play(&mut bound, before + (now - before) * look as f64 / LOOKS as f64, gap);
             for (state, bound) in state.iter_mut().zip(bound) {
-                let size = bound - *state;
+                let size = simd.sub_f64s(bound, *state);
                 // Exact for a bound that stands still. At the bound the quotient is infinite and nothing is left, as it should be.
-                let left = 1.0 / ((1.0 / (size * size) + far) * growth - far).sqrt();
-                *state += size - left.copysign(size);
+                let near = simd.add_f64s(simd.div_f64s(one, simd.mul_f64s(size, size)), far);
+                let left = simd.div_f64s(one, simd.sqrt_f64s(simd.sub_f64s(simd.mul_f64s(near, growth), far)));
+                let left = simd.select_f64s(simd.less_than_f64s(size, zero), simd.sub_f64s(zero, left), left);
+                *state = simd.add_f64s(*state, simd.sub_f64s(size, left));
             }
         }
     }
@@ -167,20 +182,6 @@ impl Side<'_> {
 
 /// Steps of a stiffening operator inside a sample.
 const LOOKS: usize = 2;
-
-/// `state`, or the limit that it is beyond; a comparison and a choice is one instruction where `f64::max`, which minds what is no
-/// number, is several.
-#[inline(always)]
-fn between(low: f64, state: f64, high: f64) -> f64 {
-    let raised = greater(low, state);
-    if high < raised { high } else { raised }
-}
-
-/// The greater of two numbers.
-#[inline(always)]
-fn greater(one: f64, other: f64) -> f64 {
-    if one > other { one } else { other }
-}
 
 /// The gap at every sample of `path`; rates count where there is a sample period.
 fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<Gap> {

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+use pulp::{Arch, Simd, WithSimd};
+
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Role, Run, Session};
 
@@ -57,50 +59,84 @@ impl<'a> Line<'a> {
         (1.0..=12.0).contains(&multiple) && (frequency_hz - multiple * self.own_hz).abs() < resolved_hz.max(0.04 * self.own_hz)
     }
 
-    /// Real and imaginary part of the residual's sums at several frequencies, side by side; the phase is that of the session.
-    fn transform(&self, frequencies_hz: &[f64; SIDE]) -> [[f64; SIDE]; 2] {
-        let each = |value: &dyn Fn(f64) -> f64| -> [f64; SIDE] { std::array::from_fn(|lane| value(2.0 * PI * frequencies_hz[lane])) };
-        let (sine, cosine) = (each(&|w| (w * self.run.period_s).sin()), each(&|w| (w * self.run.period_s).cos()));
-        let (mut im, mut re) = (each(&|w| (w * self.run.session_s[0]).sin()), each(&|w| (w * self.run.session_s[0]).cos()));
-        let mut sums = [[0.0; SIDE]; 2];
-        for value in &self.residual {
-            for lane in 0..SIDE {
-                sums[0][lane] += value * re[lane];
-                sums[1][lane] += value * im[lane];
-                (re[lane], im[lane]) = (re[lane] * cosine[lane] - im[lane] * sine[lane], re[lane] * sine[lane] + im[lane] * cosine[lane]);
-            }
-        }
-        sums
+    /// Real and imaginary part of the residual's sums at these frequencies; the phase is that of the session.
+    fn transform(&self, frequencies_hz: &[f64]) -> [Vec<f64>; 2] {
+        let count = frequencies_hz.len();
+        let of = |time_s: f64| -> [Vec<f64>; 2] {
+            // Whole groups for the processor, whatever comes of the last few.
+            let angles = frequencies_hz.iter().map(|hz| (2.0 * PI * hz * time_s).sin_cos()).chain([(0.0, 1.0); GROUP]);
+            let (sine, cosine): (Vec<f64>, Vec<f64>) = angles.take(count.next_multiple_of(GROUP)).unzip();
+            [cosine, sine]
+        };
+        let turn = of(self.run.period_s);
+        let phase = of(self.run.session_s[0]);
+        let mut sums = [vec![0.0; phase[0].len()], vec![0.0; phase[0].len()]];
+        Arch::new().dispatch(Turning { values: &self.residual, phase: &phase, turn: &turn, sums: &mut sums });
+        sums.map(|mut sums| {
+            sums.truncate(count);
+            sums
+        })
     }
 }
 
-/// Frequencies side by side.
-const SIDE: usize = 8;
+/// Frequencies side by side: four vectors on the widest processors.
+const GROUP: usize = 32;
+/// Vectors of frequencies side by side.
+const VECTORS: usize = 4;
+
+/// Sums of values, each times a phasor (its real parts, then its imaginary ones) that turns from one value to the next.
+struct Turning<'a> {
+    values: &'a [f64],
+    phase: &'a [Vec<f64>; 2],
+    turn: &'a [Vec<f64>; 2],
+    sums: &'a mut [Vec<f64>; 2],
+}
+
+impl WithSimd for Turning<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let lanes = VECTORS * S::F64_LANES;
+        for first in (0..self.phase[0].len()).step_by(lanes) {
+            let group = |of: &[f64]| -> [S::f64s; VECTORS] {
+                let (vectors, _) = S::as_simd_f64s(&of[first..first + lanes]);
+                std::array::from_fn(|at| vectors[at])
+            };
+            let ([mut re, mut im], [cosine, sine]) = (self.phase.each_ref().map(|of| group(of)), self.turn.each_ref().map(|of| group(of)));
+            let mut sums = [[simd.splat_f64s(0.0); VECTORS]; 2];
+            for &value in self.values {
+                let value = simd.splat_f64s(value);
+                for at in 0..VECTORS {
+                    sums[0][at] = simd.add_f64s(sums[0][at], simd.mul_f64s(value, re[at]));
+                    sums[1][at] = simd.add_f64s(sums[1][at], simd.mul_f64s(value, im[at]));
+                    let turned = simd.sub_f64s(simd.mul_f64s(re[at], cosine[at]), simd.mul_f64s(im[at], sine[at]));
+                    im[at] = simd.add_f64s(simd.mul_f64s(re[at], sine[at]), simd.mul_f64s(im[at], cosine[at]));
+                    re[at] = turned;
+                }
+            }
+            for (all, sums) in self.sums.iter_mut().zip(sums) {
+                S::as_mut_simd_f64s(&mut all[first..first + lanes]).0.copy_from_slice(&sums);
+            }
+        }
+    }
+}
 
 /// Power of the residual at every frequency: recordings added without regard to phase, or with it.
 fn powers(lines: &[Line<'_>], frequencies_hz: &[f64], coherent: bool) -> Vec<f64> {
-    let mut all = Vec::with_capacity(frequencies_hz.len());
-    for chunk in frequencies_hz.chunks(SIDE) {
-        let mut lanes = [chunk[0]; SIDE];
-        lanes[..chunk.len()].copy_from_slice(chunk);
-        let mut total = [0.0; SIDE];
-        let mut sums = [[0.0; SIDE]; 2];
-        for line in lines {
-            let [re, im] = line.transform(&lanes);
-            for lane in 0..SIDE {
-                if !line.belongs_to_input(lanes[lane]) {
-                    total[lane] += re[lane] * re[lane] + im[lane] * im[lane];
-                    sums[0][lane] += re[lane];
-                    sums[1][lane] += im[lane];
-                }
+    let mut total = vec![0.0; frequencies_hz.len()];
+    let mut sums = [total.clone(), total.clone()];
+    for line in lines {
+        let [re, im] = line.transform(frequencies_hz);
+        for (at, &frequency_hz) in frequencies_hz.iter().enumerate() {
+            if !line.belongs_to_input(frequency_hz) {
+                total[at] += re[at] * re[at] + im[at] * im[at];
+                sums[0][at] += re[at];
+                sums[1][at] += im[at];
             }
         }
-        if coherent {
-            total = std::array::from_fn(|lane| sums[0][lane].powi(2) + sums[1][lane].powi(2));
-        }
-        all.extend_from_slice(&total[..chunk.len()]);
     }
-    all
+    if coherent { sums[0].iter().zip(&sums[1]).map(|(re, im)| re.powi(2) + im.powi(2)).collect() } else { total }
 }
 
 /// Distance of the lines that a recording can resolve, with some overlap, Hz.
@@ -248,8 +284,9 @@ impl Form for Beat {
 fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
     for harmonic in 1..=HARMONICS {
         let omega = 2.0 * PI * frequency_hz * harmonic as f64;
-        columns.push(true, |sample| (omega * time_s[sample]).sin());
-        columns.push(true, |sample| (omega * time_s[sample]).cos());
+        let angles: Vec<(f64, f64)> = time_s.iter().map(|time_s| (omega * time_s).sin_cos()).collect();
+        columns.push(true, |sample| angles[sample].0);
+        columns.push(true, |sample| angles[sample].1);
     }
 }
 
@@ -327,15 +364,15 @@ impl Form for Loose {
             let mean = run.output.iter().zip(sum).map(|(output, sum)| output - sum).sum::<f64>() / count;
             for harmonic in 1..=self.harmonics {
                 let omega = 2.0 * PI * parameters[0] * harmonic as f64;
+                let angles: Vec<(f64, f64)> = run.time_s.iter().map(|time_s| (omega * time_s).sin_cos()).collect();
                 let (mut sine, mut cosine) = (0.0, 0.0);
                 for (sample, (output, sum)) in run.output.iter().zip(sum).enumerate() {
-                    let (im, re) = (omega * run.time_s[sample]).sin_cos();
+                    let (im, re) = angles[sample];
                     let left = if run.keep[sample] { output - sum - mean } else { 0.0 };
                     sine += 2.0 * left * im / count;
                     cosine += 2.0 * left * re / count;
                 }
-                for (value, time_s) in rhythm.iter_mut().zip(&run.time_s) {
-                    let (im, re) = (omega * time_s).sin_cos();
+                for (value, (im, re)) in rhythm.iter_mut().zip(angles) {
                     *value += sine * im + cosine * re;
                 }
             }
