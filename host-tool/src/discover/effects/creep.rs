@@ -33,9 +33,9 @@ fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
         if (-age_s(earlier.input.len() - 1) / time_s).exp() < FORGOTTEN {
             break;
         }
-        let share = earlier.period_s / time_s;
-        left +=
-            share * earlier.input.iter().enumerate().map(|(sample, value)| (value - rest) * (-age_s(sample) / time_s).exp()).sum::<f64>();
+        let (share, keep) = (earlier.period_s / time_s, (-earlier.period_s / time_s).exp());
+        let at_its_end = earlier.input.iter().fold(0.0, |left, value| left * keep + value - rest);
+        left += share * at_its_end * (-age_s(earlier.input.len() - 1) / time_s).exp();
     }
     left
 }
