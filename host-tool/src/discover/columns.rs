@@ -123,12 +123,24 @@ pub trait Filter<const STATES: usize> {
     }
 }
 
+/// Where the constant lies among the operators' columns.
+const CONSTANT: usize = 0;
+/// Where the measured output lies among them.
+pub const OUTPUT: usize = 1;
+/// Columns before the first operator.
+pub const AHEAD: usize = 2;
+
+/// Where the column of a weight lies among the operators' columns.
+pub fn place(weight: usize) -> usize {
+    if weight == 0 { CONSTANT } else { weight - 1 + AHEAD }
+}
+
 /// Columns of the linear part for one recording.
 ///
 /// In the order of the weights: the constant, the operators, what effects add.
 #[derive(Debug, Default)]
 pub struct Columns {
-    /// Operators, the constant, the measured output, as the operators make them.
+    /// The constant, the measured output and the operators.
     operators: Rows,
     /// The same behind filters, where there are any.
     filtered: Rows,
@@ -152,22 +164,22 @@ impl Columns {
         Self { samples, ..Self::default() }
     }
 
-    /// Begins anew with so many operators, which `write` puts into the first columns, as many at a time as it likes; behind them come the
-    /// constant and the measured output.
+    /// Begins anew with so many operators, which `write` puts into the columns behind the first [`AHEAD`], as many at a time as it likes:
+    /// the constant and the measured output come before them.
     pub fn begin(&mut self, operators: usize, output: &[f64], write: impl FnOnce(&mut Rows)) {
         self.samples = output.len();
-        let stride = (operators + 2).next_multiple_of(SIDE);
-        // The measured output is no column in use: nothing that is done to columns is done to it.
-        self.operators.shape(self.samples, operators + 1, stride);
+        let count = AHEAD + operators;
+        let stride = count.next_multiple_of(SIDE);
+        self.operators.shape(self.samples, count, stride);
         write(&mut self.operators);
         for (row, output) in self.operators.values.chunks_exact_mut(stride).zip(output) {
-            row[operators..].fill(0.0);
-            row[operators] = 1.0;
-            row[operators + 1] = *output;
+            row[CONSTANT] = 1.0;
+            row[OUTPUT] = *output;
+            row[count..].fill(0.0);
         }
         self.free.clear();
         self.free.push(true);
-        self.free.resize(operators + 1, false);
+        self.free.resize(1 + operators, false);
         self.forget_added();
     }
 
@@ -175,10 +187,15 @@ impl Columns {
     pub fn forget_added(&mut self) {
         self.is_filtered = false;
         self.added.shape(0, 0, 0);
-        self.free.truncate(self.operators.count);
+        self.free.truncate(self.of_operators());
     }
 
-    /// Operators, the constant and the measured output, behind filters if there are any; and whether there are.
+    /// Number of weights of the constant and the operators.
+    fn of_operators(&self) -> usize {
+        (self.operators.count + 1).saturating_sub(AHEAD)
+    }
+
+    /// The constant, the measured output and the operators, behind filters if there are any; and whether there are.
     #[must_use]
     pub fn operators(&self) -> (&Rows, bool) {
         (if self.is_filtered { &self.filtered } else { &self.operators }, self.is_filtered)
@@ -193,10 +210,9 @@ impl Columns {
     /// Values of the column of this weight.
     #[must_use]
     pub fn column(&self, weight: usize) -> Vec<f64> {
-        let (operators, _) = self.operators();
-        let (rows, at) = match weight.checked_sub(operators.count) {
+        let (rows, at) = match weight.checked_sub(self.of_operators()) {
             Some(at) => (&self.added, at),
-            None => (operators, weight.checked_sub(1).unwrap_or(operators.count - 1)),
+            None => (self.operators().0, place(weight)),
         };
         rows.values.chunks_exact(rows.stride).map(|row| row[at]).collect()
     }
@@ -217,23 +233,24 @@ impl Columns {
             Arch::new().dispatch(Filtering { rows, filter });
         }
         // The measured output stands beside the columns and is none.
-        let (output, stride) = (self.operators.count, self.operators.stride);
+        let stride = self.operators.stride.max(1);
         for (row, own) in self.filtered.values.chunks_exact_mut(stride).zip(self.operators.values.chunks_exact(stride)) {
-            row[output] = own[output];
+            row[OUTPUT] = own[OUTPUT];
         }
     }
 
     /// Adds the columns from `first` on, each by its weight, to `sum`.
     pub fn weigh(&self, weights: &[f64], first: usize, sum: &mut [f64]) {
-        let (operators, _) = self.operators();
-        let (of_operators, of_added) = weights.split_at(operators.count.min(weights.len()));
-        if let Some((constant, others)) = of_operators.split_first().filter(|_| first < operators.count) {
-            let constant = if first == 0 { *constant } else { 0.0 };
-            Arch::new().dispatch(Weighing { rows: operators, weights: [others, &[constant]].concat(), sum });
+        let (operators, count) = (self.operators().0, self.of_operators());
+        let (of_operators, of_added) = weights.split_at(count.min(weights.len()));
+        if first < of_operators.len() {
+            let mut weights = vec![0.0; operators.stride];
+            (first..of_operators.len()).for_each(|weight| weights[place(weight)] = of_operators[weight]);
+            Arch::new().dispatch(Weighing { rows: operators, weights, sum });
         }
         if of_added.iter().any(|weight| *weight != 0.0) {
             let mut weights = of_added.to_vec();
-            let skipped = first.saturating_sub(operators.count).min(weights.len());
+            let skipped = first.saturating_sub(count).min(weights.len());
             weights[..skipped].fill(0.0);
             Arch::new().dispatch(Weighing { rows: &self.added, weights, sum });
         }
@@ -250,7 +267,7 @@ mod tests {
         let mut columns = Columns::default();
         columns.begin(10, &output, |rows| {
             for (sample, row) in rows.values.chunks_exact_mut(rows.stride).enumerate() {
-                (0..SIDE * 2).for_each(|operator| row[operator] = (10 * sample + operator) as f64);
+                (0..10).for_each(|operator| row[AHEAD + operator] = (10 * sample + operator) as f64);
             }
         });
         columns.push(true, |sample| -(sample as f64));
@@ -306,7 +323,7 @@ mod tests {
             assert_eq!(columns.column(weight), wanted, "column {weight}");
         }
         let (rows, is_filtered) = columns.operators();
-        assert!(is_filtered && rows.values[rows.stride + 11] == 1001.0);
+        assert!(is_filtered && rows.values[rows.stride + OUTPUT] == 1001.0);
         columns.forget_added();
         assert_eq!(columns.column(1), before[1]);
         assert_eq!(columns.free.len(), 11);

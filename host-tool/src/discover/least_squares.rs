@@ -191,13 +191,25 @@ const TALL: usize = 4;
 const BLOCK: usize = 64;
 
 /// Adds the products of all columns of `left` with all of `right` over the samples of `range` to `sums`, `left.stride` rows of
-/// `right.stride`; with `symmetric` (both the same) those below the diagonal are left out.
+/// `right.stride`.
 ///
-/// Every sum is made in the order of the samples, whatever a processor takes at a time.
-pub fn add_products(left: &Rows, right: &Rows, range: Range<usize>, symmetric: bool, sums: &mut Vec<f64>) {
+/// In which order a sum is made does not hang on how much a processor takes at a time.
+pub fn add_products(left: &Rows, right: &Rows, range: Range<usize>, sums: &mut Vec<f64>) {
     sums.resize(left.stride * right.stride, 0.0);
     if !sums.is_empty() {
-        Arch::new().dispatch(Products { left, right, range, symmetric, sums });
+        Arch::new().dispatch(Products { left, right, range, sums });
+    }
+}
+
+/// Adds the products of all columns with each other over the samples of `range` to `sums`, `rows.stride` rows of as many; those below the
+/// diagonal are no use.
+///
+/// Large operators stand still most of the time, and the smaller an operator the farther in front it is. So columns at the end that stand
+/// still for a while are taken out of the sums for as long.
+pub fn add_squares(rows: &Rows, range: Range<usize>, sums: &mut Vec<f64>) {
+    sums.resize(rows.stride * rows.stride, 0.0);
+    if !sums.is_empty() {
+        Arch::new().dispatch(Squares { rows, range, sums });
     }
 }
 
@@ -206,7 +218,6 @@ struct Products<'a> {
     left: &'a Rows,
     right: &'a Rows,
     range: Range<usize>,
-    symmetric: bool,
     sums: &'a mut [f64],
 }
 
@@ -215,21 +226,87 @@ impl WithSimd for Products<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        let Self { left, right, range, symmetric, sums } = self;
+        let Self { left, right, range, sums } = self;
         let lefts = left.values[range.start * left.stride..range.end * left.stride].chunks(BLOCK * left.stride);
         let rights = right.values[range.start * right.stride..range.end * right.stride].chunks(BLOCK * right.stride);
         for (lefts, rights) in lefts.zip(rights) {
             for row in (0..left.stride).step_by(TALL) {
-                let from = if symmetric { row / SIDE * SIDE } else { 0 };
-                for column in (from..right.stride).step_by(SIDE) {
+                for column in (0..right.stride).step_by(SIDE) {
                     let tile = tile(lefts, left.stride, row, rights, right.stride, column);
-                    for (line, tile) in sums[row * right.stride..].chunks_mut(right.stride).zip(tile) {
-                        for (sum, value) in line[column..].iter_mut().zip(tile) {
-                            *sum += value;
-                        }
-                    }
+                    add_tile(tile, sums, right.stride, row, column);
                 }
             }
+        }
+    }
+}
+
+/// The arguments of [`add_squares`].
+struct Squares<'a> {
+    rows: &'a Rows,
+    range: Range<usize>,
+    sums: &'a mut [f64],
+}
+
+impl WithSimd for Squares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let stride = self.rows.stride;
+        let values = &self.rows.values[self.range.start * stride..self.range.end * stride];
+        let mut totals = vec![0.0; stride];
+        for block in values.chunks(BLOCK * stride) {
+            let moving = moving(simd, block, stride);
+            for row in (0..moving).step_by(TALL) {
+                for column in (row / SIDE * SIDE..moving).step_by(SIDE) {
+                    let tile = tile(block, stride, row, block, stride, column);
+                    add_tile(tile, self.sums, stride, row, column);
+                }
+            }
+            if moving == stride {
+                continue;
+            }
+            let (first, samples) = (&block[..stride], (block.len() / stride) as f64);
+            totals[..moving].fill(0.0);
+            for row in block.chunks_exact(stride) {
+                totals[..moving].iter_mut().zip(row).for_each(|(total, value)| *total += value);
+            }
+            totals[moving..].iter_mut().zip(&first[moving..]).for_each(|(total, still)| *total = samples * still);
+            for (line, total) in self.sums.chunks_exact_mut(stride).zip(&totals) {
+                line[moving..].iter_mut().zip(&first[moving..]).for_each(|(sum, still)| *sum += total * still);
+            }
+        }
+    }
+}
+
+/// Columns of a block in front of those that stand still at its end, a multiple of [`SIDE`].
+#[inline(always)]
+fn moving<S: Simd>(simd: S, block: &[f64], stride: usize) -> usize {
+    let vectors = stride / S::F64_LANES;
+    let (first, _) = S::as_simd_f64s(&block[..stride]);
+    let mut still = vectors;
+    while still > 0 {
+        let at = still - 1;
+        let mut apart = simd.splat_f64s(0.0);
+        for row in block.chunks_exact(stride) {
+            let (row, _) = S::as_simd_f64s(row);
+            apart = simd.add_f64s(apart, simd.abs_f64s(simd.sub_f64s(row[at], first[at])));
+        }
+        // What is no number does not stand still either.
+        if simd.reduce_sum_f64s(apart) != 0.0 {
+            break;
+        }
+        still = at;
+    }
+    (still * S::F64_LANES).next_multiple_of(SIDE)
+}
+
+/// Adds the sums of a tile where they belong.
+#[inline(always)]
+fn add_tile(tile: [[f64; SIDE]; TALL], sums: &mut [f64], stride: usize, row: usize, column: usize) {
+    for (line, tile) in sums[row * stride..].chunks_mut(stride).zip(tile) {
+        for (sum, value) in line[column..].iter_mut().zip(tile) {
+            *sum += value;
         }
     }
 }
@@ -272,16 +349,30 @@ mod tests {
             rows
         };
         let (left, right) = (rows(13, 16), rows(7, 8));
-        for (one, other, symmetric) in [(&left, &right, false), (&left, &left, true)] {
-            let mut sums = Vec::new();
-            add_products(one, other, 7..183, symmetric, &mut sums);
+        let mut resting = rows(31, 32);
+        for (sample, row) in resting.values.chunks_exact_mut(32).enumerate() {
+            // The last ten always stand still, the ten before them for a while, as large operators do.
+            row[22..].fill(0.7);
+            if sample > 50 {
+                row[12..22].fill(-0.3);
+            }
+        }
+        let check = |one: &Rows, other: &Rows, sums: &[f64], from: &dyn Fn(usize) -> usize| {
             for row in 0..one.stride {
-                for column in (if symmetric { row } else { 0 })..other.stride {
+                for column in from(row)..other.stride {
                     let wanted: f64 = (7..183).map(|at| one.values[at * one.stride + row] * other.values[at * other.stride + column]).sum();
                     let got = sums[row * other.stride + column];
                     assert!((got - wanted).abs() < 1e-12, "{row}, {column}: {got} instead of {wanted}");
                 }
             }
+        };
+        let mut sums = Vec::new();
+        add_products(&left, &right, 7..183, &mut sums);
+        check(&left, &right, &sums, &|_| 0);
+        for rows in [&left, &resting] {
+            let mut sums = Vec::new();
+            add_squares(rows, 7..183, &mut sums);
+            check(rows, rows, &sums, &|row| row);
         }
     }
 

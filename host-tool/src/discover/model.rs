@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::catalogue::{Columns, Form, Habit, Place};
+use super::columns::AHEAD;
 use super::grid;
 use super::operators::{self, Lead};
 use super::session::{Run, Session};
@@ -163,7 +164,7 @@ impl Model {
             if self.stops {
                 // The first operator has no threshold: its play is the path itself, the spring beside the sliders.
                 for (row, input) in rows.values.chunks_exact_mut(rows.stride).zip(path) {
-                    row[1..self.thresholds.len()].iter_mut().for_each(|value| *value = input - *value);
+                    row[AHEAD + 1..AHEAD + self.thresholds.len()].iter_mut().for_each(|value| *value = input - *value);
                 }
             }
         });

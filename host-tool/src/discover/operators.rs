@@ -3,7 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::catalogue::Habit;
-use super::columns::Rows;
+use super::columns::{AHEAD, Rows};
 use super::turning::between_samples;
 
 /// What a bank of operators is led along.
@@ -21,8 +21,8 @@ pub struct Lead<'a> {
 /// What an operator's threshold is multiplied by, what is added to it, and by what its multiple is larger on the unloading branch.
 type Gap = [f64; 3];
 
-/// Writes the operators of these thresholds into the first columns of `rows`, as many at a time as the processor takes: what follows
-/// them is overwritten.
+/// Writes the operators of these thresholds into the columns of `rows` behind the first [`AHEAD`], as many at a time as the processor takes:
+/// whatever else is in the rows is overwritten.
 pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     let turns = between_samples(lead.path);
     let (before, now) = if lead.habit.is_plain() {
@@ -30,8 +30,8 @@ pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     } else {
         (gaps(lead.history, lead.habit, None, &[]), gaps(lead.path, lead.habit, Some(lead.period_s), &turns))
     };
-    let mut padded = thresholds.to_vec();
-    padded.resize(rows.stride, 0.0);
+    let mut padded = vec![0.0; rows.stride];
+    padded[AHEAD..AHEAD + thresholds.len()].copy_from_slice(thresholds);
     Arch::new().dispatch(Writing { thresholds: &padded, lead, turns: &turns, before: &before, now: &now, rows });
 }
 

@@ -6,7 +6,8 @@
 use std::ops::Range;
 
 use super::catalogue::Columns;
-use super::least_squares::{Gram, add_products};
+use super::columns::{OUTPUT, place};
+use super::least_squares::{Gram, add_products, add_squares};
 use super::model::{Model, Scope};
 use super::session::{Role, Run, Session};
 use super::turning::remember;
@@ -114,7 +115,7 @@ impl<'a> Workspace<'a> {
     }
 }
 
-/// Products of a session's columns: the operators (behind them the constant and the measured output) and what effects add.
+/// Products of a session's columns: the operators (before them the constant and the measured output) and what effects add.
 #[derive(Default)]
 struct Parts {
     operators: Vec<f64>,
@@ -130,12 +131,12 @@ impl Parts {
         let ((operators, is_filtered), added) = (columns.operators(), columns.added());
         if is_filtered {
             for range in &ranges {
-                add_products(operators, operators, range.clone(), true, &mut self.operators);
+                add_squares(operators, range.clone(), &mut self.operators);
             }
         } else {
             if own.is_empty() {
                 for range in &ranges {
-                    add_products(operators, operators, range.clone(), true, own);
+                    add_squares(operators, range.clone(), own);
                 }
             }
             self.operators.resize(own.len().max(self.operators.len()), 0.0);
@@ -143,8 +144,8 @@ impl Parts {
         }
         for range in ranges {
             self.samples += range.len();
-            add_products(operators, added, range.clone(), false, &mut self.across);
-            add_products(added, added, range, true, &mut self.added);
+            add_products(operators, added, range.clone(), &mut self.across);
+            add_squares(added, range, &mut self.added);
         }
     }
 
@@ -156,12 +157,11 @@ impl Parts {
         }
         let stride = self.operators.len().isqrt();
         let added = self.added.len().isqrt();
-        let output = operators + 1;
-        // Where a weight's column lies: the constant behind the operators.
-        let place = |weight: usize| weight.checked_sub(1).unwrap_or(operators);
+        // Weights of the constant and the operators.
+        let own = operators + 1;
         for row in 0..columns {
             for column in row..columns {
-                let product = match (row.checked_sub(output), column.checked_sub(output)) {
+                let product = match (row.checked_sub(own), column.checked_sub(own)) {
                     (Some(row), Some(column)) => self.added[row * added + column],
                     (None, Some(column)) => self.across[place(row) * added + column],
                     _ => {
@@ -172,12 +172,12 @@ impl Parts {
                 gram.products[row * columns + column] = product;
                 gram.products[column * columns + row] = product;
             }
-            gram.target[row] = match row.checked_sub(output) {
-                Some(row) => self.across[output * added + row],
-                None => self.operators[place(row) * stride + output],
+            gram.target[row] = match row.checked_sub(own) {
+                Some(row) => self.across[OUTPUT * added + row],
+                None => self.operators[OUTPUT.min(place(row)) * stride + OUTPUT.max(place(row))],
             };
         }
-        gram.energy = self.operators[output * stride + output];
+        gram.energy = self.operators[OUTPUT * stride + OUTPUT];
         gram.samples = self.samples as f64;
         gram
     }
