@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::catalogue::Form;
 use super::model::{Model, Scope};
 use super::session::{Role, Session};
-use super::{effects, search, tail};
+use super::{effects, rounds, search, tail};
 
 /// A share of the loop's area with its 95 % interval.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -138,7 +138,7 @@ fn correlate(session: &Session, residual: &[Vec<f64>], signal: &[Vec<f64>], coun
 
 /// Splits the area of the loops; `None` when the model will not take a delay and a lag, or there is no loop.
 #[must_use]
-pub fn loop_area(session: &Session, baseline: &Model) -> Option<LoopArea> {
+pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<LoopArea> {
     let (delay, lag): (&'static dyn Form, &'static dyn Form) =
         (*effects::dead_time::FORMS.first()?, *effects::pneumatic_lag::FORMS.first()?);
     if !baseline.slots.is_empty() {
@@ -152,11 +152,12 @@ pub fn loop_area(session: &Session, baseline: &Model) -> Option<LoopArea> {
         let (fit, _) = both.fit(session, Scope::Fit);
         Some((fit, both))
     };
-    let (first, second) = (alone(delay, lag)?, alone(lag, delay)?);
-    let mut fitted = if first.0 <= second.0 { first.1 } else { second.1 };
+    let begun = rounds::in_parallel(&[(delay, lag), (lag, delay)], threads, |&(form, other)| alone(form, other));
+    let begun = begun.into_iter().collect::<Option<Vec<_>>>()?;
+    let mut fitted = begun.into_iter().min_by(|x, y| x.0.total_cmp(&y.0))?.1;
     let place = |name: &str| fitted.slots.iter().position(|slot| slot.form.name() == name);
     let (delay_at, lag_at) = (place(delay.name())?, place(lag.name())?);
-    let mut profile = profile(session, &fitted, delay_at, lag_at);
+    let mut profile = profile(session, &fitted, [delay_at, lag_at], threads);
     if let Some((_, best)) = profile.iter().min_by(|x, y| x.0.total_cmp(&y.0)) {
         fitted = best.clone();
         fitted.fit(session, Scope::Both);
@@ -209,12 +210,12 @@ pub fn loop_area(session: &Session, baseline: &Model) -> Option<LoopArea> {
 }
 
 /// Walks along the valley in which delay and lag stand in for each other: for a row of lags the best delay, and the mean square it leaves.
-fn profile(session: &Session, fitted: &Model, delay_at: usize, lag_at: usize) -> Vec<(f64, Model)> {
+fn profile(session: &Session, fitted: &Model, [delay_at, lag_at]: [usize; 2], threads: usize) -> Vec<(f64, Model)> {
     let (delay_s, lag_s) = (fitted.slots[delay_at].parameters[0], fitted.slots[lag_at].parameters[0]);
     let [shortest_delay_s, shortest_lag_s] = [delay_at, lag_at].map(|at| fitted.slots[at].form.parameters()[0].low);
     let reach_s = lag_s.max(0.02);
     let shares = [-1.0, -0.8, -0.6, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 1.0];
-    let at = |share: f64| {
+    let at = |share: &f64| {
         let mut model = fitted.clone();
         let other_lag_s = (lag_s + share * reach_s).max(shortest_lag_s);
         model.slots[lag_at].parameters[0] = other_lag_s;
@@ -223,7 +224,7 @@ fn profile(session: &Session, fitted: &Model, delay_at: usize, lag_at: usize) ->
         let effort = search::Effort { scope: Scope::Fit, size: 0.3, evaluations: 16, spread: 1e-8 };
         (search::simplex(&mut model, session, &[delay_at], effort), model)
     };
-    shares.into_iter().map(at).collect()
+    rounds::in_parallel(&shares, threads, at)
 }
 
 /// Area of the loops that a model draws, over all recordings but those kept out.
@@ -308,7 +309,7 @@ mod tests {
             let session = Session::new(&recordings, &recordings[..1]).expect("a session");
             let mut baseline = Model::baseline(false, false);
             baseline.fit_all(&session);
-            let found = loop_area(&session, &baseline).expect("loops");
+            let found = loop_area(&session, &baseline, 1).expect("loops");
             for (share, truth) in [found.dead_time, found.lag, found.hysteresis].into_iter().zip(truth) {
                 told += 1;
                 // A share is told to a percent.

@@ -231,7 +231,7 @@ pub fn discover_from(
     mask::outliers(&mut session, &residual, true);
     after.fit_all(&session);
     before.fit_all(&session);
-    let loop_area = diagnosis::loop_area(&session, &before);
+    let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
     before.fit_all(&session);
     before = before.pruned();

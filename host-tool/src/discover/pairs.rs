@@ -13,7 +13,7 @@ use super::catalogue::Form;
 use super::find::POLISH;
 use super::model::{Model, Order, Scope};
 use super::noise;
-use super::rounds::{Bench, FAR_BEHIND, Judged, Tried, in_parallel, is_narrow};
+use super::rounds::{Bench, FAR_BEHIND, Judged, Tried, in_parallel_by, is_narrow, labour, labour_of_all};
 use super::search::{self, Fitted, Started};
 
 /// First effects that a second is looked for beside: so many at first, and so many where their pairs leave something.
@@ -105,8 +105,12 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     };
     let of = |first: usize| forms.iter().copied().filter(move |form| wanted(first, form)).map(move |form| (first, form));
     let jobs: Vec<(usize, &'static dyn Form)> = (0..models.len()).flat_map(of).collect();
-    let started =
-        in_parallel(&jobs, bench.threads, |&(first, form)| search::start_form(&eased[first], form, order, session, &residuals[first]));
+    let started = in_parallel_by(
+        &jobs,
+        bench.threads,
+        |(_, form)| labour(*form),
+        |&(first, form)| search::start_form(&eased[first], form, order, session, &residuals[first]),
+    );
     let mut leading: Vec<&Started> = Vec::new();
     let mut others: Vec<&Started> = Vec::new();
     for (first, model) in eased.iter().enumerate() {
@@ -130,10 +134,11 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
         others.extend(chosen.chain(narrow));
     }
     let polish = |started: &&Started| search::polish(&started.model, session, Scope::Screen, POLISH / 2);
-    let mut polished = in_parallel(&leading, bench.threads, polish);
+    let length = |started: &&Started| labour_of_all(&started.model);
+    let mut polished = in_parallel_by(&leading, bench.threads, length, polish);
     let best = polished.iter().map(|fitted| fitted.select).fold(f64::MAX, f64::min);
     others.retain(|started| started.square < FAR_FROM_GRID * best);
-    polished.extend(in_parallel(&others, bench.threads, polish));
+    polished.extend(in_parallel_by(&others, bench.threads, length, polish));
     polished
 }
 

@@ -54,8 +54,31 @@ pub fn is_narrow(form: &dyn Form) -> bool {
     (0..form.parameters().len()).any(|parameter| form.step(parameter) < NARROW)
 }
 
+/// How long a form is searched, next to others: by its parameters, and where its valley is narrow by all that lies about it.
+pub fn labour(form: &dyn Form) -> usize {
+    let count = form.parameters().len();
+    if is_narrow(form) { 10 * count } else { count }
+}
+
+/// How long the parameters of a model are searched, next to others.
+pub fn labour_of_all(model: &Model) -> usize {
+    model.slots.iter().map(|slot| labour(slot.form)).sum()
+}
+
 /// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
 pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+    in_parallel_by(items, threads, |_| 0, work)
+}
+
+/// As [`in_parallel`]; items of the greatest `length` begin first, for a long one that begins last leaves all other threads waiting.
+pub fn in_parallel_by<T: Send, I: Sync>(
+    items: &[I],
+    threads: usize,
+    length: impl Fn(&I) -> usize,
+    work: impl Fn(&I) -> T + Sync,
+) -> Vec<T> {
+    let mut order: Vec<usize> = (0..items.len()).collect();
+    order.sort_by_key(|&index| std::cmp::Reverse(length(&items[index])));
     let next = AtomicUsize::new(0);
     let mut results: Vec<Option<T>> = items.iter().map(|_| None).collect();
     let chunks = std::thread::scope(|scope| {
@@ -64,9 +87,9 @@ pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(
                 scope.spawn(|| {
                     let mut done = Vec::new();
                     loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(item) = items.get(index) else { break done };
-                        done.push((index, work(item)));
+                        let place = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(&index) = order.get(place) else { break done };
+                        done.push((index, work(&items[index])));
                     }
                 })
             })
@@ -133,26 +156,36 @@ impl Bench<'_> {
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
         let eased = search::eased(base, self.session);
-        let started = in_parallel(&forms, self.threads, |form| search::start_form(&eased, *form, Order::Usual, self.session, &residual));
+        let started = in_parallel_by(
+            &forms,
+            self.threads,
+            |form| labour(*form),
+            |form| search::start_form(&eased, *form, Order::Usual, self.session, &residual),
+        );
         let started: Vec<Started> = started.into_iter().flatten().collect();
         let was = search::screened(&eased, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
         let broad = |started: &&Started| !started.form.discrete();
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
         let worth = (HOPELESS * least).max(FAR_BEHIND * most);
-        let mut tried = in_parallel(&started, self.threads, |started| {
-            let hopeful = is_narrow(started.form) || gain(started) > worth;
-            let fitted = if hopeful { search::refine_form(started, self.session) } else { search::settle_form(started, self.session) };
-            let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
-            Tried { fitted, form: started.form, deviations }
-        });
+        let mut tried = in_parallel_by(
+            &started,
+            self.threads,
+            |started| labour(started.form),
+            |started| {
+                let hopeful = is_narrow(started.form) || gain(started) > worth;
+                let fitted = if hopeful { search::refine_form(started, self.session) } else { search::settle_form(started, self.session) };
+                let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
+                Tried { fitted, form: started.form, deviations }
+            },
+        );
         tried.sort_by(|x, y| x.fitted.judgement().total_cmp(&y.fitted.judgement()));
         tried
     }
 
     /// Polishes every model's parameters together and judges what comes of it; best first.
     pub fn polished(&self, models: &[Model], evaluations: usize) -> Vec<Judged> {
-        let mut polished = in_parallel(models, self.threads, |model| {
+        let mut polished = in_parallel_by(models, self.threads, labour_of_all, |model| {
             let fitted = search::polish(model, self.session, Scope::Fit, evaluations);
             let judged = self.judge(&fitted.model);
             // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
