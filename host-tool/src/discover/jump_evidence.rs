@@ -10,6 +10,8 @@ const MOST_WANDER: f64 = 0.4;
 const LEAST_BREAK_AWAY: f64 = 2.0;
 /// Levels of the output at each of which the evidence must be for jumps: friction and valves hold everywhere, a wall at one place.
 const LEVELS: usize = 4;
+/// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
+const SLOWEST: f64 = 0.1;
 /// Steps of the search for a law, as shares of its parameters, one round each.
 const STEPS: [f64; 3] = [0.15, 0.07, 0.035];
 
@@ -124,13 +126,20 @@ impl<'a> Pull<'a> {
 
     /// The best law of jumps that break away by `drive`.
     pub fn law(&self, drive: Drive, lag_s: f64) -> JumpLaw {
-        // Landing beyond the drive and never sliding, or landing on it and sliding with it.
-        const KINDS: [(f64, f64); 7] = [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, 0.1), (0.0, 0.3), (0.0, 0.8), (0.0, NEVER)];
+        // Landing beyond the drive and never sliding, or landing near it and sliding with it.
+        const OF_A_TIP: [(f64, f64); 8] =
+            [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
+        const OF_A_VALVE: [(f64, f64); 7] = [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, 0.1), (0.0, 0.3), (0.0, 0.8), (0.0, NEVER)];
+        let kinds: &[(f64, f64)] = match drive {
+            Drive::Pull => &OF_A_TIP,
+            Drive::Command => &OF_A_VALVE,
+        };
         let (scatter, wander) = (0.25, 0.5 * self.excess);
         let first = JumpLaw { drive, break_away: 0.16, landing: 0.0, sliding_speed: NEVER, scatter, wander, lag_s };
         let ladder = super::effects::ladder(0.01, 0.16, 10).into_iter();
-        let laws =
-            ladder.flat_map(|break_away| KINDS.map(|(landing, sliding_speed)| JumpLaw { break_away, landing, sliding_speed, ..first }));
+        let of =
+            |break_away: f64| kinds.iter().map(move |&(landing, sliding_speed)| JumpLaw { break_away, landing, sliding_speed, ..first });
+        let laws = ladder.flat_map(of);
         let best = self.best(laws.collect(), false).map_or(first, |best| best.1);
         self.tuned(best, &STEPS)
     }
@@ -165,7 +174,7 @@ impl<'a> Pull<'a> {
                     |law, by| JumpLaw { landing: (law.landing + by).clamp(0.0, 1.0), ..law },
                     |law, by| JumpLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
                     |law, by| JumpLaw { wander: law.wander * (1.0 + 4.0 * by), ..law },
-                    |law, by| JumpLaw { sliding_speed: law.sliding_speed * (1.0 + 3.0 * by), ..law },
+                    |law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law },
                 ];
                 let slides = best.1.sliding_speed < NEVER;
                 for moved in &moves[..if slides { 5 } else { 4 }] {

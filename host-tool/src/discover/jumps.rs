@@ -43,7 +43,8 @@ pub struct JumpLaw {
     pub break_away: f64,
     /// How far beyond the drive it lands, in break-away distances.
     pub landing: f64,
-    /// Speed of the drive, per s, above which it moves on with it instead of holding again.
+    /// Speed of the drive, per s, from which it slides: an open valve moves on with the command above it; a tip holds and leaps over half
+    /// of its distances there, and over ever less of them the faster it is pulled.
     pub sliding_speed: f64,
     /// Scatter of break-away and landing, in break-away distances.
     pub scatter: f64,
@@ -80,6 +81,17 @@ pub const fn parameters(break_away: Parameter, speed: Quantity) -> [Parameter; P
 pub const NEVER: f64 = 1e3;
 
 impl JumpLaw {
+    /// Distance at which it breaks away from a drive of this speed, per s.
+    ///
+    /// What a tip stores while it sticks is what static friction has over sliding friction, and that fades with speed as
+    /// `1 / (1 + (v / v_s)^2)` (Stribeck's curve in the form of Hess and Soom, 1990). A valve opens at its band, however fast.
+    fn break_away_at(&self, speed: f64) -> f64 {
+        match self.drive {
+            Drive::Pull => self.break_away / (1.0 + (speed / self.sliding_speed).powi(2)),
+            Drive::Command => self.break_away,
+        }
+    }
+
     /// The law with these parameters of a form, and the noise behind it.
     #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
@@ -220,7 +232,6 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         Drive::Pull => Vec::new(),
         Drive::Command => slopes(seen),
     };
-    let scatter = law.scatter * law.break_away;
     let gain_of = |sample: usize| gains.get(sample).copied().unwrap_or(1.0);
     let first = History {
         weight: 1.0,
@@ -241,7 +252,9 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         let (pull, command, gain) = (seen.pull[sample], seen.command[sample], gain_of(sample));
         let step = if law.drive == Drive::Pull { pull - before[0] } else { command - before[1] };
         before = [pull, command];
-        let fast = step.abs() > law.sliding_speed * seen.period_s;
+        let fast = law.drive == Drive::Command && step.abs() > law.sliding_speed * seen.period_s;
+        let break_away = law.break_away_at(step.abs() / seen.period_s);
+        let scatter = law.scatter * break_away;
         let mut leaves = [0.0; HISTORIES];
         let mut stretches = [0.0; HISTORIES];
         for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
@@ -265,14 +278,14 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
             };
             stretches[at] = stretch;
             let spread = (scatter * scatter + variance.max(0.0)).sqrt().max(1e-9);
-            leaves[at] = history.weight * chance((stretch.abs() - law.break_away) / spread);
+            leaves[at] = history.weight * chance((stretch.abs() - break_away) / spread);
         }
         // All that break away now land in the same place: one history for them, with the past of the likeliest.
         let leaving: f64 = leaves.iter().sum();
         let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
         let direction = stretches[parent].signum();
-        let beyond = if fast { 0.0 } else { (law.landing * law.break_away - 0.5 * step.abs()).max(0.0) };
-        let within = if fast { 0.0 } else { step.abs().min((1.0 + law.landing) * law.break_away).powi(2) / 12.0 };
+        let beyond = if fast { 0.0 } else { (law.landing * break_away - 0.5 * step.abs()).max(0.0) };
+        let within = if fast { 0.0 } else { step.abs().min((1.0 + law.landing) * break_away).powi(2) / 12.0 };
         let landed = History {
             weight: leaving,
             level: pull + histories[parent].wander + direction * beyond * gain,
@@ -398,6 +411,18 @@ mod tests {
         let after = of(&tip);
         assert_eq!(before[..=600], after[..=600]);
         assert_ne!(before[601], after[601]);
+    }
+
+    #[test]
+    fn a_tip_leaps_over_half_of_its_distances_at_the_sliding_speed_and_a_valve_opens_at_its_band() {
+        let tip = JumpLaw { sliding_speed: 0.4, ..LAW };
+        for (speed, expected) in [(0.0, 0.05), (0.4, 0.025), (1.2, 0.005)] {
+            let found = tip.break_away_at(speed);
+            assert!((found - expected).abs() < 1e-12, "{found} instead of {expected} at {speed}");
+        }
+        let valve = JumpLaw { drive: Drive::Command, ..tip };
+        assert_eq!(valve.break_away_at(1.2), valve.break_away);
+        assert!((LAW.break_away_at(3.0) / LAW.break_away - 1.0).abs() < 1e-4, "a tip that never slides leaps as far at any speed");
     }
 
     #[test]
