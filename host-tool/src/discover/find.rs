@@ -100,7 +100,7 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
     let left = if rivals.is_empty() { MUCH_OVER_NOISE } else { LEFT_OVER_NOISE };
     if most_effects > 1 && !firsts.is_empty() && leaves(session, &standing, left) {
         watch("a second effect");
-        let least = least_further(session, &bare, &standing);
+        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN);
         let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
         if let Some(pair) = pairs.first().filter(|pair| pair.pays(&standing, least)) {
             standing = pair.clone();
@@ -111,7 +111,7 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
         let mut count = standing.model.slots.len() - owned.len();
         while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
             watch("a third effect");
-            let least = least_further(session, &bare, &standing);
+            let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN);
             let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
             let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
             standing = without_idle(bench, &bare, best, &owned);
@@ -130,7 +130,7 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
     {
         let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
         let of_rhythms = Bench { session, forms, threads: bench.threads };
-        let least = least_further(session, &bare, &standing);
+        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN);
         let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
         if let Some(best) = with_rhythm.filter(|best| best.pays(&standing, least)) {
             standing = without_idle(bench, &bare, best, &owned);
@@ -203,13 +203,13 @@ const MUCH_OVER_NOISE: f64 = 1.32;
 ///
 /// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
 /// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide
-/// anything, half of what is left: what mends another's form leaves more than that.
-fn least_further(session: &Session, bare: &Judged, standing: &Judged) -> f64 {
+/// anything, half of what is left: what mends another's form leaves more than that. It takes the share `of_left` of what is left at least.
+fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
     let excess = (bare.select - floor_square).max(0.05 * floor_square);
     let left = (standing.select - floor_square).max(0.0);
     let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left);
-    let taken = of_original.max(rounds::LEAST_FURTHER_GAIN * left);
+    let taken = of_original.max(of_left * left);
     (taken / standing.select).max(2.0 * rounds::LEAST_GAIN)
 }
 
@@ -219,7 +219,7 @@ fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &
         let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
         let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
         let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
-        if standing.pays(&fewer, least_further(bench.session, bare, &fewer)) {
+        if standing.pays(&fewer, least_further(bench.session, bare, &fewer, rounds::LEAST_FURTHER_GAIN)) {
             break;
         }
         standing = fewer;

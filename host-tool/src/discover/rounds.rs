@@ -17,6 +17,8 @@ pub const LEAST_GAIN: f64 = 0.012;
 pub const LEAST_FURTHER_SHARE: f64 = 0.02;
 /// Least share of the remaining excess over the noise that a further effect takes away.
 pub const LEAST_FURTHER_GAIN: f64 = 0.2;
+/// The same of a third effect: two forms that are not quite the rig's leave more to mend than one.
+pub const LEAST_THIRD_GAIN: f64 = 0.5;
 /// Blocked deviations that an improvement must reach.
 const LEAST_DEVIATIONS: f64 = 3.0;
 /// Blocked deviations that are enough for an improvement by [`LARGE_GAIN`].
