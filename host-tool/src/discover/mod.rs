@@ -256,7 +256,7 @@ pub fn discover_from(
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
     discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;
-    let second = search.second.map(|mut second| {
+    let second = search.second.filter(|_| discovery.runner_up.is_some()).map(|mut second| {
         second.fit_all(&session);
         second
     });

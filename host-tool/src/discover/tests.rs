@@ -120,15 +120,17 @@ fn the_effect_that_is_missed_least_is_taken_away_and_the_others_are_fitted_again
     let model = Model::baseline(bare.carry, false)
         .with(effects::dead_time::FORMS[0], vec![case.truth.parameters["dead-time.delay_s"]])
         .with(effects::resonance::FORMS[0], vec![6.0, 0.3]);
-    let mut found = find::Found { order: vec!["dead-time", "resonance"], jump_scatter: Some(1.0), ..find::Found::default() };
+    let runner_up = Some(RunnerUp { name: "creep".to_owned(), separable: false });
+    let mut found = find::Found { order: vec!["dead-time", "resonance"], runner_up, jump_scatter: Some(1.0), ..find::Found::default() };
     let fewer = verdict::without_the_least(&session, &bare, &model, &mut found).expect("two were found");
     assert_eq!(fewer.names().collect::<Vec<_>>(), ["dead-time"]);
     assert_eq!((found.order.as_slice(), found.jump_scatter), (&["dead-time"][..], None));
+    assert!(found.runner_up.is_some());
     let residual: Vec<Vec<f64>> = bare.residuals(&session);
     let part = verdict::judge(&session, &residual, &fewer, &found, 0);
     assert!(part.gap_closed > 0.97, "the part was not fitted again: {part:?}");
     let none = verdict::without_the_least(&session, &bare, &fewer, &mut found).expect("one was left");
-    assert!(none.slots.is_empty() && found.order.is_empty());
+    assert!(none.slots.is_empty() && found.order.is_empty() && found.runner_up.is_none());
     assert!(verdict::without_the_least(&session, &bare, &none, &mut found).is_none());
 }
 

@@ -94,6 +94,8 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
         found.jump_scatter = None;
     }
     if slots.is_empty() {
+        // Nothing is left to be second to.
+        found.runner_up = None;
         return Some(bare.clone());
     }
     let coarse = Model { slots, ..Model::baseline(model.carry, model.stops) };
