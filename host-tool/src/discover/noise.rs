@@ -68,7 +68,7 @@ pub fn may_hold_a_rhythm(session: &Session, residual: &[Vec<f64>]) -> bool {
     floor(session, residual).powi(2) > LOUDER_THAN_FAST * fast_part(residual).powi(2)
 }
 
-/// Mean square of the noise over that of its fast part that a rhythm of half the noise adds to it.
+/// Mean square of what counts as noise over that of its fast part from which on a rhythm is looked for: one of 0.45 times the noise.
 const LOUDER_THAN_FAST: f64 = 1.2;
 
 /// Standard deviation of the fast part, the median over all recordings.

@@ -2,8 +2,8 @@
 //!
 //! A second effect is looked for beside each of the best few first ones. The parameters of the first give way while the second's grid is
 //! looked at ([`search::eased`]): the first was fitted when the second was missing, and holds some of it. The best pairs are polished
-//! together; then either member of the best pair is replaced by whatever goes better with the other, until nothing does. Method: a beam in place of a greedy addition
-//! (sequential floating selection; Pudil, Novovicova and Kittler 1994).
+//! together; then either member of the best pair is replaced by whatever goes better with the other, until nothing does. Method: a beam
+//! in place of a greedy addition (sequential floating selection; Pudil, Novovicova and Kittler 1994).
 //!
 //! The catalogue knows a usual order of the signal, and a rig may have another: a supply that gives way behind a leak bends what the leak
 //! has left. So where the usual order leaves something, the other way round is tried as well, if both members change the input or both the
