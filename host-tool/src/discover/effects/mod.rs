@@ -65,6 +65,18 @@ fn lag(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
     Lag::new(time_constant_s, period_s).run(signal);
 }
 
+/// Sends a `signal` that holds from one sample to the next through a first-order lag that starts settled.
+fn lag_of_held(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
+    let keep = (-period_s / time_constant_s).exp();
+    let mut state = signal[0];
+    let mut last = signal[0];
+    for value in signal {
+        state = last + keep * (state - last);
+        last = *value;
+        *value = state;
+    }
+}
+
 /// Delays `signal` by `delay(index)` samples, which may be negative or fractional; a cubic that does not overshoot its neighbours.
 fn shift(signal: &mut [f64], scratch: &[f64], delay: impl Fn(usize) -> f64) {
     let last = scratch.len() - 1;

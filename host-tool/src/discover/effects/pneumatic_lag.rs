@@ -1,110 +1,162 @@
-//! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, or two in a row.
+//! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row, behind a
+//! converter that holds the command between samples, or through a tube in which the denser air flows more easily.
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::{Lag, ladder, lag};
+use super::{Lag, ladder, lag, lag_coefficients, lag_of_held};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Command, &Sensor, &TwoPoles, &TwoPolesBehind];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Dense];
 
-const TIME: &[Parameter] = &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true }];
-
-struct Command;
-struct Sensor;
-struct TwoPoles;
-struct TwoPolesBehind;
-
-impl Form for Command {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
-    }
-    fn form(&self) -> &'static str {
-        "before the hysteresis"
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        TIME
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        lag(path, parameters[0], run.period_s);
-    }
+/// One lag, or two in a row.
+struct Restriction {
+    form: &'static str,
+    place: Place,
+    parameters: &'static [Parameter],
+    /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight.
+    held: bool,
 }
 
-impl Form for Sensor {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
-    }
-    fn form(&self) -> &'static str {
-        "behind the hysteresis"
-    }
-    fn place(&self) -> Place {
-        Place::Tip
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        TIME
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect()
-    }
-    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(&Lag::new(parameters[0], run.period_s));
-    }
-}
-
+const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
 /// A spool before the volume, or a volume behind a volume: the second is the faster one.
-const TIMES: &[Parameter] =
-    &[TIME[0], Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true }];
+const SECOND: Parameter = Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true };
 
-fn starts_of_two() -> Vec<Vec<f64>> {
-    ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect()
-}
+static BEFORE: Restriction = Restriction { form: "before the hysteresis", place: Place::Flow, parameters: &[TIME], held: false };
+/// Shorter lags of a held command are hardly more than half a sample of delay: they must not pass for a dead time.
+static HELD: Restriction = Restriction {
+    form: "before the hysteresis, of a command that holds between samples",
+    place: Place::Flow,
+    parameters: &[Parameter { low: 0.015, ..TIME }],
+    held: true,
+};
+static BEHIND: Restriction = Restriction { form: "behind the hysteresis", place: Place::Tip, parameters: &[TIME], held: false };
+static TWO_POLES: Restriction =
+    Restriction { form: "two in a row before the hysteresis", place: Place::Flow, parameters: &[TIME, SECOND], held: false };
+static TWO_POLES_BEHIND: Restriction =
+    Restriction { form: "two in a row behind the hysteresis", place: Place::Tip, parameters: &[TIME, SECOND], held: false };
 
-impl Form for TwoPoles {
+impl Form for Restriction {
     fn name(&self) -> &'static str {
         "pneumatic-lag"
     }
     fn form(&self) -> &'static str {
-        "two in a row before the hysteresis"
+        self.form
+    }
+    fn place(&self) -> Place {
+        self.place
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        self.parameters
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        if self.parameters.len() == 1 {
+            return ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect();
+        }
+        ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if self.place > Place::Operators {
+            return;
+        }
+        if self.held {
+            lag_of_held(path, parameters[0], run.period_s);
+        } else {
+            parameters.iter().for_each(|&time_s| lag(path, time_s, run.period_s));
+        }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        if self.place > Place::Operators {
+            parameters.iter().for_each(|&time_s| columns.filter(&Lag::new(time_s, run.period_s)));
+        }
+    }
+}
+
+/// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
+/// room's pressure `P`, so that a tube under pressure is a faster one. `T dv/dt = (u - v)(1 + c (u + v) / 2)`, and `c` is `1 / P`.
+struct Dense;
+
+impl Form for Dense {
+    fn name(&self) -> &'static str {
+        "pneumatic-lag"
+    }
+    fn form(&self) -> &'static str {
+        "before the hysteresis, faster under pressure"
     }
     fn place(&self) -> Place {
         Place::Flow
     }
     fn parameters(&self) -> &'static [Parameter] {
-        TIMES
+        &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        starts_of_two()
+        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, 2.0]).collect()
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [0.15, 0.4][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        lag(path, parameters[0], run.period_s);
-        lag(path, parameters[1], run.period_s);
+        let step_s = run.period_s / LOOKS as f64;
+        let mut state = path[0];
+        let mut last = path[0];
+        for value in path {
+            let slope = (*value - last) / LOOKS as f64;
+            for _ in 0..LOOKS {
+                let now = last + slope;
+                let ease = (1.0 + 0.5 * parameters[1] * (0.5 * (last + now) + state)).max(0.1);
+                let (keep, of_now, of_last) = lag_coefficients(parameters[0] / ease, step_s);
+                state = keep * state + of_now * now + of_last * last;
+                last = now;
+            }
+            *value = state;
+        }
     }
 }
 
-impl Form for TwoPolesBehind {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
+/// Steps inside a sample, over which the tube's time constant stands still.
+const LOOKS: usize = 2;
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    fn run(input: Vec<f64>) -> Run {
+        let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        Session::new(&[recording.expect("a recording")], &[]).expect("a session").runs[0].clone()
     }
-    fn form(&self) -> &'static str {
-        "two in a row behind the hysteresis"
+
+    #[test]
+    fn the_lag_of_a_held_command_begins_a_sample_after_its_step() {
+        let run = run((0..1000).map(|sample| if sample < 500 { 0.0 } else { 1.0 }).collect());
+        let mut path = run.input.clone();
+        HELD.input(&[0.1], &run, &mut path);
+        assert_eq!(path[500], 0.0);
+        for sample in 501..520_u32 {
+            let exact = 1.0 - (-f64::from(sample - 500) * 0.02 / 0.1).exp();
+            assert!((path[sample as usize] - exact).abs() < 1e-12, "sample {sample}");
+        }
     }
-    fn place(&self) -> Place {
-        Place::Tip
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        TIMES
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        starts_of_two()
-    }
-    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(&Lag::new(parameters[0], run.period_s));
-        columns.filter(&Lag::new(parameters[1], run.period_s));
+
+    #[test]
+    fn a_dense_tube_follows_the_difference_of_squares() {
+        let (time_s, faster) = (0.2, 3.0);
+        let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
+        let mut path = run.input.clone();
+        Dense.input(&[time_s, faster], &run, &mut path);
+        // T v' = c / 2 ((u + 1/c)^2 - (v + 1/c)^2), in small steps of Euler's.
+        let mut state = run.input[0];
+        for sample in 1..1000 {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let u = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]);
+                state += 1e-5 / time_s * 0.5 * faster * ((u + 1.0 / faster).powi(2) - (state + 1.0 / faster).powi(2));
+            }
+            assert!((path[sample] - state).abs() < 2e-3, "sample {sample}: {} and {state}", path[sample]);
+        }
     }
 }

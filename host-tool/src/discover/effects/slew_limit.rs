@@ -101,6 +101,10 @@ impl Form for Gradual {
             Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
         ]
     }
+    fn cost(&self) -> usize {
+        // While the limit is out of reach this is a lag.
+        2 + usize::from(self.held)
+    }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()
     }
