@@ -1,16 +1,18 @@
-//! `valve-dead-band`: the pressure holds until the error passes the band, then the valve opens and follows until little error is left.
+//! `valve-dead-band`: the pressure holds until the error passes the band, then the valve opens and follows until little error is left; or a
+//! spool with overlap passes nothing inside the band and in proportion to what goes beyond it.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
 use crate::discover::jumps::Drive;
 use crate::discover::session::{Role, Run, Session};
 
 use super::seated::Seated;
-use super::{best_starts, ladder};
+use super::{best_starts, ladder, lag_coefficients};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Follow, &SEEN];
+pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
 
 struct Follow;
+struct Overlap;
 /// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
 static SEEN: Seated =
     Seated { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
@@ -172,4 +174,67 @@ fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize
         }
     }
     best
+}
+
+impl Form for Overlap {
+    fn name(&self) -> &'static str {
+        "valve-dead-band"
+    }
+    fn form(&self) -> &'static str {
+        "flow in proportion to the error beyond the band"
+    }
+    fn place(&self) -> Place {
+        Place::Supply
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
+            Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        // A lag behind the nearer edge of the band, which is where the pressure stands while it is inside.
+        let (keep, now, before) = lag_coefficients(parameters[1], run.period_s);
+        let mut state = path[0];
+        let mut last = path[0];
+        for value in path {
+            let edge = |command: f64| state.clamp(command - parameters[0], command + parameters[0]);
+            state = keep * state + now * edge(*value) + before * edge(last);
+            last = *value;
+            *value = state;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn a_spool_with_overlap_holds_inside_the_band_and_follows_beyond_it() {
+        let (band, flow_s) = (0.05, 0.1);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.5 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut path = run.input.clone();
+        Overlap.input(&[band, flow_s], run, &mut path);
+        let mut state = run.input[0];
+        for sample in 1..1000 {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let error = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]) - state;
+                state += 1e-5 / flow_s * (error - error.clamp(-band, band));
+            }
+            assert!((path[sample] - state).abs() < 2e-3, "sample {sample}: {} and {state}", path[sample]);
+        }
+    }
 }
