@@ -1,17 +1,29 @@
-//! `rate-dependent-hysteresis`: the loop widens with speed: thresholds grow with a power of the rate, or operators follow late.
+//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with a power of the rate, operators follow late, or their weights
+//! change with the rate.
 //!
 //! Thresholds that all grow by `c |dv/dt|` and a lag of the time constant `c` are the same to first order in `c`. To second order the lag
 //! adds `c^2 v''`; growth that takes a time `T` to build up (a dashpot with a spring in series, Maxwell's element) adds `c T v''`. So what
 //! the growth remembers decides between the two, and a form that remembers nothing loses to a lag wherever the rig's growth does.
 
-use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
-use crate::discover::session::Session;
+use std::collections::BTreeMap;
+
+use crate::discover::catalogue::{Columns, Form, Habit, Parameter, Place, Quantity};
+use crate::discover::session::{Run, Session};
 
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] =
-    &[&Additive, &Proportional, &AdditiveLinear, &ProportionalLinear, &AdditiveFading, &ProportionalFading, &Viscous, &Stiffening];
+pub const FORMS: &[&dyn Form] = &[
+    &Additive,
+    &Proportional,
+    &AdditiveLinear,
+    &ProportionalLinear,
+    &AdditiveFading,
+    &ProportionalFading,
+    &Viscous,
+    &Stiffening,
+    &Weights,
+];
 
 struct Additive;
 struct Proportional;
@@ -21,6 +33,7 @@ struct AdditiveFading;
 struct ProportionalFading;
 struct Viscous;
 struct Stiffening;
+struct Weights;
 
 const POWER: Parameter = Parameter { name: "rate_power", quantity: Quantity::Ratio, low: 0.2, high: 1.5, logarithmic: true };
 
@@ -201,4 +214,49 @@ impl Form for Stiffening {
         habit.viscous_s = parameters[0];
         habit.stiffening = parameters[1];
     }
+}
+
+/// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
+impl Form for Weights {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "weights change with the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn cost(&self) -> usize {
+        3
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let rates = rates(&run.input, run.period_s);
+        columns.push(true, |sample| rates[sample] * sum[sample]);
+        columns.push(true, |sample| rates[sample] * run.input[sample]);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let of = |weight: f64| weight / session.input_scale;
+        let per = format!("per_{}_per_s", session.input_unit);
+        BTreeMap::from([
+            (format!("weights_change_{per}"), of(weights[0])),
+            (format!("of_the_weight_without_threshold_{per}"), of(weights[0] + weights[1])),
+        ])
+    }
+}
+
+/// How fast the input goes, spans per s, over two samples to either side: noise of the command is no speed.
+fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
+    let last = input.len() - 1;
+    let rate = |sample: usize| {
+        let (before, after) = (sample.saturating_sub(2), (sample + 2).min(last));
+        (input[after] - input[before]).abs() / ((after - before) as f64 * period_s)
+    };
+    (0..input.len()).map(rate).collect()
 }
