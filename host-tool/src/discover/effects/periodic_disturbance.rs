@@ -1,4 +1,4 @@
-//! `periodic-disturbance`: heart or pump, at a rhythm of its own, running on between recordings.
+//! `periodic-disturbance`: heart or pump, at a rhythm of its own, running on between recordings; at the sensor, or in the pressure.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -9,7 +9,7 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Role, Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT];
+pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT, &Pump];
 
 /// Harmonics that must not go with the input for a rhythm to be from outside: the higher ones are small on either side.
 const STRONG_HARMONICS: usize = 3;
@@ -18,6 +18,7 @@ const HARMONICS: usize = 6;
 
 struct Beat;
 struct Triggered;
+struct Pump;
 /// A rhythm whose phase is read from each recording.
 struct Loose {
     form: &'static str,
@@ -175,6 +176,11 @@ impl Spectrum {
         peaks.into_iter().take(3).filter(|entry| entry.0 > 1.5).map(|entry| entry.1).collect()
     }
 
+    /// Power over its surroundings at one of the spectrum's frequencies.
+    fn over_at(&self, frequency_hz: f64) -> f64 {
+        self.over.get(((frequency_hz - self.lowest_hz) / self.spacing_hz).round() as usize).copied().unwrap_or(0.0)
+    }
+
     fn at(&self, step: u32) -> f64 {
         self.lowest_hz + f64::from(step) * self.spacing_hz
     }
@@ -255,17 +261,8 @@ impl Form for Beat {
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
         let lines = Line::all(session, residual);
-        let mut starts = Vec::new();
-        for peak in spectrum.peaks() {
-            // The phase runs on through the session: a comb of narrow lines under each peak.
-            let fine = 0.2 / session.length_s;
-            let steps = (1.2 * spectrum.spacing_hz / fine).ceil() as i64;
-            let comb: Vec<f64> = (-steps..=steps).map(|step| peak + step as f64 * fine).collect();
-            let found = powers(&lines, &comb, true).into_iter().zip(comb).max_by(|x, y| x.0.total_cmp(&y.0));
-            if let Some((_, frequency)) = found {
-                starts.push(vec![frequency / spectrum.harmonic_of(peak) as f64]);
-            }
-        }
+        let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| vec![found / spectrum.harmonic_of(peak) as f64]);
+        let starts = spectrum.peaks().into_iter().filter_map(of).collect();
         apart_from_input(session, residual, starts, STRONG_HARMONICS)
     }
     fn step(&self, _: usize) -> f64 {
@@ -279,6 +276,64 @@ impl Form for Beat {
         tell_harmonics(weights, session)
     }
 }
+
+/// The peak's frequency where its phase runs on through the session: a comb of narrow lines lies under each peak.
+fn tuned(session: &Session, lines: &[Line<'_>], spectrum: &Spectrum, peak_hz: f64) -> Option<f64> {
+    let fine = 0.2 / session.length_s;
+    let steps = (1.2 * spectrum.spacing_hz / fine).ceil() as i64;
+    let comb: Vec<f64> = (-steps..=steps).map(|step| peak_hz + step as f64 * fine).collect();
+    powers(lines, &comb, true).into_iter().zip(comb).max_by(|x, y| x.0.total_cmp(&y.0)).map(|found| found.1)
+}
+
+/// A sine in the pressure: the hysteresis swallows it at every reversal, so that at the sensor it comes and goes with the strokes.
+impl Form for Pump {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        "of the pressure, running on through the session"
+    }
+    fn place(&self) -> Place {
+        Place::Tube
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        WAVE
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let spectrum = Spectrum::new(session, residual);
+        let lines = Line::all(session, residual);
+        let samples: f64 = lines.iter().map(|line| line.residual.len() as f64).sum();
+        let mut starts = Vec::new();
+        for peak in spectrum.peaks().into_iter().filter(|&peak| spectrum.over_at(peak) > LINE) {
+            let Some(found) = tuned(session, &lines, &spectrum, peak) else { continue };
+            let (mut sine, mut cosine) = (0.0, 0.0);
+            for line in &lines {
+                let [re, im] = line.transform(&[found]);
+                cosine += 2.0 * re[0] / samples;
+                sine += 2.0 * im[0] / samples;
+            }
+            // What arrives at the sensor is what came in, or about half of it.
+            starts.extend([1.0, 1.8].map(|more| vec![found, more * sine, more * cosine]));
+        }
+        apart_from_input(session, residual, starts, 1)
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [1e-4, 0.03, 0.03][parameter]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        let omega = 2.0 * PI * parameters[0];
+        for (value, time_s) in path.iter_mut().zip(&run.session_s) {
+            let (im, re) = (omega * time_s).sin_cos();
+            *value += parameters[1] * im + parameters[2] * re;
+        }
+    }
+    fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([(format!("amplitude_{}", session.input_unit), parameters[1].hypot(parameters[2]) * session.input_scale)])
+    }
+}
+
+const SINE: Parameter = Parameter { name: "sine", quantity: Quantity::Ratio, low: -0.2, high: 0.2, logarithmic: false };
+const WAVE: &[Parameter] = &[FREQUENCY[0], SINE, Parameter { name: "cosine", ..SINE }];
 
 /// A sine and a cosine of each harmonic, at times in s.
 fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
