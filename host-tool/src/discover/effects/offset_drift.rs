@@ -1,16 +1,18 @@
-//! `offset-drift`: the zero wanders with the session's time, towards a limit or along a spline.
+//! `offset-drift`: the zero wanders with the session's time, towards a limit or along a spline; or every recording has a zero of its own.
 
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::session::{Run, Session};
+use crate::discover::noise;
+use crate::discover::session::{Role, Run, Session};
 
 use super::session_curve::{Drifts, SessionCurve};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE];
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE, &Own];
 
 struct WarmUp;
+struct Own;
 static CURVE: SessionCurve = SessionCurve { name: "offset-drift", drifts: Drifts::Offset };
 
 impl Form for WarmUp {
@@ -39,5 +41,56 @@ impl Form for WarmUp {
         // The limit of a drift that has hardly begun to bend is anybody's guess; what it did in the session is not.
         let reached = -(-session.length_s / parameters[0]).exp_m1() * weights[0] * session.output_scale;
         BTreeMap::from([(format!("drift_in_the_session_{}", session.output_unit), reached)])
+    }
+}
+
+/// Least share of what the model leaves above the noise that must be in the recordings' means.
+const LEAST_OF_ZEROS: f64 = 0.6;
+
+/// A zero that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
+impl Form for Own {
+    fn name(&self) -> &'static str {
+        "offset-drift"
+    }
+    fn form(&self) -> &'static str {
+        "a zero of its own in each recording"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn cost(&self) -> usize {
+        // It reads one value from each recording, those that it is judged by included.
+        10
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // Whatever a model lacks leaves its mean in each recording, beside much else; a zero leaves nothing else.
+        let kept = |run: &Run| -> Vec<f64> {
+            residual[run.index].iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| *value).collect()
+        };
+        let worked = |run: &&Run| run.role.iter().any(|&role| role != Role::Kept);
+        let (mut of_zeros, mut whole, mut count) = (0.0, 0.0, 1e-30);
+        for values in session.runs.iter().filter(worked).map(kept) {
+            of_zeros += values.iter().sum::<f64>().powi(2) / values.len().max(1) as f64;
+            whole += values.iter().map(|value| value * value).sum::<f64>();
+            count += values.len() as f64;
+        }
+        let of_noise = count * noise::floor(session, residual).powi(2);
+        if of_zeros > LEAST_OF_ZEROS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        // Where there is no measured output (a simulation) the zero stays where it is.
+        let measured = run.output.iter().any(|value| *value != 0.0);
+        let kept = || run.keep.iter().zip(run.output.iter().zip(sum)).filter(|(keep, _)| measured && **keep);
+        let zero = kept().map(|(_, (output, sum))| output - sum).sum::<f64>() / kept().count().max(1) as f64;
+        columns.push(false, |_| zero);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("share_of_the_zeros".to_owned(), weights[0])])
     }
 }
