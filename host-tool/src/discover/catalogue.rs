@@ -73,6 +73,10 @@ pub struct Habit {
     pub growth_unloading: f64,
     /// Loading and unloading envelopes bend apart by this times `v (1 - v)`.
     pub envelope_bend: f64,
+    /// The envelopes part by this times a power of the input, whatever the thresholds.
+    pub opening: f64,
+    /// The power of the input.
+    pub opening_power: f64,
     /// Thresholds grow by this times their size times a power of the rate.
     pub growth_per_rate: f64,
     /// Thresholds grow by this times a power of the rate, whatever their size.
@@ -91,7 +95,7 @@ impl Habit {
     /// Whether the operators are plain ones.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        *self == Self { rate_power: self.rate_power, ..Self::default() }
+        *self == Self { rate_power: self.rate_power, opening_power: self.opening_power, ..Self::default() }
     }
 }
 

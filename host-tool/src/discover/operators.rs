@@ -210,7 +210,8 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
         };
         let factor = (1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate;
         let unloading = habit.growth_unloading * value;
-        [factor, habit.envelope_bend * value * (1.0 - value) + habit.extra_per_rate * rate, unloading]
+        let opening = if habit.opening == 0.0 { 0.0 } else { habit.opening * value.max(0.0).powf(habit.opening_power) };
+        [factor, habit.envelope_bend * value * (1.0 - value) + opening + habit.extra_per_rate * rate, unloading]
     };
     path.iter().enumerate().map(gap).collect()
 }

@@ -1,16 +1,17 @@
-//! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, or the
-//! branches bend apart.
+//! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
+//! bend apart, or they part the more the higher the pressure is.
 
 use crate::discover::catalogue::{Form, Habit, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&GROWS, &GROWS_UNLOADING, &GROWS_LOADING, &Bend, &Loading, &Unloading, &Unlike];
+pub const FORMS: &[&dyn Form] = &[&GROWS, &GROWS_UNLOADING, &GROWS_LOADING, &Bend, &Loading, &Unloading, &Unlike, &Opening];
 
 struct Bend;
 struct Loading;
 struct Unloading;
 struct Unlike;
+struct Opening;
 
 const BEND: &[Parameter] = &[Parameter { name: "bend", quantity: Quantity::Ratio, low: -0.6, high: 0.9, logarithmic: false }];
 
@@ -174,6 +175,45 @@ impl Form for Unlike {
     }
 }
 
+/// Generalised play operators: the unloading envelope rises by its own law, `v + A v^n` in place of `v`. Half of that is a curve that both
+/// branches share, half opens the loop.
+impl Form for Opening {
+    fn name(&self) -> &'static str {
+        "asymmetric-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "the branches part with a power of the input"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.2, high: 0.4, logarithmic: false },
+            Parameter { name: "input_power", quantity: Quantity::Ratio, low: 0.7, high: 3.0, logarithmic: true },
+            Parameter { name: "common_bend", quantity: Quantity::Ratio, low: -0.5, high: 0.5, logarithmic: false },
+        ]
+    }
+    fn cost(&self) -> usize {
+        // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
+        4
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let sizes = [-0.04, 0.04, 0.12];
+        sizes.into_iter().flat_map(|size: f64| [vec![size, 1.0, 0.0], vec![size, 2.0, size.abs()], vec![size, 2.0, -size.abs()]]).collect()
+    }
+    fn is_static(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        both_branches(path, parameters[2]);
+    }
+    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+        habit.opening = parameters[0];
+        habit.opening_power = parameters[1];
+    }
+}
+
 /// Bends both branches alike by `size v (1 - v)`; with the envelopes bent apart by as much, one of them stays as it was.
 fn both_branches(path: &mut [f64], size: f64) {
     for value in path {
@@ -191,6 +231,24 @@ mod tests {
     use crate::discover::catalogue::Columns;
     use crate::discover::model::Model;
     use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn the_branches_part_with_the_power_of_the_input() {
+        let input: Vec<f64> =
+            (0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.1 * f64::from(sample) * 0.02).cos()).collect();
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(false, false) };
+        let mut columns = Columns::default();
+        model.with(&Opening, vec![0.08, 2.0, 0.0]).columns(run, &mut columns);
+        let operator = columns.column(1);
+        // Half way up (2.5 s) and half way down (7.5 s) the envelopes are a quarter of the opening beyond the threshold.
+        assert!((operator[125] - (0.5 - 0.1 - 0.02)).abs() < 1e-9, "{}", operator[125]);
+        assert!((operator[375] - (0.5 + 0.1 + 0.02)).abs() < 1e-9, "{}", operator[375]);
+    }
 
     #[test]
     fn the_branch_whose_thresholds_grow_is_late_and_the_other_is_where_it_was() {
