@@ -152,7 +152,7 @@ fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
     let mut start = 0;
     while start < wrong.len() {
         let end = (start + 1..wrong.len()).find(|&next| wrong[next] != wrong[next - 1] + 1).unwrap_or(wrong.len());
-        if end - start <= LONGEST && wrong[start] > LONGEST {
+        if end - start <= LONGEST && wrong[start] > LONGEST && returns(run, &of_residual, wrong[start]..wrong[end - 1] + 1) {
             for &at in &wrong[start..end] {
                 run.keep[at] = false;
                 masked += 1;
@@ -161,6 +161,15 @@ fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
         start = end;
     }
     masked
+}
+
+/// Whether the output is back behind the burst where it was before, but for what the input did meanwhile: what jumps and stays there is a seat
+/// that gave way, and no mistake of the sensor.
+fn returns(run: &Run, of_residual: &[f64], burst: Range<usize>) -> bool {
+    let (before, after) = (burst.start - 1, burst.end.min(of_residual.len() - 1));
+    let size = of_residual[burst].iter().map(|value| value.abs()).fold(0.0, f64::max);
+    let caused = (run.input[after] - run.input[before]).abs();
+    (run.output[after] - run.output[before]).abs() < 0.5 * size + 1.5 * caused
 }
 
 #[cfg(test)]
@@ -184,6 +193,24 @@ mod tests {
         output[400..411].fill(reads(last));
         let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
         Session::new(&[recording.expect("a recording")], &[]).expect("a session")
+    }
+
+    #[test]
+    fn a_seat_that_gives_way_is_no_outlier_and_a_reading_that_comes_back_is_one() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (0.5 * time).cos()).collect();
+        for (samples, masked) in [(400..406, 0), (400..401, 1)] {
+            // The model knows of the seat one sample late; after six samples the seat goes back.
+            let mut residual: Vec<f64> = (0..1000).map(|_| 0.005 * rng.random_range(-1.0..1.0)).collect();
+            let mut output: Vec<f64> = input.iter().zip(&residual).map(|(value, noise)| value + noise).collect();
+            samples.for_each(|sample| output[sample] += 0.4);
+            let (time_s, input) = (time_s.clone(), input.clone());
+            let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
+            let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+            residual[400] += 0.4 / session.output_scale;
+            assert_eq!(outliers(&mut session, &[residual], true), masked);
+        }
     }
 
     #[test]
