@@ -1,18 +1,20 @@
 //! `leakage`: what is held trickles away: strokes pass, the level decays, `dv/dt = du/dt - v / T`, never below zero; or, with a regulator
 //! that slowly fills up again, decays towards a share of the command, `dv/dt = du/dt - (v - k u) / T`; or through a hole in which the flow
-//! is turbulent, `dv/dt = du/dt - v^n / T`: `n` is one for laminar flow and one half for a wide hole.
+//! is turbulent, `dv/dt = du/dt - v^n / T`: `n` is one for laminar flow and one half for a wide hole. Where the valve goes on filling through
+//! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
-use super::ladder;
+use super::{ladder, lag_coefficients};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Hole, &Refilled, &Turbulent];
+pub const FORMS: &[&dyn Form] = &[&Hole, &Refilled, &Turbulent, &Filling];
 
 struct Hole;
 struct Refilled;
 struct Turbulent;
+struct Filling;
 
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.5, high: 500.0, logarithmic: true };
 
@@ -99,6 +101,82 @@ impl Form for Turbulent {
             state = (state + *value - last - run.period_s / time_s * middle.powf(power)).max(0.0);
             last = *value;
             *value = state;
+        }
+    }
+}
+
+impl Form for Filling {
+    fn name(&self) -> &'static str {
+        "leakage"
+    }
+    fn form(&self) -> &'static str {
+        "a hole behind the restriction that fills"
+    }
+    fn place(&self) -> Place {
+        Place::Tube
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 5e-3, high: 2.0, logarithmic: true },
+            Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.03, 0.4, 3).into_iter().flat_map(|time_s| [vec![time_s, 0.04], vec![time_s, 0.15]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        let [time_s, leak] = [parameters[0], parameters[1]];
+        // Where filling and leak balance, `e + L sqrt(e) = u`. Then `u - v - L sqrt(v)` is `(e - v) (1 + L / (sqrt(e) + sqrt(v)))`: a lag
+        // towards the balance that is faster near zero, and stays stable there.
+        let balance = |command: f64| {
+            if command > 0.0 { ((0.25 * leak * leak + command).sqrt() - 0.5 * leak).powi(2) } else { command }
+        };
+        let step_s = run.period_s / LOOKS as f64;
+        let mut state = balance(path[0]);
+        let mut last = path[0];
+        for value in path {
+            for look in 0..LOOKS {
+                let at = |look: usize| balance(last + (*value - last) * look as f64 / LOOKS as f64);
+                let (before, now) = (at(look), at(look + 1));
+                let roots = (0.5 * (before + now)).max(0.0).sqrt() + state.max(0.0).sqrt();
+                let (keep, of_now, of_before) = lag_coefficients(time_s / (1.0 + leak / roots.max(1e-3)), step_s);
+                state = keep * state + of_now * now + of_before * before;
+            }
+            last = *value;
+            *value = state;
+        }
+    }
+}
+
+/// Steps inside a sample, over which the time constant stands still.
+const LOOKS: usize = 2;
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::{Recording, Signal};
+
+    #[test]
+    fn the_hole_behind_the_restriction_follows_its_equation() {
+        let (time_s, leak) = (0.12, 0.2);
+        let times_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = times_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.6 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), times_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut path = run.input.clone();
+        Filling.input(&[time_s, leak], run, &mut path);
+        let mut state = 0.0_f64;
+        for sample in 1..1000 {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let command = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]);
+                state = (state + 1e-5 / time_s * (command - state - leak * state.max(0.0).sqrt())).max(0.0);
+            }
+            assert!((path[sample] - state).abs() < 3e-3, "sample {sample}: {} and {state}", path[sample]);
         }
     }
 }
