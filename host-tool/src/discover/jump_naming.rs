@@ -167,6 +167,9 @@ fn jumps(session: &Session, explanations: &[Model], smoothest: usize, form: &'st
     judged
 }
 
+/// Share of what a simulation leaves above the noise that an observer may leave to take its place.
+const LEFT_BY_AN_OBSERVER: f64 = 0.5;
+
 /// How often weights are fitted again beside the jumps.
 const REFITS: usize = 2;
 
@@ -258,7 +261,12 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         Some(Pull::new(session, &with_lag(&one.model, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
-    if !simulated {
+    // A simulation that leaves too much gives way to an observer of the same valve.
+    let above_noise = |square: f64| (square - noise * noise).max(0.0);
+    let gives_way = simulated
+        && name == VALVE
+        && above_noise(select) < LEFT_BY_AN_OBSERVER * above_noise(outcome.model.clone().fit(session, Scope::Both).1);
+    if !simulated || gives_way {
         let smooth_select = beside.clone().fit(session, Scope::Both).1;
         let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
         // What takes away more than it leaves to the other is missed most.
