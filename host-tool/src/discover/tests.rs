@@ -307,9 +307,10 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
     let path = folder.path().join("model.toml");
     std::fs::write(&path, written.encode().expect("TOML")).expect("a file");
     let read = crate::model::load(&path).expect("a model");
-    let recording = &case.recordings[3];
-    let run =
-        finding.session.runs.iter().find(|run| run.input.len() == recording.input.len() && run.name.contains("_03")).expect("the run");
+    // The first of the session: a file knows nothing of what earlier recordings have left creeping.
+    let recording = &case.recordings[0];
+    let run = finding.session.runs.iter().find(|run| run.index == 0).expect("the run");
+    assert!(run.source == (0, 0) && run.input.len() == recording.input.len());
     let fitted = finding.after.predict(run);
     if !finding.after.carry {
         for (from_file, normalised) in read.predict(&recording.input, &[]).expect("a prediction").iter().zip(fitted) {
@@ -330,7 +331,17 @@ fn the_rig_and_the_catalogue_share_no_code() {
     {
         assert!(!text.contains("use crate::discover") && !text.contains("hysteresis::"));
     }
-    for text in [include_str!("model.rs"), include_str!("search.rs"), include_str!("effects/mod.rs"), include_str!("mod.rs")] {
-        assert!(!text.contains("use crate::rig"));
+    for text in [
+        include_str!("mod.rs"),
+        include_str!("find.rs"),
+        include_str!("search.rs"),
+        include_str!("model.rs"),
+        include_str!("workspace.rs"),
+        include_str!("jump_naming.rs"),
+        include_str!("effects/mod.rs"),
+    ] {
+        // Their tests may hide something in the rig.
+        let program = text.split("#[cfg(test)]").next().unwrap_or(text);
+        assert!(!program.contains("use crate::rig"));
     }
 }

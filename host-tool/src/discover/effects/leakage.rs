@@ -1,4 +1,4 @@
-//! `leakage`: what is held trickles away: strokes pass, the level decays, `dv/dt = du/dt - v / T`, never below zero; or, with a regulator
+//! `leakage`: what is held trickles away: strokes pass, the level decays, `dv/dt = du/dt - v / T`, never below zero, or either way; or, with a regulator
 //! that slowly fills up again, decays towards a share of the command, `dv/dt = du/dt - (v - k u) / T`; or through a hole in which the flow
 //! is turbulent, `dv/dt = du/dt - v^n / T`: `n` is one for laminar flow and one half for a wide hole. Where the valve goes on filling through
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
@@ -9,22 +9,33 @@ use crate::discover::session::{Run, Session};
 use super::{ladder, lag_coefficients};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Hole, &Refilled, &Turbulent, &Filling];
+pub const FORMS: &[&dyn Form] = &[&HOLE, &EITHER_WAY, &Refilled, &Turbulent, &Filling];
 
-struct Hole;
+struct Hole {
+    form: &'static str,
+    /// Whether the pressure may fall below that of the room, as far as the input tells it.
+    below_zero: bool,
+}
 struct Refilled;
 struct Turbulent;
 struct Filling;
 
+static HOLE: Hole = Hole { form: "held pressure decays", below_zero: false };
+/// Where zero of the input is not the room's pressure: air comes back through the hole when a stroke ends below where the leak has led.
+static EITHER_WAY: Hole = Hole { form: "held pressure decays, and comes back from below", below_zero: true };
+
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.5, high: 500.0, logarithmic: true };
 
-/// Lets `path` decay towards `kept` times itself.
-fn leak(path: &mut [f64], time_s: f64, kept: f64, run: &Run) {
-    let keep = (-run.period_s / time_s).exp();
+/// The lowest pressure: a unipolar line cannot go below the room's.
+fn lowest(run: &Run) -> f64 {
+    if run.input.iter().all(|&value| value >= -0.05) { 0.0 } else { f64::MIN }
+}
+
+/// Lets `path` decay towards `kept` times itself, not below `floor`.
+fn leak(path: &mut [f64], time_s: f64, kept: f64, period_s: f64, floor: f64) {
+    let keep = (-period_s / time_s).exp();
     let mut state = path[0];
     let mut last = path[0];
-    // A unipolar line cannot go below the room's pressure.
-    let floor = if run.input.iter().all(|&value| value >= -0.05) { 0.0 } else { f64::MIN };
     for value in path {
         let rest = kept * 0.5 * (*value + last);
         state = (rest + keep * (state - rest) + 0.5 * (1.0 + keep) * (*value - last)).max(floor);
@@ -38,7 +49,7 @@ impl Form for Hole {
         "leakage"
     }
     fn form(&self) -> &'static str {
-        "held pressure decays"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Tube
@@ -50,7 +61,8 @@ impl Form for Hole {
         ladder(2.0, 100.0, 7).into_iter().map(|value| vec![value]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        leak(path, parameters[0], 0.0, run);
+        let floor = if self.below_zero { f64::MIN } else { lowest(run) };
+        leak(path, parameters[0], 0.0, run.period_s, floor);
     }
 }
 
@@ -71,7 +83,7 @@ impl Form for Refilled {
         ladder(2.0, 30.0, 4).into_iter().flat_map(|value| [vec![value, 0.15], vec![value, 0.5]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        leak(path, parameters[0], parameters[1], run);
+        leak(path, parameters[0], parameters[1], run.period_s, lowest(run));
     }
 }
 

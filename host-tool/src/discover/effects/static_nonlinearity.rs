@@ -6,9 +6,10 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Pressure, &CUBIC, &QUINTIC, &Pieces, &Parallel];
+pub const FORMS: &[&dyn Form] = &[&Pressure, &Power, &CUBIC, &QUINTIC, &Pieces, &Parallel];
 
 struct Pressure;
+struct Power;
 /// A polynomial of the output.
 struct Displacement {
     form: &'static str,
@@ -57,6 +58,31 @@ impl Form for Pressure {
             let u = value.clamp(0.0, 1.0);
             *value += u * (1.0 - u) * (parameters[0] + parameters[1] * (1.0 - 2.0 * u));
         }
+    }
+}
+
+/// A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
+impl Form for Power {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "power of the input: v = u^n"
+    }
+    fn place(&self) -> Place {
+        Place::Muscle
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.6, 0.85, 1.2, 1.6].into_iter().map(|exponent| vec![exponent]).collect()
+    }
+    fn is_static(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        path.iter_mut().for_each(|value| *value = value.signum() * value.abs().powf(parameters[0]));
     }
 }
 
