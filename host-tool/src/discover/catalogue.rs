@@ -172,6 +172,11 @@ pub trait Form: Sync {
     fn jumps(&self) -> Option<Drive> {
         None
     }
+    /// Whether it reads values from every recording that it explains, those included that judge it. Coloured noise gives way to any such form by a
+    /// little: a gain must be worth its price beside everything else.
+    fn reads_output(&self) -> bool {
+        false
+    }
     /// Whether a seat that is seen in the output feels what the sensor's effects add.
     fn feels_sensor(&self) -> bool {
         false

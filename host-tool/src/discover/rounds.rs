@@ -242,7 +242,9 @@ impl Judged {
     pub fn pays(&self, before: &Self, least: f64) -> bool {
         let gain = self.gain_over(before);
         let beyond_grid = before.select - self.select > GRID_ERROR * GRID_ERROR;
-        gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
+        let reads = |judged: &Self| judged.model.slots.iter().filter(|slot| slot.form.reads_output()).count();
+        let worth_its_price = reads(self) <= reads(before) || self.judgement() < before.judgement();
+        worth_its_price && gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
     }
 }
 

@@ -6,10 +6,14 @@
 /// Points at which the input turned between two samples: the sample after each, and the farthest value, beyond both neighbours.
 ///
 /// Either side is continued by the parabola through its three samples, which is exact for corners between straight lines and close for
-/// whatever is smooth. Both sides must go straight up or down over their three samples: a jittering input has few such turns, and none is
-/// continued by more than two straight lines through the neighbouring steps could be.
+/// whatever is smooth. Both sides must go straight up or down over their three samples, and none is continued by more than two straight lines
+/// through the neighbouring steps could be. An input that jitters from sample to sample has no such turns: what it does between them is
+/// anybody's guess, and mostly it holds.
 #[must_use]
 pub fn between_samples(path: &[f64]) -> Vec<(usize, f64)> {
+    if jitters(path) {
+        return Vec::new();
+    }
     let turn = |(index, near): (usize, &[f64])| {
         let &[a, b, c, d, e, f] = near else { return None };
         let sign = if c > b { 1.0 } else { -1.0 };
@@ -18,6 +22,26 @@ pub fn between_samples(path: &[f64]) -> Vec<(usize, f64)> {
         (beyond > 0.0).then(|| (index + 3, sign * (sign * c).max(sign * d) + sign * beyond))
     };
     path.windows(6).enumerate().filter_map(turn).collect()
+}
+
+/// Share of the samples at which a jittering input bends the other way than just before; a wave of eight samples does at a quarter.
+const BENDS_BACK: f64 = 0.45;
+/// Root mean square of its bends over that of its steps; steps of a converter are far smaller.
+const LARGE_BENDS: f64 = 0.3;
+
+/// Whether the path bends to and fro from sample to sample, and by as much as it moves.
+fn jitters(path: &[f64]) -> bool {
+    let (mut back, mut count, mut of_bends, mut of_steps) = (0.0, 1e-30, 0.0, 1e-30);
+    for near in path.windows(4) {
+        let (before, bend) = (near[2] - 2.0 * near[1] + near[0], near[3] - 2.0 * near[2] + near[1]);
+        of_bends += bend * bend;
+        of_steps += (near[3] - near[2]).powi(2);
+        if before != 0.0 && bend != 0.0 {
+            count += 1.0;
+            back += f64::from(u8::from((before > 0.0) != (bend > 0.0)));
+        }
+    }
+    back > BENDS_BACK * count && of_bends > LARGE_BENDS * LARGE_BENDS * of_steps
 }
 
 /// How far, in the direction of `sign`, two sides reach beyond the last sample of each before they meet. A side is its last value, its
@@ -96,6 +120,23 @@ mod tests {
             worst = [worst[0].max(turned.fold(near, f64::min)), worst[1].max(near)];
         }
         worst
+    }
+
+    #[test]
+    fn an_input_that_jitters_turns_at_its_samples_and_a_fast_wave_between_them() {
+        let wave = |frequency_hz: f64| move |sample: u32| (2.0 * std::f64::consts::PI * frequency_hz * f64::from(sample) * PERIOD_S).sin();
+        // A multiplicative generator (Park and Miller 1988) is random enough.
+        let mut state = 12_345_u64;
+        let mut jitter = || {
+            state = state * 48_271 % 2_147_483_647;
+            state as f64 / 2_147_483_647.0
+        };
+        let slow = wave(0.3);
+        let jittering: Vec<f64> = (0..1000).map(|sample| slow(sample) + 0.05 * jitter()).collect();
+        assert!(between_samples(&jittering).is_empty());
+        let read_in_steps: Vec<f64> = (0..1000).map(|sample| (slow(sample) * 500.0).round() / 500.0).collect();
+        assert!(!jitters(&read_in_steps));
+        assert!(!between_samples(&(0..1000).map(wave(6.0)).collect::<Vec<_>>()).is_empty());
     }
 
     #[test]

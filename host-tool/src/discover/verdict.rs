@@ -20,6 +20,18 @@ const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
 /// Kept-out recordings off by more than this many times the noise are a disagreement, even where the others show none.
 const MOST_KEPT_OUT: f64 = 1.5;
 
+/// Share of the mean square above the noise that must not stay on kept-out recordings where it stands out of it there: what explains less
+/// than half of recordings that it has not seen is no explanation.
+const MOST_UNEXPLAINED_KEPT_OUT: f64 = 0.5;
+/// Root mean square over the noise from which on something stands out on kept-out recordings.
+const STANDS_OUT_KEPT_OUT: f64 = 1.06;
+
+/// Whether an explanation fails on kept-out recordings, from the root mean squares there before and after and from the noise.
+fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
+    let excess = |rmse: f64| rmse * rmse - floor * floor;
+    after > STANDS_OUT_KEPT_OUT * floor && excess(after) > MOST_UNEXPLAINED_KEPT_OUT * excess(before)
+}
+
 /// Mean square on the samples that a model was found with; masked samples count if `all`.
 fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
@@ -170,7 +182,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
     let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || (disagrees && effects.is_empty()) {
+    let fails = !jumps && fails_kept_out(rmse_before, rmse_after, floor);
+    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || fails || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
@@ -199,5 +212,19 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         summary: String::new(),
         excluded_samples: excluded,
         kept_out,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fails_kept_out;
+
+    #[test]
+    fn what_leaves_most_of_unseen_recordings_unexplained_fails_and_what_reaches_the_noise_does_not() {
+        assert!(fails_kept_out(2.0, 1.6, 1.0));
+        assert!(!fails_kept_out(2.0, 1.4, 1.0));
+        // A small effect, closed down to what scatters anyway.
+        assert!(!fails_kept_out(1.1, 1.05, 1.0));
+        assert!(fails_kept_out(1.3, 1.4, 1.0));
     }
 }

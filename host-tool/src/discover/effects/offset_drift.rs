@@ -65,6 +65,9 @@ impl Form for Own {
         // It reads one value from each recording, those that it is judged by included.
         10
     }
+    fn reads_output(&self) -> bool {
+        true
+    }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // Whatever a model lacks leaves its mean in each recording, beside much else; a zero leaves nothing else.
         let kept = |run: &Run| -> Vec<f64> {

@@ -26,8 +26,8 @@ struct Loose {
     cost: usize,
 }
 
-static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 5 };
-static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 8 };
+static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 6 };
+static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 14 };
 
 const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: true }];
 
@@ -394,6 +394,9 @@ impl Form for Loose {
     }
     fn weights(&self) -> usize {
         1
+    }
+    fn reads_output(&self) -> bool {
+        true
     }
     fn cost(&self) -> usize {
         self.cost
