@@ -185,6 +185,6 @@ pub struct TickOutputs {
     pub answer: Option<Answer>,
     /// A sample for the host.
     pub telemetry: Option<Telemetry>,
-    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`].
+    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`](super::Rig::end_trace).
     pub trace: Option<TraceRecord>,
 }

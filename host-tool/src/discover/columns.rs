@@ -164,7 +164,7 @@ impl Columns {
         Self { samples, ..Self::default() }
     }
 
-    /// Begins anew with so many operators, which `write` puts into the columns behind the first [`AHEAD`], as many at a time as it likes:
+    /// Begins anew with so many operators, which `write` puts into the columns behind the first `AHEAD`, as many at a time as it likes:
     /// the constant and the measured output come before them.
     pub fn begin(&mut self, operators: usize, output: &[f64], write: impl FnOnce(&mut Rows)) {
         self.samples = output.len();
