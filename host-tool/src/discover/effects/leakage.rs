@@ -9,7 +9,7 @@ use crate::discover::session::{Run, Session};
 use super::{ladder, lag_coefficients};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&HOLE, &EITHER_WAY, &Refilled, &Turbulent, &Filling];
+pub const FORMS: &[&dyn Form] = &[&HOLE, &Refilled, &Turbulent, &Filling, &EITHER_WAY];
 
 struct Hole {
     form: &'static str,
