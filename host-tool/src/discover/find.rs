@@ -202,8 +202,9 @@ const MUCH_OVER_NOISE: f64 = 1.32;
 /// Least share of the mean square that a further effect takes away.
 ///
 /// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
-/// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide
-/// anything, half of what is left, for what mends another's form leaves more than that, and never less than what no form is exact to. It takes the share `of_left` of what is left at least.
+/// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide anything, half of
+/// what is left, for what mends another's form leaves more than that, and never less than what no form is exact to. It takes the share
+/// `of_left` of what is left at least.
 fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
     let excess = (bare.select - floor_square).max(0.05 * floor_square);
