@@ -252,7 +252,20 @@ impl Judged {
 
 #[cfg(test)]
 mod tests {
-    use super::{deviations, is_no_chance};
+    use super::{Judged, Model, deviations, is_no_chance};
+    use crate::discover::effects::{offset_drift, periodic_disturbance};
+
+    #[test]
+    fn a_form_that_reads_its_values_from_every_recording_must_bring_its_price() {
+        let base = Model::baseline(false, false);
+        let judged =
+            |model: &Model, square: f64| Judged { model: model.clone(), fine: model.clone(), select: square, blocks: vec![square; 200] };
+        let (loose, drift) = (periodic_disturbance::FORMS[2], offset_drift::FORMS[0]);
+        assert!(loose.reads_output() && !drift.reads_output());
+        let pays = |form, square| judged(&base.with(form, vec![1.0]), square).pays(&judged(&base, 1.0), 0.024);
+        // Coloured noise gives way to a loose rhythm by a twentieth.
+        assert!(pays(drift, 0.95) && !pays(loose, 0.95) && pays(loose, 0.9));
+    }
 
     #[test]
     fn a_large_gain_in_few_blocks_is_no_chance_and_a_small_one_is() {

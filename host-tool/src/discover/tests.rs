@@ -324,6 +324,16 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
 }
 
 #[test]
+fn a_power_of_the_pressure_is_no_threshold_beside_a_curve() {
+    let effects = vec!["static-nonlinearity".to_owned()];
+    let case = rig::hide(&CaseConfig { effects, seed: 552, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case");
+    let finding = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding").discovery;
+    let names: Vec<&str> = finding.effects.iter().map(|effect| effect.name.as_str()).collect();
+    assert_eq!(names, ["static-nonlinearity"], "{finding:?}");
+    assert_eq!((finding.verdict, finding.effects[0].form.as_str()), (Verdict::Named, "power of the input: v = u^n"));
+}
+
+#[test]
 fn the_rig_and_the_catalogue_share_no_code() {
     // The rig must not look at the candidates, nor the candidates at the rig; only the corpus runner knows both.
     for text in

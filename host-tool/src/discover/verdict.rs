@@ -182,7 +182,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
     let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let fails = !jumps && fails_kept_out(rmse_before, rmse_after, floor);
+    let fails = !effects.is_empty() && !jumps && fails_kept_out(rmse_before, rmse_after, floor);
     let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || fails || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
