@@ -41,6 +41,15 @@ fn names_nothing_when_nothing_is_hidden() {
 }
 
 #[test]
+fn coloured_noise_alone_is_no_unknown_effect() {
+    // What the play operators of the second rig leave of coloured noise is worse on the kept-out recordings: where nothing was found, that
+    // is no reason to look for something unknown.
+    let config = CaseConfig { seed: SEED + 1, coloured_noise: true, generator: Generator::Rival, ..CaseConfig::default() };
+    let discovery = found(&rig::hide(&config).expect("a case"));
+    assert_eq!(discovery.verdict, Verdict::None, "{discovery:?}");
+}
+
+#[test]
 fn names_what_another_rig_with_other_laws_hides() {
     for (effect, seed) in [("pneumatic-lag", SEED + 20), ("supply-saturation", SEED + 21)] {
         let config = CaseConfig { effects: vec![effect.to_owned()], seed, generator: Generator::Rival, ..CaseConfig::default() };

@@ -138,7 +138,7 @@ impl Rival {
         for law in &laws {
             self.before(law, &mut path);
         }
-        let mut output = self.operators(&laws, &path);
+        let mut output = self.operators(&laws, &path, (samples - 1) * STEPS_PER_SAMPLE);
         let mut skew = 0.0;
         for law in &laws {
             self.behind(law, recording, &session_s, &mut output);
@@ -257,8 +257,9 @@ impl Rival {
         }
     }
 
-    /// The play operators, with what an effect does to them.
-    fn operators(&mut self, laws: &[Law], path: &[f64]) -> Vec<f64> {
+    /// The play operators, with what an effect does to them. The next recording finds them as they are at step `last`, which is the last
+    /// sample: what follows in `path` is there for clocks that run ahead, and no recording tells that the muscle has been through it.
+    fn operators(&mut self, laws: &[Law], path: &[f64], last: usize) -> Vec<f64> {
         if !self.carries {
             self.states.fill(0.0);
         }
@@ -266,6 +267,7 @@ impl Rival {
         let (asymmetry, rate, forgetting) = (law("asymmetric-hysteresis"), law("rate-dependent-hysteresis"), law("alien-forgetting"));
         let mut smooth_rate = 0.0;
         let mut output = Vec::with_capacity(path.len());
+        let mut at_the_end = Vec::new();
         for (step, &value) in path.iter().enumerate() {
             let speed = (value - path[step.saturating_sub(1)]).abs() / STEP_S;
             smooth_rate += STEP_S / 0.02 * (speed - smooth_rate);
@@ -296,7 +298,11 @@ impl Rival {
                 sum += weight * *state;
             }
             output.push(sum);
+            if step == last {
+                at_the_end.clone_from(&self.states);
+            }
         }
+        self.states = at_the_end;
         output
     }
 
