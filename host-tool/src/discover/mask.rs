@@ -2,14 +2,12 @@
 
 use std::ops::Range;
 
+use super::bursts::bursts;
+use super::frozen;
 use super::session::{Run, Session};
 
 /// Longest burst of wrong samples.
 const LONGEST: usize = 8;
-/// Fewest equal readings in a row of a sensor that has stopped reading.
-const FROZEN: usize = 4;
-/// Largest share of a recording that may be in such rows: a sensor that often repeats itself reads something that holds.
-const SELDOM: f64 = 0.05;
 
 /// Median of `values`, which are reordered.
 fn median(values: &mut [f64]) -> f64 {
@@ -29,15 +27,18 @@ pub fn fast_noise(values: &[f64]) -> f64 {
 }
 
 /// Masks outliers in `residual` (all recordings); returns how many samples are masked. Unless the residual is that of a model
-/// (`modelled`), only jumps out and back count.
+/// (`modelled`), only jumps out and back, rows of equal readings and bursts that scatter count.
 ///
 /// A burst counts when the residual jumps out by more than seven deviations of the noise and back by as much within [`LONGEST`] samples,
 /// and the output itself does the same: a model's mistake in a fast motion does not return at once.
 pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) -> usize {
-    let mut masked = 0;
+    // What the readings show by themselves, whatever the model.
+    let mut masked = frozen::stopped(session);
     // A reading between two steps of the sensor flickers by one.
-    let flicker = 2.5 * session.output_step;
+    let output_step = session.output_step;
+    let flicker = 2.5 * output_step;
     for (run, residual) in session.runs.iter_mut().zip(residual) {
+        masked += bursts(run, output_step);
         let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
         // the model misses everywhere.
@@ -87,36 +88,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) ->
             sample += 1;
         }
         if modelled {
-            masked += lonely(run, residual, threshold) + frozen(run, residual, threshold);
-        }
-    }
-    masked
-}
-
-/// Masks rows of equal readings that are wrong: the line was cut, or the last value was sent again.
-///
-/// Only where readings seldom repeat: else the sensor reads in steps, something holds the tip, or the recording has no noise. The reading that
-/// is sent again goes with its repeats.
-fn frozen(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
-    let samples = run.output.len();
-    let mut rows = Vec::new();
-    let mut start = 0;
-    for sample in 1..=samples {
-        if sample == samples || run.output[sample] != run.output[start] {
-            if sample - start >= FROZEN {
-                rows.push(start..sample);
-            }
-            start = sample;
-        }
-    }
-    if rows.iter().map(Range::len).sum::<usize>() as f64 > SELDOM * samples as f64 {
-        return 0;
-    }
-    let mut masked = 0;
-    for row in rows.into_iter().filter(|row| residual[row.clone()].iter().any(|value| value.abs() > threshold)) {
-        for sample in row {
-            masked += usize::from(run.keep[sample]);
-            run.keep[sample] = false;
+            masked += lonely(run, residual, threshold) + frozen::off_the_model(run, residual, threshold);
         }
     }
     masked
@@ -218,14 +190,14 @@ mod tests {
         let left = |session: &Session| -> Vec<Vec<f64>> {
             session.runs.iter().map(|run| run.output.iter().zip(&run.input).map(|(y, u)| y - u).collect()).collect()
         };
-        for (share_of_last, first) in [(0.0, 400), (1.0, 399)] {
-            let mut session = session(|last| share_of_last * last, 0.02);
+        for (share_of_last, first, noise) in [(0.0, 400, 0.02), (1.0, 399, 0.02), (0.0, 400, 0.0), (1.0, 399, 0.0)] {
+            let mut session = session(|last| share_of_last * last, noise);
             let residual = left(&session);
             assert_eq!(outliers(&mut session, &residual, true), 411 - first);
             assert!(session.runs[0].keep.iter().enumerate().all(|(at, keep)| *keep != (first..411).contains(&at)));
         }
-        // Readings that repeat themselves where the model says the same are right.
-        let mut right = session(|last| last, 0.02);
+        // Readings without noise that repeat themselves where the model says the same are right.
+        let mut right = session(|last| last, 0.0);
         let mut residual = left(&right);
         residual[0][400..411].fill(0.0);
         assert_eq!(outliers(&mut right, &residual, true), 0);

@@ -6,6 +6,7 @@
 //! there in the end decides between `named` and `unknown`. Kept-out recordings only give the final figures.
 
 mod alike;
+mod bursts;
 pub mod catalogue;
 mod columns;
 pub mod corpus;
@@ -13,6 +14,7 @@ mod diagnosis;
 pub mod effects;
 pub mod file;
 mod find;
+mod frozen;
 mod grid;
 mod jump_evidence;
 mod jump_naming;
