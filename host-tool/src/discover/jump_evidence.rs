@@ -13,7 +13,10 @@ const LEVELS: usize = 4;
 /// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
 const SLOWEST: f64 = 0.1;
 /// Steps of the search for a law, as shares of its parameters, one round each.
-const STEPS: [f64; 3] = [0.15, 0.07, 0.035];
+const STEPS: [f64; 4] = [0.15, 0.07, 0.035, 0.015];
+
+/// A step of one parameter of a law.
+type Move = fn(JumpLaw, f64) -> JumpLaw;
 
 /// Evidence on the selecting samples: the logarithm of the likelihood per sample.
 pub struct Evidence {
@@ -124,23 +127,39 @@ impl<'a> Pull<'a> {
         self.selecting(|seen| jumps::observe(seen, law).evidence)
     }
 
-    /// The best law of jumps that break away by `drive`.
-    pub fn law(&self, drive: Drive, lag_s: f64) -> JumpLaw {
+    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the `likely` ones, told as band, travel and time constant
+    /// of a valve.
+    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Vec<f64>]) -> JumpLaw {
         // Landing beyond the drive and never sliding, or landing near it and sliding with it.
         const OF_A_TIP: [(f64, f64); 8] =
             [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
-        const OF_A_VALVE: [(f64, f64); 7] = [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, 0.1), (0.0, 0.3), (0.0, 0.8), (0.0, NEVER)];
-        let kinds: &[(f64, f64)] = match drive {
-            Drive::Pull => &OF_A_TIP,
-            Drive::Command => &OF_A_VALVE,
-        };
+        // Error at which it closes, and time constant of its flow, s.
+        const OF_A_VALVE: [(f64, f64); 7] =
+            [(0.0, 0.002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
         let (scatter, wander) = (0.25, 0.5 * self.excess);
-        let first = JumpLaw { drive, break_away: 0.16, landing: 0.0, sliding_speed: NEVER, scatter, wander, lag_s };
+        let still = JumpLaw {
+            drive,
+            break_away: 0.16,
+            landing: 0.5,
+            sliding_speed: NEVER,
+            closing: 0.0,
+            scatter,
+            wander,
+            lag_s,
+            flow_s: 0.0,
+        };
+        let kinds: Vec<JumpLaw> = match drive {
+            Drive::Pull => OF_A_TIP.map(|(landing, sliding_speed)| JumpLaw { landing, sliding_speed, ..still }).into(),
+            Drive::Command => OF_A_VALVE.map(|(closing, flow_s)| JumpLaw { closing, flow_s, ..still }).into(),
+        };
         let ladder = super::effects::ladder(0.01, 0.16, 10).into_iter();
-        let of =
-            |break_away: f64| kinds.iter().map(move |&(landing, sliding_speed)| JumpLaw { break_away, landing, sliding_speed, ..first });
-        let laws = ladder.flat_map(of);
-        let best = self.best(laws.collect(), false).map_or(first, |best| best.1);
+        let of = |break_away: f64| kinds.iter().map(move |kind| JumpLaw { break_away, ..*kind });
+        let of_simulation = |law: &Vec<f64>| {
+            let (break_away, closing, flow_s) = (law[0], 1.0 - law[1] / law[0], law[2]);
+            [0.05, 0.15].map(|scatter| JumpLaw { break_away, closing, flow_s, scatter, ..still })
+        };
+        let laws = ladder.flat_map(of).chain(likely.iter().flat_map(of_simulation));
+        let best = self.best(laws.collect(), false).map_or(still, |best| best.1);
         self.tuned(best, &STEPS)
     }
 
@@ -169,15 +188,23 @@ impl<'a> Pull<'a> {
         let Some(mut best) = self.best(vec![law], true) else { return law };
         for &size in steps {
             for sign in [-size, size] {
-                let moves: [fn(JumpLaw, f64) -> JumpLaw; 5] = [
+                let of_both: [Move; 4] = [
                     |law, by| JumpLaw { break_away: law.break_away * (1.0 + by), ..law },
                     |law, by| JumpLaw { landing: (law.landing + by).clamp(0.0, 1.0), ..law },
                     |law, by| JumpLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
                     |law, by| JumpLaw { wander: law.wander * (1.0 + 4.0 * by), ..law },
-                    |law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law },
                 ];
-                let slides = best.1.sliding_speed < NEVER;
-                for moved in &moves[..if slides { 5 } else { 4 }] {
+                let of_kind: &[Move] = match law.drive {
+                    Drive::Command => &[
+                        |law, by| JumpLaw { closing: (law.closing + by).clamp(0.0, 1.0), ..law },
+                        |law, by| JumpLaw { flow_s: law.flow_s * (1.0 + 3.0 * by), ..law },
+                    ],
+                    Drive::Pull if law.sliding_speed < NEVER => {
+                        &[|law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law }]
+                    }
+                    Drive::Pull => &[],
+                };
+                for moved in of_both.iter().chain(of_kind) {
                     if let Some(other) = self.best(vec![moved(best.1, sign)], true).filter(|other| other.0 > best.0) {
                         best = other;
                     }
@@ -199,10 +226,10 @@ impl<'a> Pull<'a> {
     }
 }
 
-/// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds, a valve's flow takes longer.
+/// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds; a valve has its own.
 pub fn lags(drive: Drive) -> &'static [f64] {
     match drive {
         Drive::Pull => &[0.0, 0.004, 0.008],
-        Drive::Command => &[0.0, 0.01, 0.02, 0.03, 0.045],
+        Drive::Command => &[0.0],
     }
 }

@@ -116,7 +116,14 @@ fn lagged(session: &Session, model: &Model, drive: Drive) -> (Model, f64) {
 }
 
 /// The best jumps of one form on every smooth explanation, those on the leading ones and on the first fitted in full.
-fn jumps(session: &Session, explanations: &[Model], smoothest: usize, form: &'static dyn Form, noise: f64) -> Vec<Judged> {
+fn jumps(
+    session: &Session,
+    explanations: &[Model],
+    smoothest: usize,
+    form: &'static dyn Form,
+    likely: &[Vec<f64>],
+    noise: f64,
+) -> Vec<Judged> {
     let drive = form.jumps().unwrap_or(Drive::Pull);
     let feels = form.feels_sensor();
     // Whether a seat feels the sensor makes a difference where the sensor moves within the time that a seat holds.
@@ -124,7 +131,7 @@ fn jumps(session: &Session, explanations: &[Model], smoothest: usize, form: &'st
     let on = |model: &Model, lag_s: f64| Pull::new(session, &with_lag(model, lag_s), noise, feels);
     let of = |index: usize| {
         let (model, lag_s) = lagged(session, &explanations[index], drive);
-        on(&model, lag_s).law(drive, lag_s)
+        on(&model, lag_s).law(drive, lag_s, if drive == Drive::Command { likely } else { &[] })
     };
     let wanted: Vec<usize> = (0..explanations.len()).filter(|&index| differs(&explanations[index])).collect();
     let Some(&first) = wanted.first() else { return Vec::new() };
@@ -212,7 +219,10 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let base = &explanations[0];
     let smooth = rounds::in_parallel(&explanations, bench.threads, |model| Pull::new(session, model, noise, false).smooth());
     let smoothest = (0..smooth.len()).max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0);
-    let of_forms = rounds::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, noise));
+    // What a simulated valve begins its search at is where the observer of one may begin, too.
+    let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.across().is_some());
+    let likely = simulated_valve.map_or_else(Vec::new, |form| form.starts(session, &base.residuals(session)));
+    let of_forms = rounds::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, &likely, noise));
     let mut judged: Vec<Vec<Judged>> = Vec::new();
     for of_form in of_forms.into_iter().filter(|of_form| !of_form.is_empty()) {
         match judged.iter_mut().find(|others| others[0].form.name() == of_form[0].form.name()) {

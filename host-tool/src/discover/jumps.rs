@@ -15,15 +15,16 @@
 
 use super::catalogue::{Columns, Parameter, Quantity};
 use super::session::Run;
+use super::valve_jumps;
 
 /// Histories of seats that are followed side by side.
-const HISTORIES: usize = 6;
+pub(super) const HISTORIES: usize = 6;
 /// Weight of a history below which it is given up: it could not come back within two samples.
-const LOST: f64 = 1e-9;
+pub(super) const LOST: f64 = 1e-9;
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
-const WILD: f64 = 0.01;
+pub(super) const WILD: f64 = 0.01;
 /// Time over which the pull's error wanders, s.
-const WANDER_S: f64 = 0.6;
+pub(super) const WANDER_S: f64 = 0.6;
 
 /// What a seat is compared with to break away.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,11 +42,15 @@ pub struct JumpLaw {
     pub drive: Drive,
     /// Distance of drive and seat at which it breaks away.
     pub break_away: f64,
-    /// How far beyond the drive it lands, in break-away distances.
+    /// How far beyond the drive it lands, in break-away distances. Of a valve: where in its band the pull stands, for weights that were
+    /// fitted without it have taken the mean error for hysteresis.
     pub landing: f64,
-    /// Speed of the drive, per s, from which it slides: an open valve moves on with the command above it; a tip holds and leaps over half
-    /// of its distances there, and over ever less of them the faster it is pulled.
+    /// Speed of the pull, per s, at which a tip leaps over half of its distances, and over ever less of them the faster it is pulled.
     pub sliding_speed: f64,
+    /// Error, in break-away distances, at which an open valve closes.
+    pub closing: f64,
+    /// Time constant with which the pressure follows through an open valve, s.
+    pub flow_s: f64,
     /// Scatter of break-away and landing, in break-away distances.
     pub scatter: f64,
     /// Standard deviation of the pull's wander, in spans of the output.
@@ -60,21 +65,37 @@ pub const PARAMETERS: usize = 7;
 /// Which of them is the lag.
 pub const LAG: usize = 5;
 
-/// Parameters of such a form, its break-away distance first; speeds are told in `speed`.
+/// Parameters of such a form, its break-away distance first.
 #[must_use]
-pub const fn parameters(break_away: Parameter, speed: Quantity) -> [Parameter; PARAMETERS] {
+pub const fn parameters(drive: Drive) -> [Parameter; PARAMETERS] {
     const fn linear(name: &'static str, quantity: Quantity, high: f64) -> Parameter {
         Parameter { name, quantity, low: 0.0, high, logarithmic: false }
     }
-    [
-        break_away,
-        linear("landing", Quantity::Ratio, 1.0),
-        Parameter { name: "sliding_speed", quantity: speed, low: 1e-2, high: NEVER, logarithmic: true },
-        linear("scatter", Quantity::Ratio, 1.0),
-        linear("pull_wander", Quantity::Output, 0.5),
-        linear("lag", Quantity::Time, 0.3),
-        linear("noise", Quantity::Output, 0.5),
-    ]
+    const fn distance(quantity: Quantity) -> Parameter {
+        Parameter { name: "break_away", quantity, low: 1e-3, high: 0.5, logarithmic: true }
+    }
+    let (scatter, wander) = (linear("scatter", Quantity::Ratio, 1.0), linear("pull_wander", Quantity::Output, 0.5));
+    let (landing, noise) = (linear("landing", Quantity::Ratio, 1.0), linear("noise", Quantity::Output, 0.5));
+    match drive {
+        Drive::Pull => [
+            distance(Quantity::Output),
+            landing,
+            Parameter { name: "sliding_speed", quantity: Quantity::OutputRate, low: 1e-2, high: NEVER, logarithmic: true },
+            scatter,
+            wander,
+            linear("lag", Quantity::Time, 0.3),
+            noise,
+        ],
+        Drive::Command => [
+            distance(Quantity::Input),
+            landing,
+            linear("closing", Quantity::Ratio, 1.0),
+            scatter,
+            wander,
+            linear("flow_time_constant", Quantity::Time, 0.3),
+            noise,
+        ],
+    }
 }
 
 /// A sliding speed, per s, that nothing reaches.
@@ -95,16 +116,25 @@ impl JumpLaw {
     /// The law with these parameters of a form, and the noise behind it.
     #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
-        let &[break_away, landing, sliding_speed, scatter, wander, lag_s, noise] = parameters else {
+        let &[break_away, landing, of_kind, scatter, wander, time_s, noise] = parameters else {
             unreachable!("forms whose seat is seen have {PARAMETERS} parameters");
         };
-        (Self { drive, break_away, landing, sliding_speed, scatter, wander, lag_s }, noise)
+        let still = Self { drive, break_away, landing, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s: 0.0, flow_s: 0.0 };
+        let law = match drive {
+            Drive::Pull => Self { sliding_speed: of_kind, lag_s: time_s, ..still },
+            Drive::Command => Self { closing: of_kind, flow_s: time_s, ..still },
+        };
+        (law, noise)
     }
 
     /// The parameters of a form with this law.
     #[must_use]
     pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
-        vec![self.break_away, self.landing, self.sliding_speed, self.scatter, self.wander, self.lag_s, noise]
+        let (of_kind, time_s) = match self.drive {
+            Drive::Pull => (self.sliding_speed, self.lag_s),
+            Drive::Command => (self.closing, self.flow_s),
+        };
+        vec![self.break_away, self.landing, of_kind, self.scatter, self.wander, time_s, noise]
     }
 }
 
@@ -191,12 +221,12 @@ struct History {
 }
 
 /// Normal distribution function, by the logistic one (largest error 0.01).
-fn chance(deviations: f64) -> f64 {
+pub(super) fn chance(deviations: f64) -> f64 {
     1.0 / (1.0 + (-1.702 * deviations).exp())
 }
 
 /// Density of a normal deviate with this error and variance.
-fn density(error: f64, variance: f64) -> f64 {
+pub(super) fn density(error: f64, variance: f64) -> f64 {
     (1.0 - WILD) * (-0.5 * error * error / variance).exp() / (2.0 * std::f64::consts::PI * variance).sqrt()
 }
 
@@ -226,6 +256,9 @@ pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
 /// What the jump observer expects of every sample.
 #[must_use]
 pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
+    if law.drive == Drive::Command {
+        return valve_jumps::observe(seen, law);
+    }
     let stay = (-seen.period_s / WANDER_S).exp();
     let kick = law.wander * law.wander * (1.0 - stay * stay);
     let gains = match law.drive {
@@ -360,8 +393,17 @@ fn slopes(seen: &Seen<'_>) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    const LAW: JumpLaw =
-        JumpLaw { drive: Drive::Pull, break_away: 0.05, landing: 1.0, sliding_speed: NEVER, scatter: 0.1, wander: 0.002, lag_s: 0.0 };
+    const LAW: JumpLaw = JumpLaw {
+        drive: Drive::Pull,
+        break_away: 0.05,
+        landing: 1.0,
+        sliding_speed: NEVER,
+        closing: 0.0,
+        scatter: 0.1,
+        wander: 0.002,
+        lag_s: 0.0,
+        flow_s: 0.0,
+    };
     const NOISE: f64 = 0.005;
 
     /// A slow triangle as the pull, and a tip on it that holds within 0.05 and jumps by 0.1; with a ripple in the place of noise.

@@ -31,6 +31,7 @@ mod rounds;
 mod search;
 mod session;
 mod turning;
+mod valve_jumps;
 mod verdict;
 pub mod whereabouts;
 mod workspace;

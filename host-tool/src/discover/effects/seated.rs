@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::catalogue::{Columns, Form, Parameter, Place};
 use crate::discover::jumps::{self, Drive};
 use crate::discover::session::{Run, Session};
 
@@ -18,12 +18,8 @@ pub struct Seated {
     pub feels: bool,
 }
 
-const fn break_away(quantity: Quantity) -> Parameter {
-    Parameter { name: "break_away", quantity, low: 1e-3, high: 0.5, logarithmic: true }
-}
-
-const OF_THE_PULL: [Parameter; jumps::PARAMETERS] = jumps::parameters(break_away(Quantity::Output), Quantity::OutputRate);
-const OF_THE_COMMAND: [Parameter; jumps::PARAMETERS] = jumps::parameters(break_away(Quantity::Input), Quantity::InputRate);
+const OF_THE_PULL: [Parameter; jumps::PARAMETERS] = jumps::parameters(Drive::Pull);
+const OF_THE_COMMAND: [Parameter; jumps::PARAMETERS] = jumps::parameters(Drive::Command);
 
 impl Form for Seated {
     fn name(&self) -> &'static str {
@@ -55,7 +51,7 @@ impl Form for Seated {
         true
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if parameters[jumps::LAG] > 0.0 {
+        if self.drive == Drive::Pull && parameters[jumps::LAG] > 0.0 {
             super::lag(path, parameters[jumps::LAG], run.period_s);
         }
     }

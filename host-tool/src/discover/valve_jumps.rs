@@ -1,0 +1,189 @@
+//! Seeing a valve's jumps in the measured output: an observer of a pressure that holds while the error is inside a band.
+//!
+//! The valve opens when the error between command and pressure passes its band, the pressure follows through it with a time constant, and it
+//! closes when little error is left: the law of the simulated form ([`super::effects::valve_dead_band`]), whose pressure hangs on everything
+//! before. Here each history knows at which pressure it holds; what is measured while it holds mends that, and an opening that comes
+//! earlier or later than foretold makes a history of its own, so an error of the law does not add up from one jump to the next.
+//! The terms are those of [`super::jumps`]; the *seat* is the pressure.
+
+use super::jumps::{Expected, HISTORIES, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+
+/// One history of the valve: the pressure that it holds, with a filter for the level of the output there and the wander of the pull.
+#[derive(Clone, Copy, Debug)]
+struct History {
+    weight: f64,
+    /// Pressure, in the units of the command.
+    seat: f64,
+    open: bool,
+    /// Level of the output, without noise.
+    level: f64,
+    wander: f64,
+    /// Variances of level, wander and seat, and the covariances of the level with wander and seat.
+    level_variance: f64,
+    wander_variance: f64,
+    seat_variance: f64,
+    with_wander: f64,
+    with_seat: f64,
+}
+
+/// Share of the way within a sample by which the moment of an opening is uncertain.
+const MOMENT: f64 = 0.2;
+
+impl History {
+    /// Lets the pressure follow a command that goes from `from` to `to` within `left_s`, until it closes.
+    fn follow(&mut self, law: &JumpLaw, from: f64, to: f64, left_s: f64) {
+        let flow_s = law.flow_s.max(1e-4);
+        let closing = law.closing * law.break_away;
+        let keep = (-left_s / flow_s).exp();
+        let drag = if left_s > 0.0 { (to - from) / left_s * flow_s } else { 0.0 };
+        let error = from - self.seat;
+        let after = drag + (error - drag) * keep;
+        if after.abs() < closing.max(1e-6) {
+            // It closed when that much error was left, on the exponential.
+            let aim = closing.copysign(error);
+            let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).max(1.0).ln() };
+            let share = if left_s > 0.0 { (spent_s / left_s).clamp(0.0, 1.0) } else { 0.0 };
+            self.seat = from + (to - from) * share - if error.abs() <= closing { error } else { aim };
+            self.open = false;
+            self.seat_variance = (law.scatter * closing).powi(2);
+        } else {
+            self.seat = to - after;
+            self.open = true;
+            self.seat_variance *= keep * keep;
+        }
+    }
+
+    /// The level that a pressure which has just moved makes: beside the pull, by how far its error is from the middle of the band.
+    fn land(&mut self, law: &JumpLaw, pull: f64, command: f64, gain: f64, direction: f64, moved: f64) {
+        let error = command - self.seat;
+        self.level = pull + self.wander + gain * (direction * law.landing * law.break_away - error);
+        let scatter = self.seat_variance + (MOMENT * moved).powi(2);
+        self.seat_variance = scatter;
+        self.with_seat = gain * scatter;
+        self.with_wander = self.wander_variance;
+        self.level_variance = self.wander_variance + gain * gain * (scatter + (law.scatter * law.break_away).powi(2));
+    }
+
+    /// Takes in a measured sample; the likelihood of it.
+    fn learn(&mut self, measured: f64, noise: f64) -> f64 {
+        let whole = self.level_variance + noise * noise;
+        let error = measured - self.level;
+        let ours = density(error, whole);
+        let trust = ours / (ours + WILD);
+        let [of_level, of_wander, of_seat] = [self.level_variance, self.with_wander, self.with_seat].map(|part| part / whole * trust);
+        self.level += of_level * error;
+        self.wander += of_wander * error;
+        self.seat += of_seat * error;
+        self.wander_variance -= of_wander * self.with_wander;
+        self.seat_variance -= of_seat * self.with_seat;
+        self.with_wander *= 1.0 - of_level;
+        self.with_seat *= 1.0 - of_level;
+        self.level_variance *= 1.0 - of_level;
+        ours + WILD
+    }
+}
+
+/// What the observer of a valve expects of every sample.
+#[must_use]
+pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
+    let stay = (-seen.period_s / WANDER_S).exp();
+    let kick = law.wander * law.wander * (1.0 - stay * stay);
+    let gains = slopes(seen);
+    let first = History {
+        weight: 1.0,
+        seat: seen.command[0],
+        open: false,
+        level: seen.pull[0],
+        wander: 0.0,
+        level_variance: (law.break_away * gains[0]).powi(2) + law.wander * law.wander,
+        wander_variance: law.wander * law.wander,
+        seat_variance: law.break_away * law.break_away / 3.0,
+        with_wander: 0.0,
+        with_seat: gains[0] * law.break_away * law.break_away / 3.0,
+    };
+    let mut histories = [History { weight: 1e-12, ..first }; HISTORIES];
+    histories[0].weight = 1.0;
+    let scatter = law.scatter * law.break_away;
+    let mut expected = Expected::default();
+    let mut before = seen.command[0];
+    for sample in 0..seen.measured.len() {
+        let (pull, command, gain) = (seen.pull[sample], seen.command[sample], gains[sample]);
+        let mut leaves = [0.0; HISTORIES];
+        for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
+            history.wander *= stay;
+            history.wander_variance = stay * stay * history.wander_variance + kick;
+            history.with_wander *= stay;
+            if history.open {
+                let was = history.seat;
+                let direction = (before - was).signum();
+                history.follow(law, before, command, seen.period_s);
+                history.land(law, pull, command, gain, direction, 0.5 * (history.seat - was).abs());
+            } else {
+                let spread = (scatter * scatter + history.seat_variance.max(0.0)).sqrt().max(1e-9);
+                leaves[at] = history.weight * chance(((command - history.seat).abs() - law.break_away) / spread);
+            }
+        }
+        // All that open now have nearly the same pressure: one history for them, with the past of the likeliest.
+        let leaving: f64 = leaves.iter().sum();
+        let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
+        let mut landed = History { weight: leaving, open: true, ..histories[parent] };
+        if leaving > LOST {
+            let was = landed.seat;
+            let (error_before, error) = (before - was, command - was);
+            let direction = error.signum();
+            // The moment at which the error passed the band, on a straight line between the samples.
+            let rise = error.abs() - (error_before * direction);
+            let share = if rise > 1e-9 { ((law.break_away - error_before * direction) / rise).clamp(0.0, 1.0) } else { 0.0 };
+            landed.seat_variance = landed.seat_variance.max(0.0).min(scatter * scatter);
+            landed.follow(law, before + (command - before) * share, command, (1.0 - share) * seen.period_s);
+            landed.land(law, pull, command, gain, direction, landed.seat - was);
+        }
+        for (history, left) in histories.iter_mut().zip(leaves) {
+            history.weight -= left;
+        }
+        let weakest = (0..HISTORIES).min_by(|&x, &y| histories[x].weight.total_cmp(&histories[y].weight)).unwrap_or(0);
+        histories[weakest] = landed;
+        before = command;
+        let total: f64 = histories.iter().map(|history| history.weight).sum();
+        let mean = histories.iter().map(|history| history.weight * history.level).sum::<f64>() / total;
+        let spread = |history: &History| history.weight * (history.level_variance + (history.level - mean).powi(2));
+        expected.mean.push(mean);
+        expected.variance.push(histories.iter().map(spread).sum::<f64>() / total);
+        if !seen.keep[sample] {
+            expected.evidence.push(0.0);
+            continue;
+        }
+        let mut likelihood = 0.0;
+        for history in &mut histories {
+            if history.weight < LOST {
+                history.weight = 0.0;
+                continue;
+            }
+            history.weight *= history.learn(seen.measured[sample], seen.noise) / total;
+            likelihood += history.weight;
+        }
+        expected.evidence.push(likelihood.ln());
+        for history in &mut histories {
+            history.weight = (history.weight / likelihood).max(1e-12);
+        }
+    }
+    expected
+}
+
+/// How much the pull moves with the command, sample by sample; while the command rests, as before.
+fn slopes(seen: &Seen<'_>) -> Vec<f64> {
+    const SIDE: usize = 2;
+    const LEAST_STEP: f64 = 4e-3;
+    let last = seen.command.len() - 1;
+    let mut slope = 1.0;
+    (0..=last)
+        .map(|sample| {
+            let (from, to) = (sample.saturating_sub(SIDE), (sample + SIDE).min(last));
+            let step = seen.command[to] - seen.command[from];
+            if step.abs() > LEAST_STEP {
+                slope = ((seen.pull[to] - seen.pull[from]) / step).abs().clamp(0.02, 5.0);
+            }
+            slope
+        })
+        .collect()
+}
