@@ -12,6 +12,8 @@ const LEAST_BREAK_AWAY: f64 = 2.0;
 const LEVELS: usize = 4;
 /// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
 const SLOWEST: f64 = 0.1;
+/// Laws of a valve from which a search begins.
+const PEAKS: usize = 3;
 /// Steps of the search for a law, as shares of its parameters, one round each.
 const STEPS: [f64; 4] = [0.15, 0.07, 0.035, 0.015];
 
@@ -134,20 +136,10 @@ impl<'a> Pull<'a> {
         const OF_A_TIP: [(f64, f64); 8] =
             [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
         // Error at which it closes, and time constant of its flow, s.
-        const OF_A_VALVE: [(f64, f64); 7] =
-            [(0.0, 0.002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
+        const OF_A_VALVE: [(f64, f64); 7] = [(0.0, 0.002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
         let (scatter, wander) = (0.25, 0.5 * self.excess);
-        let still = JumpLaw {
-            drive,
-            break_away: 0.16,
-            landing: 0.5,
-            sliding_speed: NEVER,
-            closing: 0.0,
-            scatter,
-            wander,
-            lag_s,
-            flow_s: 0.0,
-        };
+        let still =
+            JumpLaw { drive, break_away: 0.16, landing: 0.5, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 };
         let kinds: Vec<JumpLaw> = match drive {
             Drive::Pull => OF_A_TIP.map(|(landing, sliding_speed)| JumpLaw { landing, sliding_speed, ..still }).into(),
             Drive::Command => OF_A_VALVE.map(|(closing, flow_s)| JumpLaw { closing, flow_s, ..still }).into(),
@@ -159,16 +151,30 @@ impl<'a> Pull<'a> {
             [0.05, 0.15].map(|scatter| JumpLaw { break_away, closing, flow_s, scatter, ..still })
         };
         let laws = ladder.flat_map(of).chain(likely.iter().flat_map(of_simulation));
-        let best = self.best(laws.collect(), false).map_or(still, |best| best.1);
-        self.tuned(best, &STEPS)
+        // The right law is a narrow peak, and a wrong one that lies in a broad one may come before it at first.
+        let mut leading = self.judged(laws, false);
+        leading.sort_by(|x, y| y.0.total_cmp(&x.0));
+        let mut begun: Vec<JumpLaw> = Vec::new();
+        for (_, law) in leading {
+            let apart = |other: &JumpLaw| (law.break_away / other.break_away).ln().abs() > 0.1;
+            if begun.len() < if drive == Drive::Command { PEAKS } else { 1 } && begun.iter().all(apart) {
+                begun.push(law);
+            }
+        }
+        let tuned: Vec<JumpLaw> = begun.into_iter().map(|law| self.tuned(law, &STEPS)).collect();
+        self.best(tuned, true).map_or(still, |best| best.1)
     }
 
     /// The best of a few laws, and its evidence on the fitted samples; of none when none can be seen.
     pub fn best(&self, laws: Vec<JumpLaw>, all: bool) -> Option<(f64, JumpLaw)> {
-        let seen = laws.into_iter().filter_map(|law| self.believed(law));
-        let judged = seen.map(|law| (self.fitted(all, |seen| jumps::observe(seen, &law).evidence), law));
         // The first of equals, whatever comes later.
-        judged.reduce(|best, other| if other.0 > best.0 { other } else { best })
+        self.judged(laws.into_iter(), all).into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best })
+    }
+
+    /// The laws that can be seen, and their evidence on the fitted samples.
+    fn judged(&self, laws: impl Iterator<Item = JumpLaw>, all: bool) -> Vec<(f64, JumpLaw)> {
+        let seen = laws.filter_map(|law| self.believed(law));
+        seen.map(|law| (self.fitted(all, |seen| jumps::observe(seen, &law).evidence), law)).collect()
     }
 
     /// The laws with the wander that this pull may have, for one that was found on another.

@@ -8,8 +8,8 @@ use super::session::{Role, Run, Session};
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
-/// correlation of neighbours (an AR(1) law). In a session that never rests, stretches in which the input hardly moves stand in for rest
-/// ([`stretches`]). Without either, or where something moves by itself there, the fast part has to do, which misses coloured noise. A pump
+/// correlation of neighbours (an AR(1) law). In a session that never rests, stretches in which the input hardly moves stand in for rest,
+/// the quietest first. Without either, or where something moves by itself there, the fast part has to do, which misses coloured noise. A pump
 /// too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A sensor that reads in steps wider than its
 /// noise hides at rest what it adds in motion: a uniform error of the step's width.
 #[must_use]
@@ -23,7 +23,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut slow = SlowMotion::new(session.runs[0].period_s);
     let mut lines = Lines::new();
     let quiet = stretches(session);
-    for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet) {
+    for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet.of_runs) {
         for stretch in quiet {
             let values: Vec<f64> = stretch.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
             if values.len() < 10 {
@@ -47,9 +47,9 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     }
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
-    let over_fast = (sum / count).sqrt() / fast_part(residual).max(1e-30);
+    let over_fast = (sum / count).sqrt() / fast_part(session, residual).max(1e-30);
     if count < ENOUGH_REST as f64 || (slow.is_there() && over_fast > 2.0) || (slow.swings() && over_fast > 1.3) {
-        return with_step(fast_part(residual).powi(2)).sqrt();
+        return with_step(fast_part(session, residual).powi(2)).sqrt();
     }
     let of_lines = lines.share();
     // A line's correlation is not the noise's.
@@ -59,22 +59,26 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let white_lost = 2.0 / mean_length;
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
+    let over_fast = if quiet.at_rest { MOST_OVER_FAST_AT_REST } else { MOST_OVER_FAST };
+    let most = (over_fast * fast_part(session, residual)).powi(2);
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
-    with_step(sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(whole).sqrt()
+    with_step((sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(most)).min(whole).sqrt()
 }
 
 /// Whether what counts as noise may hold a rhythm: it is louder than its fast part, as coloured noise is and as a slow rhythm makes it.
 #[must_use]
 pub fn may_hold_a_rhythm(session: &Session, residual: &[Vec<f64>]) -> bool {
-    floor(session, residual).powi(2) > LOUDER_THAN_FAST * fast_part(residual).powi(2)
+    floor(session, residual).powi(2) > LOUDER_THAN_FAST * fast_part(session, residual).powi(2)
 }
 
 /// Mean square of what counts as noise over that of its fast part from which on a rhythm is looked for: one of 0.45 times the noise.
 const LOUDER_THAN_FAST: f64 = 1.2;
 
-/// Standard deviation of the fast part, the median over all recordings.
-fn fast_part(residual: &[Vec<f64>]) -> f64 {
-    let mut floors: Vec<f64> = residual.iter().map(|values| fast_noise(values)).collect();
+/// Standard deviation of the fast part, the median over all recordings. The noise is in the output as it is in the residual, and what is
+/// faster in one of them is none.
+fn fast_part(session: &Session, residual: &[Vec<f64>]) -> f64 {
+    let of = |(values, run): (&Vec<f64>, &Run)| fast_noise(values).min(fast_noise(&run.output));
+    let mut floors: Vec<f64> = residual.iter().zip(&session.runs).map(of).collect();
     floors.sort_by(f64::total_cmp);
     floors[floors.len() / 2]
 }
@@ -85,23 +89,48 @@ const ENOUGH_REST: usize = 100;
 const QUIET_S: f64 = 2.0;
 /// Most that the input moves in them, of its span: what a model misses of so small a motion is little beside the noise.
 const HARDLY_MOVES: f64 = 0.06;
+/// Samples of them that are looked at, those first in which the input moves least.
+const ENOUGH_QUIET: usize = 600;
+/// Most noise over its fast part, as they tell it and as rest does. A model that lacks something large misses small motions and what still
+/// moves at rest, too, and that would pass for noise; a sensor's noise that is half correlated over a tenth of a second has 1.4 times its
+/// fast part, one that is so altogether 2.8 times.
+const MOST_OVER_FAST: f64 = 2.0;
+const MOST_OVER_FAST_AT_REST: f64 = 3.0;
 
-/// Where every recording shows its noise: at rest; in a session that never rests, where the input hardly moves.
-fn stretches(session: &Session) -> Vec<Vec<Range<usize>>> {
+/// Where every recording shows its noise.
+struct Stretches {
+    /// Of each recording.
+    of_runs: Vec<Vec<Range<usize>>>,
+    /// Whether the input rests there; in a session that never rests it hardly moves.
+    at_rest: bool,
+}
+
+fn stretches(session: &Session) -> Stretches {
     let at_rest: Vec<Vec<Range<usize>>> = session.runs.iter().map(|run| run.rest.clone()).collect();
     if at_rest.iter().flatten().map(Range::len).sum::<usize>() >= ENOUGH_REST {
-        return at_rest;
+        return Stretches { of_runs: at_rest, at_rest: true };
     }
-    let of = |run: &Run| {
+    let mut quiet: Vec<(f64, usize, Range<usize>)> = Vec::new();
+    for run in &session.runs {
         let length = (QUIET_S / run.period_s).round().max(10.0) as usize;
-        let hardly_moves = |range: &Range<usize>| {
+        for range in (0..run.input.len() / length).map(|at| at * length..(at + 1) * length) {
             let (low, high) =
                 run.input[range.clone()].iter().fold((f64::MAX, f64::MIN), |(low, high), &value| (low.min(value), high.max(value)));
-            high - low <= HARDLY_MOVES
-        };
-        (0..run.input.len() / length).map(|at| at * length..(at + 1) * length).filter(hardly_moves).collect()
-    };
-    session.runs.iter().map(of).collect()
+            quiet.push((high - low, run.index, range));
+        }
+    }
+    quiet.retain(|(moves, ..)| *moves <= HARDLY_MOVES);
+    quiet.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let mut of_runs = vec![Vec::new(); session.runs.len()];
+    let mut samples = 0;
+    for (_, run, range) in quiet {
+        if samples >= ENOUGH_QUIET {
+            break;
+        }
+        samples += range.len();
+        of_runs[run].push(range);
+    }
+    Stretches { of_runs, at_rest: false }
 }
 
 /// Motion during rest that is too slow for a sensor's noise: a rhythm, a hand, a valve that hunts. It must not pass for noise, or the

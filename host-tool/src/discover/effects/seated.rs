@@ -65,10 +65,10 @@ impl Form for Seated {
         jumps::push_departure(self.drive, self.feels, parameters, run, sum, columns);
     }
     fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let (unit, scale) = match self.drive {
-            Drive::Pull => (&session.output_unit, session.output_scale.abs()),
-            Drive::Command => (&session.input_unit, session.input_scale),
+        let (unit, scale, share) = match self.drive {
+            Drive::Pull => (&session.output_unit, session.output_scale.abs(), 1.0 + parameters[1]),
+            Drive::Command => (&session.input_unit, session.input_scale, 1.0 - parameters[2]),
         };
-        BTreeMap::from([(format!("travel_{unit}"), parameters[0] * (1.0 + parameters[1]) * scale)])
+        BTreeMap::from([(format!("travel_{unit}"), parameters[0] * share * scale)])
     }
 }
