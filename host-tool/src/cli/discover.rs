@@ -173,5 +173,9 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
+    if !discovery.side_unknown.is_empty() {
+        let names = discovery.side_unknown.join(", ");
+        say!("These figures leave out {names}: made about when the set-up changed, and the other recordings do not tell on which side.");
+    }
     say!("Model in {}, report in {}", arguments.out.join("model.toml").display(), arguments.out.join("report.html").display());
 }

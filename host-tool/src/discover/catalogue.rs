@@ -163,6 +163,10 @@ pub trait Form: Sync {
     fn discrete(&self) -> bool {
         false
     }
+    /// Places in the session at which it changes everything, by the recordings' numbers.
+    fn changes_at<'a>(&self, _parameters: &'a [f64]) -> &'a [f64] {
+        &[]
+    }
     /// Where to begin the search; without parameters there is one place only.
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![]]

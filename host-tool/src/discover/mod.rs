@@ -158,6 +158,9 @@ pub struct Discovery {
     pub excluded_samples: usize,
     /// Names of the kept-out recordings.
     pub kept_out: Vec<String>,
+    /// Names of those among them that were made about when the set-up changed, nobody knows on which side: no figure counts them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub side_unknown: Vec<String>,
 }
 
 /// A finished discovery: the result and what it was made of.

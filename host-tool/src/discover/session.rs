@@ -125,6 +125,14 @@ fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)))
 }
 
+impl Run {
+    /// Whether any of it is fitted to or chosen by.
+    #[must_use]
+    pub fn is_worked_with(&self) -> bool {
+        self.role.iter().any(|role| *role != Role::Kept)
+    }
+}
+
 impl Session {
     /// Makes recordings ready. `kept` take no part in any choice; when there are none, some of `recordings` are set apart.
     ///

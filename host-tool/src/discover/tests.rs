@@ -278,6 +278,34 @@ fn the_steps_of_a_coarse_sensor_are_noise_and_a_fine_one_has_none() {
 }
 
 #[test]
+fn a_kept_out_recording_about_when_the_set_up_changed_has_no_say_and_the_change_keeps_its_name() {
+    use rand::{RngExt, SeedableRng};
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(SEED);
+    // Ten recordings, one every minute; the sensor is moved before or after the sixth, which is kept out with the second.
+    for moved in [5.5, 4.5] {
+        let recordings: Vec<Recording> = (0..10)
+            .map(|number| {
+                let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+                let input: Vec<f64> = time_s.iter().map(|time| (1.0 - 0.05 * f64::from(number)) * (1.0 - (3.0 * time).cos())).collect();
+                let shift = if f64::from(number) > moved { 0.3 } else { 0.0 };
+                let output = input.iter().map(|value| value + shift + 0.02 * rng.random_range(-1.0..1.0)).collect();
+                let session_s = time_s.iter().map(|time| time + 60.0 * f64::from(number)).collect();
+                let path = format!("number_{number}.csv");
+                let signals = (crate::recording::Signal::pressure_bar(), crate::recording::Signal::displacement_mm());
+                let recording = Recording::new(std::path::Path::new(&path), signals.0, signals.1, time_s, input, output);
+                let extra = vec![ExtraColumn { name: "session_time_s".to_owned(), values: session_s }];
+                Recording { extra, ..recording.expect("a recording") }
+            })
+            .collect();
+        let kept: Vec<Recording> = [1, 5].map(|number| recordings[number].clone()).to_vec();
+        let learnt: Vec<Recording> = [0, 2, 3, 4, 6, 7, 8, 9].map(|number: usize| recordings[number].clone()).to_vec();
+        let discovery = discover(&learnt, &kept, &DiscoverConfig::default()).expect("a finding").discovery;
+        assert_eq!((discovery.verdict, discovery.effects[0].name.as_str()), (Verdict::Named, "setup-change"), "moved at {moved}");
+        assert_eq!(discovery.side_unknown, ["number_5.csv"]);
+    }
+}
+
+#[test]
 fn every_name_of_the_vocabulary_has_a_form_or_is_the_mask() {
     let forms = catalogue::forms();
     for name in catalogue::NAMES {

@@ -80,14 +80,30 @@ impl Leaves {
     }
 }
 
-/// Root mean square over kept-out samples, or over all others when none is kept; masked samples count if `all`.
-fn rmse(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
-    let any_kept = session.count(Role::Kept) > 0;
+/// Whether each recording lies in the gap of a change of set-up: behind the last recording before it that was worked with, and ahead of the
+/// first one after it. On which side of the change it was made nobody knows, so it can neither confirm nor contradict the change.
+fn in_a_gap(session: &Session, model: &Model) -> Vec<bool> {
+    let mut in_a_gap = vec![false; session.runs.len()];
+    for place in model.slots.iter().flat_map(|slot| slot.form.changes_at(&slot.parameters)) {
+        let first = session.runs.iter().take_while(|run| (run.index as f64) < *place).count();
+        let before = session.runs[..first].iter().rev().take_while(|run| !run.is_worked_with()).count();
+        let after = session.runs[first..].iter().take_while(|run| !run.is_worked_with()).count();
+        in_a_gap[first - before..first + after].fill(true);
+    }
+    in_a_gap
+}
+
+/// Root mean square over kept-out samples of recordings that are not `in_a_gap`, or over all others when there are none; masked samples count
+/// if `all`.
+fn rmse(session: &Session, residual: &[Vec<f64>], in_a_gap: &[bool], all: bool) -> f64 {
+    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == Role::Kept && !in_a_gap[run];
+    let any_kept = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
     let mut sum = 0.0;
     let mut count = 0.0_f64;
-    for (run, residual) in session.runs.iter().zip(residual) {
+    for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
         for (sample, value) in residual.iter().enumerate() {
-            if (run.role[sample] == Role::Kept || !any_kept) && (all || run.keep[sample]) {
+            let counts = if any_kept { reports(index, sample) } else { run.role[sample] != Role::Kept };
+            if counts && (all || run.keep[sample]) {
                 sum += value * value;
                 count += 1.0;
             }
@@ -124,8 +140,9 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let floor = noise::floor(session, &residual_after);
     let scale = session.output_scale.abs();
     let with_outliers = excluded * 2000 > total;
-    let rmse_before = rmse(session, residual_before, with_outliers);
-    let rmse_after = rmse(session, &residual_after, false);
+    let in_a_gap = in_a_gap(session, after);
+    let rmse_before = rmse(session, residual_before, &in_a_gap, with_outliers);
+    let rmse_after = rmse(session, &residual_after, &in_a_gap, false);
     // Effects are judged by the samples that were worked with; kept-out ones only report, and forbid to say that nothing is missing.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
@@ -193,6 +210,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         Verdict::Named
     };
     let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).map(|run| run.name.clone()).collect();
+    let side_unknown = session.runs.iter().zip(&in_a_gap).filter(|(_, in_a_gap)| **in_a_gap).map(|(run, _)| run.name.clone()).collect();
     let (noise_floor, gap) = (floor * scale, rmse_before - floor);
     Discovery {
         verdict,
@@ -212,6 +230,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         summary: String::new(),
         excluded_samples: excluded,
         kept_out,
+        side_unknown,
     }
 }
 

@@ -44,6 +44,12 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     ]);
     let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
     page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    if !discovery.side_unknown.is_empty() {
+        let names = discovery.side_unknown.join(", ");
+        page.paragraph(&format!(
+            "They leave out {names}: made about when the set-up changed, and the other recordings do not tell on which side."
+        ));
+    }
     if let Some(second) = &discovery.runner_up {
         let words = if second.separable { "these recordings tell them apart" } else { "these recordings do **not** tell them apart" };
         page.paragraph(&format!("The second best explanation is **{}**; {words}.", second.name));

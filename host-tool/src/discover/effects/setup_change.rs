@@ -35,8 +35,11 @@ impl Form for Step {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
-        let places = (1..sums.len()).map(|first| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]));
-        best(places.collect())
+        let place = |first: usize| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]);
+        best(told_apart(session).into_iter().map(place).collect())
+    }
+    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        parameters
     }
     fn needs_sum(&self) -> bool {
         true
@@ -75,13 +78,16 @@ impl Form for Twice {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
-        let count = sums.len();
-        let pairs = (1..count).flat_map(|first| (first + 1..count).map(move |second| (first, second)));
+        let firsts = told_apart(session);
+        let pairs = firsts.iter().enumerate().flat_map(|(at, &first)| firsts[at + 1..].iter().map(move |&second| (first, second)));
         let place = |(first, second): (usize, usize)| {
             let energy = left(&sums[..first]) + left(&sums[first..second]) + left(&sums[second..]);
             (energy, vec![first as f64 - 0.5, second as f64 - 0.5])
         };
         best(pairs.map(place).collect())
+    }
+    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        parameters
     }
     fn needs_sum(&self) -> bool {
         true
@@ -102,6 +108,13 @@ impl Form for Twice {
             ("second_gain".to_owned(), 1.0 + weights[3]),
         ])
     }
+}
+
+/// First recordings after a change, of all changes that the recordings worked with tell apart.
+///
+/// Kept-out recordings have no say, so a change among them is put in front of the first: on which side of it they are is not known.
+fn told_apart(session: &Session) -> Vec<usize> {
+    (1..session.runs.len()).filter(|&first| session.runs[first - 1].is_worked_with()).collect()
 }
 
 /// What a line of the residual over the model's output leaves of these recordings.
