@@ -27,6 +27,7 @@ pub mod physics;
 pub mod plan;
 mod rounds;
 mod search;
+mod seat_histories;
 mod session;
 mod turning;
 mod verdict;
