@@ -15,14 +15,12 @@
 
 use super::catalogue::{Columns, Parameter, Quantity};
 use super::session::Run;
-use super::valve_jumps;
+use super::{tip_jumps, valve_jumps};
 
-/// Histories of seats that are followed side by side.
-pub(super) const HISTORIES: usize = 6;
-/// Weight of a history below which it is given up: it could not come back within two samples.
-pub(super) const LOST: f64 = 1e-9;
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
 pub(super) const WILD: f64 = 0.01;
+/// Weight of a history below which it is given up: it could not come back within two samples.
+pub(super) const LOST: f64 = 1e-9;
 /// Time over which the pull's error wanders, s.
 pub(super) const WANDER_S: f64 = 0.6;
 
@@ -45,7 +43,7 @@ pub struct JumpLaw {
     /// How far beyond the drive it lands, in break-away distances. Of a valve: where in its band the pull stands, for weights that were
     /// fitted without it have taken the mean error for hysteresis.
     pub landing: f64,
-    /// Speed of the pull, per s, at which a tip leaps over half of its distances, and over ever less of them the faster it is pulled.
+    /// Speed of the pull, per s, from which a tip slides: it follows the pull until that has become a good deal slower.
     pub sliding_speed: f64,
     /// Error, in break-away distances, at which an open valve closes.
     pub closing: f64,
@@ -102,15 +100,33 @@ pub const fn parameters(drive: Drive) -> [Parameter; PARAMETERS] {
 pub const NEVER: f64 = 1e3;
 
 impl JumpLaw {
-    /// Distance at which it breaks away from a drive of this speed, per s.
-    ///
-    /// What a tip stores while it sticks is what static friction has over sliding friction, and that fades with speed as
-    /// `1 / (1 + (v / v_s)^2)` (Stribeck's curve in the form of Hess and Soom, 1990). A valve opens at its band, however fast.
-    fn break_away_at(&self, speed: f64) -> f64 {
+    /// The law with this break-away distance. A tip keeps its travel, which recordings show far better than where in it the pull is.
+    #[must_use]
+    pub fn with_break_away(&self, break_away: f64) -> Self {
+        let landing = match self.drive {
+            Drive::Pull => ((1.0 + self.landing) * self.break_away / break_away - 1.0).clamp(0.0, 1.0),
+            Drive::Command => self.landing,
+        };
+        Self { break_away, landing, ..*self }
+    }
+
+    /// Length that scatter and wander are judged by: what recordings show of a tip is its travel, of a valve where it opens.
+    #[must_use]
+    pub fn length(&self) -> f64 {
         match self.drive {
-            Drive::Pull => self.break_away / (1.0 + (speed / self.sliding_speed).powi(2)),
+            Drive::Pull => (1.0 + self.landing) * self.break_away,
             Drive::Command => self.break_away,
         }
+    }
+
+    /// The law with its landing moved by this: a share of a tip's travel, and of a valve's break-away distance.
+    #[must_use]
+    pub fn with_landing(&self, by: f64) -> Self {
+        let moved = match self.drive {
+            Drive::Pull => (1.0 + self.landing) * by,
+            Drive::Command => by,
+        };
+        Self { landing: (self.landing + moved).clamp(0.0, 1.0), ..*self }
     }
 
     /// The law with these parameters of a form, and the noise behind it.
@@ -204,22 +220,6 @@ pub struct Expected {
     pub evidence: Vec<f64>,
 }
 
-/// One history of seats: a filter for the level that it holds at and the wander of the pull.
-#[derive(Clone, Copy, Debug)]
-struct History {
-    weight: f64,
-    level: f64,
-    level_variance: f64,
-    wander: f64,
-    wander_variance: f64,
-    covariance: f64,
-    /// Command at which it sits.
-    seat: f64,
-    seat_variance: f64,
-    /// Direction in which it moved in the last sample, or zero.
-    moving: f64,
-}
-
 /// Normal distribution function, by the logistic one (largest error 0.01).
 pub(super) fn chance(deviations: f64) -> f64 {
     1.0 / (1.0 + (-1.702 * deviations).exp())
@@ -256,137 +256,10 @@ pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
 /// What the jump observer expects of every sample.
 #[must_use]
 pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
-    if law.drive == Drive::Command {
-        return valve_jumps::observe(seen, law);
+    match law.drive {
+        Drive::Pull => tip_jumps::observe(seen, law),
+        Drive::Command => valve_jumps::observe(seen, law),
     }
-    let stay = (-seen.period_s / WANDER_S).exp();
-    let kick = law.wander * law.wander * (1.0 - stay * stay);
-    let gains = match law.drive {
-        Drive::Pull => Vec::new(),
-        Drive::Command => slopes(seen),
-    };
-    let gain_of = |sample: usize| gains.get(sample).copied().unwrap_or(1.0);
-    let first = History {
-        weight: 1.0,
-        level: seen.pull[0],
-        level_variance: (law.break_away * gain_of(0)).powi(2) + law.wander * law.wander,
-        wander: 0.0,
-        wander_variance: law.wander * law.wander,
-        covariance: 0.0,
-        seat: seen.command[0],
-        seat_variance: law.break_away * law.break_away / 3.0,
-        moving: 0.0,
-    };
-    let mut histories = [History { weight: 1e-12, ..first }; HISTORIES];
-    histories[0].weight = 1.0;
-    let mut expected = Expected::default();
-    let mut before = [seen.pull[0], seen.command[0]];
-    for sample in 0..seen.measured.len() {
-        let (pull, command, gain) = (seen.pull[sample], seen.command[sample], gain_of(sample));
-        let step = if law.drive == Drive::Pull { pull - before[0] } else { command - before[1] };
-        before = [pull, command];
-        let fast = law.drive == Drive::Command && step.abs() > law.sliding_speed * seen.period_s;
-        let break_away = law.break_away_at(step.abs() / seen.period_s);
-        let scatter = law.scatter * break_away;
-        let mut leaves = [0.0; HISTORIES];
-        let mut stretches = [0.0; HISTORIES];
-        for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
-            history.wander *= stay;
-            history.wander_variance = stay * stay * history.wander_variance + kick;
-            history.covariance *= stay;
-            if fast && history.moving * step > 0.0 {
-                history.level = pull + history.wander;
-                history.level_variance = history.wander_variance + (scatter * gain).powi(2);
-                history.covariance = history.wander_variance;
-                history.seat = command;
-                history.seat_variance = scatter * scatter;
-                continue;
-            }
-            history.moving = 0.0;
-            let (stretch, variance) = match law.drive {
-                Drive::Pull => {
-                    (pull + history.wander - history.level, history.level_variance + history.wander_variance - 2.0 * history.covariance)
-                }
-                Drive::Command => (command - history.seat, history.seat_variance),
-            };
-            stretches[at] = stretch;
-            let spread = (scatter * scatter + variance.max(0.0)).sqrt().max(1e-9);
-            leaves[at] = history.weight * chance((stretch.abs() - break_away) / spread);
-        }
-        // All that break away now land in the same place: one history for them, with the past of the likeliest.
-        let leaving: f64 = leaves.iter().sum();
-        let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
-        let direction = stretches[parent].signum();
-        let beyond = if fast { 0.0 } else { (law.landing * break_away - 0.5 * step.abs()).max(0.0) };
-        let within = if fast { 0.0 } else { step.abs().min((1.0 + law.landing) * break_away).powi(2) / 12.0 };
-        let landed = History {
-            weight: leaving,
-            level: pull + histories[parent].wander + direction * beyond * gain,
-            level_variance: histories[parent].wander_variance + (scatter * scatter + within) * gain * gain,
-            wander: histories[parent].wander,
-            wander_variance: histories[parent].wander_variance,
-            covariance: histories[parent].wander_variance,
-            seat: command + direction * beyond,
-            seat_variance: scatter * scatter + within,
-            moving: direction,
-        };
-        for (history, left) in histories.iter_mut().zip(leaves) {
-            history.weight -= left;
-        }
-        let weakest = (0..HISTORIES).min_by(|&x, &y| histories[x].weight.total_cmp(&histories[y].weight)).unwrap_or(0);
-        histories[weakest] = landed;
-        let total: f64 = histories.iter().map(|history| history.weight).sum();
-        let mean = histories.iter().map(|history| history.weight * history.level).sum::<f64>() / total;
-        let spread = |history: &History| history.weight * (history.level_variance + (history.level - mean).powi(2));
-        expected.mean.push(mean);
-        expected.variance.push(histories.iter().map(spread).sum::<f64>() / total);
-        if !seen.keep[sample] {
-            expected.evidence.push(0.0);
-            continue;
-        }
-        let mut likelihood = 0.0;
-        for history in &mut histories {
-            if history.weight < LOST {
-                history.weight = 0.0;
-                continue;
-            }
-            let whole = history.level_variance + seen.noise * seen.noise;
-            let error = seen.measured[sample] - history.level;
-            let ours = density(error, whole);
-            history.weight *= (ours + WILD) / total;
-            likelihood += history.weight;
-            let trust = ours / (ours + WILD);
-            let (of_level, of_wander) = (history.level_variance / whole * trust, history.covariance / whole * trust);
-            history.level += of_level * error;
-            history.wander += of_wander * error;
-            history.wander_variance -= of_wander * history.covariance;
-            history.covariance *= 1.0 - of_level;
-            history.level_variance *= 1.0 - of_level;
-        }
-        expected.evidence.push(likelihood.ln());
-        for history in &mut histories {
-            history.weight = (history.weight / likelihood).max(1e-12);
-        }
-    }
-    expected
-}
-
-/// How much the pull moves with the command, sample by sample; while the command rests, as before.
-fn slopes(seen: &Seen<'_>) -> Vec<f64> {
-    const SIDE: usize = 2;
-    const LEAST_STEP: f64 = 4e-3;
-    let last = seen.command.len() - 1;
-    let mut slope = 1.0;
-    (0..=last)
-        .map(|sample| {
-            let (from, to) = (sample.saturating_sub(SIDE), (sample + SIDE).min(last));
-            let step = seen.command[to] - seen.command[from];
-            if step.abs() > LEAST_STEP {
-                slope = ((seen.pull[to] - seen.pull[from]) / step).abs().clamp(0.02, 5.0);
-            }
-            slope
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -456,15 +329,12 @@ mod tests {
     }
 
     #[test]
-    fn a_tip_leaps_over_half_of_its_distances_at_the_sliding_speed_and_a_valve_opens_at_its_band() {
-        let tip = JumpLaw { sliding_speed: 0.4, ..LAW };
-        for (speed, expected) in [(0.0, 0.05), (0.4, 0.025), (1.2, 0.005)] {
-            let found = tip.break_away_at(speed);
-            assert!((found - expected).abs() < 1e-12, "{found} instead of {expected} at {speed}");
-        }
+    fn another_break_away_distance_leaves_a_tip_its_travel_and_a_valve_its_landing() {
+        let tip = JumpLaw { landing: 0.5, ..LAW };
+        let other = tip.with_break_away(0.06);
+        assert!((other.length() - 0.075).abs() < 1e-12, "{other:?}");
         let valve = JumpLaw { drive: Drive::Command, ..tip };
-        assert_eq!(valve.break_away_at(1.2), valve.break_away);
-        assert!((LAW.break_away_at(3.0) / LAW.break_away - 1.0).abs() < 1e-4, "a tip that never slides leaps as far at any speed");
+        assert_eq!(valve.with_break_away(0.06).landing, valve.landing);
     }
 
     #[test]

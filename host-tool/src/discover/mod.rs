@@ -33,6 +33,7 @@ pub mod plan;
 mod rounds;
 mod search;
 mod session;
+mod tip_jumps;
 mod turning;
 mod valve_jumps;
 mod verdict;

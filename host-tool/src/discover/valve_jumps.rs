@@ -6,7 +6,10 @@
 //! earlier or later than foretold makes a history of its own, so an error of the law does not add up from one jump to the next.
 //! The terms are those of [`super::jumps`]; the *seat* is the pressure.
 
-use super::jumps::{Expected, HISTORIES, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+
+/// Histories of the valve that are followed side by side.
+const HISTORIES: usize = 6;
 
 /// One history of the valve: the pressure that it holds, with a filter for the level of the output there and the wander of the pull.
 #[derive(Clone, Copy, Debug)]

@@ -1,0 +1,393 @@
+//! Seeing a tip's jumps in the measured output: what the observer follows from sample to sample (the terms are those of [`super::jumps`]).
+//!
+//! A history holds at a level until the pull has gone too far from it, or slides with it. What holds breaks away by the distance that
+//! the pull has reached *since it holds*: a seat that has held out a distance holds it out again, so a slow pull is no more dangerous than a
+//! fast one over the same way. A tip leaps from where it sat, by a travel that hardly scatters, and the very moment of a leap tells where it
+//! sat and what the pull is wrong by. The faster it is pulled the more leaps a sample holds, until it slides; it goes on sliding at speeds at
+//! which it would not begin to.
+
+use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+
+/// Histories of seats that are followed side by side.
+const HISTORIES: usize = 4;
+/// Leaps of a tip that one sample may hold.
+const LEAPS: usize = 3;
+/// Deviations of the break-away distance below which nothing breaks away: a chance of one in a thousand million.
+const CANNOT: f64 = -12.0;
+/// Chance of one more leap within a sample below which none is looked for.
+const NO_LEAP: f64 = 1e-3;
+/// Speed at which what slides sticks, in sliding speeds: Stribeck's curve is steep between the two, and either motion keeps itself up there.
+const STICKS_AT: f64 = 0.4;
+/// How much a tip's break-away distance falls with the speed of the pull, at the sliding speed: static friction takes time to build up
+/// (Johannes, Green and Brockley, 1973; Richardson and Nolle, 1976).
+const FALL_WITH_RATE: f64 = 0.4;
+/// Width of the transitions between leaps and sliding, in sliding speeds.
+const TRANSITION: f64 = 0.15;
+/// Scatter of a tip that slides, in that of its leaps.
+const SLIDING_SCATTER: f64 = 0.3;
+
+/// One history of seats: a filter for the level that it holds at and the wander of the pull.
+#[derive(Clone, Copy, Debug)]
+struct History {
+    weight: f64,
+    level: f64,
+    level_variance: f64,
+    wander: f64,
+    wander_variance: f64,
+    covariance: f64,
+    /// Direction in which it slides, or zero.
+    moving: f64,
+    /// Range of the pull since it holds.
+    lowest: f64,
+    highest: f64,
+}
+
+/// One sample as histories are moved on to it.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    /// Pull, now and before.
+    pull: f64,
+    before: f64,
+    break_away: f64,
+    scatter: f64,
+    /// Standard deviation with which what slides follows.
+    follows: f64,
+    /// Chance that what breaks away slides.
+    slides: f64,
+    /// Chance that what slides goes on.
+    goes_on: f64,
+}
+
+impl Motion {
+    fn new(law: &JumpLaw, pull: f64, before: f64, period_s: f64) -> Self {
+        let speed = (pull - before).abs() / period_s / law.sliding_speed;
+        let break_away = law.break_away / (1.0 + FALL_WITH_RATE * speed);
+        let scatter = law.scatter * break_away;
+        let (slides, goes_on) = (chance((speed - 1.0) / TRANSITION), chance((speed - STICKS_AT) / TRANSITION));
+        Self { pull, before, break_away, scatter, follows: SLIDING_SCATTER * scatter, slides, goes_on }
+    }
+
+    fn step(&self) -> f64 {
+        self.pull - self.before
+    }
+}
+
+impl History {
+    /// How far the pull is from the seat, and the variance of that.
+    fn stretch(&self, motion: &Motion) -> (f64, f64) {
+        (motion.pull + self.wander - self.level, (self.level_variance + self.wander_variance - 2.0 * self.covariance).max(0.0))
+    }
+
+    /// Chance that it breaks away now by this stretch, after it has held out where the pull has been since it holds.
+    fn breaks_away(&self, (stretch, variance): (f64, f64), motion: &Motion) -> f64 {
+        let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
+        let deviations = (stretch.abs() - motion.break_away) / spread;
+        if deviations < CANNOT {
+            return 0.0;
+        }
+        let held_out = if stretch > 0.0 { stretch - (motion.pull - self.highest) } else { -stretch - (self.lowest - motion.pull) };
+        let before = chance((held_out - motion.break_away) / spread);
+        let now = chance(deviations);
+        ((now - before) / (1.0 - before).max(1e-12)).max(0.0)
+    }
+
+    /// The same one sliding.
+    fn sliding(&self, weight: f64, motion: &Motion) -> Self {
+        Self {
+            weight,
+            level: motion.pull + self.wander,
+            level_variance: self.wander_variance + motion.follows * motion.follows,
+            covariance: self.wander_variance,
+            moving: motion.step().signum(),
+            ..*self
+        }
+    }
+
+    /// The same one after a leap of the tip.
+    ///
+    /// It broke away within this sample, when the distance of the pull was the one that it breaks away by. That is a measurement of level,
+    /// wander and distance together, as good as the sample is short; the tip then lands so far from where it sat.
+    fn leapt(&self, direction: f64, law: &JumpLaw, motion: &Motion) -> Self {
+        let (stretch, variance) = self.stretch(motion);
+        let stretch = stretch * direction;
+        let step = (motion.step() * direction).clamp(1e-6, stretch.max(1e-6));
+        let of_distance = motion.scatter * motion.scatter;
+        let innovation = motion.break_away - (stretch - 0.5 * step);
+        let whole = variance + of_distance + step * step / 12.0;
+        let with_level = direction * (self.covariance - self.level_variance);
+        let with_wander = direction * (self.wander_variance - self.covariance);
+        let gain = innovation / whole;
+        let distance = motion.break_away - of_distance * gain;
+        // Landing is the level and the distance after the measurement; the variances are those of their sum. What a fast pull breaks away
+        // by less it lands farther beyond: the travel stays.
+        let beyond = (1.0 + law.landing) * law.break_away - motion.break_away;
+        let with_landing = with_level - direction * of_distance;
+        Self {
+            level: self.level + with_level * gain + direction * (distance + beyond),
+            level_variance: self.level_variance + of_distance - with_landing * with_landing / whole,
+            wander: self.wander + with_wander * gain,
+            wander_variance: self.wander_variance - with_wander * with_wander / whole,
+            covariance: self.covariance - with_wander * with_landing / whole,
+            moving: 0.0,
+            ..*self
+        }
+    }
+
+    /// The same one, beginning to hold where it is while the pull is there.
+    const fn holding(self, weight: f64, pull: f64) -> Self {
+        Self { weight, lowest: pull, highest: pull, ..self }
+    }
+
+    /// Learns from a measured sample; what this one's likelihood becomes.
+    fn learn(&mut self, measured: f64, noise: f64, total: f64) -> f64 {
+        if self.weight < LOST {
+            self.weight = 0.0;
+            return 0.0;
+        }
+        let whole = self.level_variance + noise * noise;
+        let error = measured - self.level;
+        let ours = density(error, whole);
+        self.weight *= (ours + WILD) / total;
+        let trust = ours / (ours + WILD);
+        let (of_level, of_wander) = (self.level_variance / whole * trust, self.covariance / whole * trust);
+        self.level += of_level * error;
+        self.wander += of_wander * error;
+        self.wander_variance -= of_wander * self.covariance;
+        self.covariance *= 1.0 - of_level;
+        self.level_variance *= 1.0 - of_level;
+        self.weight
+    }
+}
+
+/// The likeliest histories of seats under one law.
+struct Histories<'a> {
+    law: &'a JumpLaw,
+    all: [History; HISTORIES],
+    /// What stays of the wander from sample to sample, and the variance of what comes to it.
+    stay: f64,
+    kick: f64,
+}
+
+impl Histories<'_> {
+    /// Takes one in for the least likely one.
+    fn add(&mut self, history: History) {
+        let of = &self.all;
+        let weakest = (0..HISTORIES).min_by(|&x, &y| of[x].weight.total_cmp(&of[y].weight)).unwrap_or(0);
+        if history.weight > self.all[weakest].weight {
+            self.all[weakest] = history;
+        }
+    }
+
+    /// Moves all of them on to the next sample.
+    fn move_on(&mut self, motion: &Motion) {
+        let law = self.law;
+        let mut leaves = [0.0; HISTORIES];
+        let mut stretches = [0.0; HISTORIES];
+        // All that slide are in the same place: one history for them, with the past of the likeliest.
+        let (mut sliding, mut slider) = (0.0, self.all[0]);
+        let mut most = 0.0;
+        for (at, history) in self.all.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
+            history.wander *= self.stay;
+            history.wander_variance = self.stay * self.stay * history.wander_variance + self.kick;
+            history.covariance *= self.stay;
+            if history.moving != 0.0 {
+                let goes_on = if history.moving * motion.step() > 0.0 { motion.goes_on * history.weight } else { 0.0 };
+                sliding += goes_on;
+                if goes_on > most {
+                    (most, slider) = (goes_on, *history);
+                }
+                *history = Self::stuck(*history, goes_on, motion);
+            }
+            let (stretch, variance) = history.stretch(motion);
+            stretches[at] = stretch;
+            leaves[at] = history.weight * history.breaks_away((stretch, variance), motion);
+            history.weight -= leaves[at];
+            history.lowest = history.lowest.min(motion.pull);
+            history.highest = history.highest.max(motion.pull);
+        }
+        // So are all that break away.
+        let leaving: f64 = leaves.iter().sum();
+        let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
+        let (mut history, direction) = (self.all[parent], stretches[parent].signum());
+        let slides = leaving * motion.slides;
+        if sliding + slides > LOST {
+            let past = if slides > most { &history } else { &slider };
+            let slider = past.sliding(sliding + slides, motion);
+            self.add(slider);
+        }
+        let mut left = leaving - slides;
+        for leap in 1..=LEAPS {
+            if left < LOST {
+                break;
+            }
+            history = history.leapt(direction, law, motion);
+            let (stretch, variance) = history.stretch(motion);
+            let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
+            let again = chance((stretch * direction - motion.break_away) / spread);
+            let again = if leap < LEAPS && again > NO_LEAP { again } else { 0.0 };
+            self.add(history.holding(left * (1.0 - again), motion.pull));
+            left *= again;
+        }
+    }
+
+    /// What slid until now without the share that goes on: it holds where it was.
+    const fn stuck(history: History, goes_on: f64, motion: &Motion) -> History {
+        let held = history.holding(history.weight - goes_on, motion.before);
+        History { moving: 0.0, ..held }
+    }
+}
+
+/// What the observer of a tip expects of every sample.
+#[must_use]
+pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
+    let stay = (-seen.period_s / WANDER_S).exp();
+    let mut before = seen.pull[0];
+    let first = History {
+        weight: 1e-12,
+        level: before,
+        level_variance: law.break_away * law.break_away + law.wander * law.wander,
+        wander: 0.0,
+        wander_variance: law.wander * law.wander,
+        covariance: 0.0,
+        moving: 0.0,
+        lowest: before,
+        highest: before,
+    };
+    let kick = law.wander * law.wander * (1.0 - stay * stay);
+    let mut histories = Histories { law, all: [first; HISTORIES], stay, kick };
+    histories.all[0].weight = 1.0;
+    let mut expected = Expected::default();
+    for sample in 0..seen.measured.len() {
+        let motion = Motion::new(law, seen.pull[sample], before, seen.period_s);
+        before = motion.pull;
+        histories.move_on(&motion);
+        let all = &mut histories.all;
+        let total: f64 = all.iter().map(|history| history.weight).sum();
+        let mean = all.iter().map(|history| history.weight * history.level).sum::<f64>() / total;
+        let spread = |history: &History| history.weight * (history.level_variance + (history.level - mean).powi(2));
+        expected.mean.push(mean);
+        expected.variance.push(all.iter().map(spread).sum::<f64>() / total);
+        if !seen.keep[sample] {
+            expected.evidence.push(0.0);
+            continue;
+        }
+        let likelihood: f64 = all.iter_mut().map(|history| history.learn(seen.measured[sample], seen.noise, total)).sum();
+        expected.evidence.push(likelihood.ln());
+        for history in all {
+            history.weight = (history.weight / likelihood).max(1e-12);
+        }
+    }
+    expected
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::jumps::{Drive, NEVER};
+
+    const TIP: JumpLaw = JumpLaw {
+        drive: Drive::Pull,
+        break_away: 0.05,
+        landing: 0.6,
+        sliding_speed: NEVER,
+        closing: 0.0,
+        scatter: 0.05,
+        wander: 0.001,
+        lag_s: 0.0,
+        flow_s: 0.0,
+    };
+    const PERIOD_S: f64 = 0.02;
+
+    /// A tip that sits at zero, sure of it, while the pull has come to `reached`.
+    fn seated(reached: f64) -> History {
+        History {
+            weight: 1.0,
+            level: 0.0,
+            level_variance: 1e-6,
+            wander: 0.0,
+            wander_variance: 1e-6,
+            covariance: 0.0,
+            moving: 0.0,
+            lowest: 0.0,
+            highest: reached,
+        }
+    }
+
+    fn expected(law: &JumpLaw, pull: &[f64], measured: &[f64]) -> Vec<f64> {
+        let keep = vec![true; pull.len()];
+        observe(&Seen { command: pull, pull, measured, keep: &keep, period_s: PERIOD_S, noise: 0.002 }, law).mean
+    }
+
+    #[test]
+    fn what_has_held_out_a_distance_holds_it_out_again() {
+        let chance_of = |reached: f64, pull: f64| {
+            let motion = Motion::new(&TIP, pull, reached, PERIOD_S);
+            let history = seated(reached);
+            history.breaks_away(history.stretch(&motion), &motion)
+        };
+        assert_eq!(chance_of(0.05, 0.05), 0.0, "the pull rests where the tip has held it out");
+        assert_eq!(chance_of(0.052, 0.049), 0.0, "it goes back");
+        let (slow, fast) = (chance_of(0.049, 0.0495), chance_of(0.02, 0.0495));
+        assert!(slow > 0.01 && fast > 2.0 * slow, "{slow} of a short way, {fast} of a long one to the same place");
+        assert!(chance_of(0.02, 0.08) > 0.999);
+    }
+
+    #[test]
+    fn a_tip_leaps_by_its_travel_from_where_it_sat_and_a_fast_pull_takes_nothing_from_it() {
+        for (speed, direction) in [(0.01, 1.0), (0.3, 1.0), (0.3, -1.0)] {
+            let law = JumpLaw { sliding_speed: 0.5, ..TIP };
+            let break_away = law.break_away / (1.0 + FALL_WITH_RATE * speed / law.sliding_speed);
+            let half = 0.5 * speed * PERIOD_S;
+            let [before, pull] = [break_away - half, break_away + half].map(|way| way * direction);
+            let motion = Motion::new(&law, pull, before, PERIOD_S);
+            assert!((motion.break_away - break_away).abs() < 1e-12);
+            let landed = seated(before).leapt(direction, &law, &motion);
+            let travel = direction * 1.6 * law.break_away;
+            assert!((landed.level - travel).abs() < 1e-9, "{} instead of {travel}", landed.level);
+        }
+    }
+
+    #[test]
+    fn a_leap_that_comes_late_tells_that_the_pull_is_ahead() {
+        let (before, pull) = (0.0595, 0.06);
+        let motion = Motion::new(&TIP, pull, before, PERIOD_S);
+        let held = seated(before);
+        let landed = held.leapt(1.0, &TIP, &motion);
+        assert!(landed.wander < -5e-4, "{}", landed.wander);
+        assert!(landed.wander_variance < held.wander_variance);
+        let sure = landed.level_variance * landed.wander_variance;
+        assert!(landed.covariance.powi(2) < sure, "a covariance of {} for variances with a product of {sure}", landed.covariance);
+    }
+
+    #[test]
+    fn a_sample_may_hold_two_leaps() {
+        let mut pull = vec![0.0; 100];
+        pull.extend([0.14; 10]);
+        let mut measured = vec![0.0; 100];
+        measured.extend([0.16; 10]);
+        let found = expected(&TIP, &pull, &measured)[100];
+        assert!((found - 0.16).abs() < 0.004, "{found} instead of two travels of 0.08");
+    }
+
+    #[test]
+    fn a_tip_pulled_fast_slides_with_the_pull_and_goes_on_when_that_slows_down() {
+        let law = JumpLaw { sliding_speed: 1.0, ..TIP };
+        // From rest to twice the sliding speed, then seven tenths of it.
+        let speeds = [(0.0, 50), (2.0, 20), (0.7, 10)];
+        let speeds = speeds.into_iter().flat_map(|(speed, samples)| std::iter::repeat_n(speed, samples));
+        let pull: Vec<f64> = speeds
+            .scan(0.0, |place, speed| {
+                *place += speed * PERIOD_S;
+                Some(*place)
+            })
+            .collect();
+        let found = expected(&law, &pull, &pull);
+        for sample in 55..pull.len() {
+            assert!((found[sample] - pull[sample]).abs() < 2e-3, "{} for {} at {sample}", found[sample], pull[sample]);
+        }
+        // From rest to that speed at once it holds and leaps.
+        let slower: Vec<f64> = (0..60_u32).map(|sample| f64::from(sample.saturating_sub(50)) * 0.7 * PERIOD_S).collect();
+        let held = vec![0.0; 60];
+        assert!(expected(&law, &slower, &held)[51].abs() < 1e-3);
+    }
+}
