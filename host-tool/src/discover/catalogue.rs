@@ -192,6 +192,12 @@ pub trait Form: Sync {
     }
     /// Changes the input path, if it [leads the operators](Self::leads_operators).
     fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
+    /// Changes the input paths of several recordings as [`Self::input`] does one by one, side by side where that is faster.
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        for (run, path) in runs.iter().zip(paths) {
+            self.input(parameters, run, path);
+        }
+    }
     /// Changes the operators, if it [leads them](Self::leads_operators).
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat is read from the output).

@@ -229,12 +229,12 @@ fn profile(session: &Session, fitted: &Model, [delay_at, lag_at]: [usize; 2], th
 
 /// Area of the loops that a model draws, over all recordings but those kept out.
 fn area_of(session: &Session, model: &Model) -> f64 {
-    let runs = session.runs.iter().filter(|run| run.role.iter().any(|role| *role != Role::Kept));
-    let signed: f64 = runs
-        .map(|run| {
-            let output = model.predict(run);
-            output.windows(2).zip(run.input.windows(2)).map(|(y, u)| 0.5 * (y[0] + y[1]) * (u[1] - u[0])).sum::<f64>()
-        })
+    let outputs = model.outputs(session, |run| run.role.iter().any(|role| *role != Role::Kept));
+    let signed: f64 = session
+        .runs
+        .iter()
+        .zip(outputs)
+        .map(|(run, output)| output.windows(2).zip(run.input.windows(2)).map(|(y, u)| 0.5 * (y[0] + y[1]) * (u[1] - u[0])).sum::<f64>())
         .sum();
     // Clockwise in time: the output lags behind, so less comes out on the way up than on the way down.
     -signed

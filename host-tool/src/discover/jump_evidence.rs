@@ -2,6 +2,7 @@
 
 use super::jumps::{self, Drive, JumpLaw, NEVER, Seen, Tip};
 use super::model::Model;
+use super::paths::Paths;
 use super::session::{Role, Run, Session};
 
 /// Largest wander of the pull, in break-away distances: with more, holding says nothing.
@@ -53,15 +54,19 @@ impl<'a> Pull<'a> {
     /// A seat does not feel what the model's sensor adds, unless `feels`.
     pub fn new(session: &'a Session, model: &Model, noise: f64, feels: bool) -> Self {
         let (mut sum, mut count) = (0.0, 1.0);
-        let mut tip = |run: &Run| {
-            let (columns, values) = model.columns_and_output(run);
-            for sample in (0..values.len()).filter(|&sample| run.keep[sample] && run.role[sample] == Role::Fit) {
-                sum += (run.output[sample] - values[sample]).powi(2);
-                count += 1.0;
-            }
-            Tip::new(run, &columns, &values, feels)
-        };
-        let tips: Vec<Tip> = session.runs.iter().map(&mut tip).collect();
+        let mut tips = Vec::new();
+        model.walk(
+            session,
+            &mut Paths::default(),
+            |_| true,
+            |run, columns, values| {
+                for sample in (0..values.len()).filter(|&sample| run.keep[sample] && run.role[sample] == Role::Fit) {
+                    sum += (run.output[sample] - values[sample]).powi(2);
+                    count += 1.0;
+                }
+                tips.push(Tip::new(run, columns, &values, feels));
+            },
+        );
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
         let all = || tips.iter().flat_map(|tip| &tip.pull).copied();
         let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));

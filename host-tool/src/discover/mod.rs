@@ -10,6 +10,7 @@ mod bursts;
 pub mod catalogue;
 mod columns;
 pub mod corpus;
+mod descent;
 mod diagnosis;
 pub mod effects;
 pub mod file;
@@ -20,11 +21,13 @@ mod jump_evidence;
 mod jump_naming;
 pub mod jumps;
 mod least_squares;
+mod line;
 mod mask;
 mod model;
 mod noise;
 mod operators;
 mod pairs;
+mod paths;
 pub mod physics;
 pub mod plan;
 mod rounds;
@@ -237,7 +240,7 @@ pub fn discover_from(
     before = before.refined();
     before.fit_all(&session);
     before = before.pruned();
-    let simulated = given.unwrap_or_else(|| session.runs.iter().map(|run| before.predict(run)).collect());
+    let simulated = given.unwrap_or_else(|| before.outputs(&session, |_| true));
     let residual_before: Vec<Vec<f64>> = session
         .runs
         .iter()

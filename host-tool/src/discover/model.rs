@@ -6,6 +6,7 @@ use super::catalogue::{Columns, Form, Habit, Place};
 use super::columns::AHEAD;
 use super::grid;
 use super::operators::{self, Lead};
+use super::paths::Paths;
 use super::session::{Run, Session};
 use super::turning::remember;
 use super::workspace::Workspace;
@@ -132,18 +133,6 @@ impl Model {
 
     /// All columns of the linear part for one recording.
     pub fn columns(&self, run: &Run, columns: &mut Columns) {
-        let path = self.lead_in(run, columns);
-        self.operators(run, &self.history(run), &path, columns);
-        self.add_effects(run, columns);
-    }
-
-    /// Effects that show in the operators' columns.
-    fn before_operators(&self) -> impl Iterator<Item = &Slot> {
-        self.slots.iter().filter(|slot| slot.form.leads_operators())
-    }
-
-    /// The input as the operators see it; notes the command that the muscle is told.
-    pub(super) fn lead_in(&self, run: &Run, columns: &mut Columns) -> Vec<f64> {
         let mut path = run.input.clone();
         columns.command.clone_from(&path);
         for slot in self.before_operators() {
@@ -152,7 +141,13 @@ impl Model {
                 columns.command.clone_from(&path);
             }
         }
-        path
+        self.operators(run, &self.history(run), &path, columns);
+        self.add_effects(run, columns);
+    }
+
+    /// Effects that show in the operators' columns.
+    pub(super) fn before_operators(&self) -> impl Iterator<Item = &Slot> {
+        self.slots.iter().filter(|slot| slot.form.leads_operators())
     }
 
     /// Begins the columns with the operators, led along `path` after the turning points of `history`.
@@ -200,15 +195,38 @@ impl Model {
         }
     }
 
-    /// Columns of one recording and what they come to with the weights of the last fit.
-    #[must_use]
-    pub fn columns_and_output(&self, run: &Run) -> (Columns, Vec<f64>) {
-        let mut columns = Columns::default();
-        self.columns(run, &mut columns);
+    /// Shows `each` the columns of those recordings that are `wanted`, and what they come to with the weights of the last fit. `paths` are those
+    /// of the last model, or none.
+    pub(super) fn walk(
+        &self,
+        session: &Session,
+        paths: &mut Paths,
+        wanted: impl Fn(&Run) -> bool,
+        mut each: impl FnMut(&Run, &Columns, Vec<f64>),
+    ) {
+        let follows = self.follows_history();
+        let end = session.runs.iter().rposition(&wanted).map_or(0, |last| last + 1);
+        let runs = &session.runs[..end];
+        paths.lead(self, runs, (0..end).filter(|&run| follows || wanted(&runs[run])).collect());
         let weights = self.weights();
-        let mut sum = vec![0.0; run.input.len()];
-        columns.weigh(&weights, 0, &mut sum);
-        (columns, sum)
+        let mut columns = Columns::default();
+        let mut followed = Vec::new();
+        for run in runs {
+            let path = paths.path(run);
+            if wanted(run) {
+                columns.command.clear();
+                columns.command.extend_from_slice(paths.command(run));
+                let history = if follows { &followed } else { &self.history(run) };
+                self.operators(run, history, path, &mut columns);
+                self.add_effects(run, &mut columns);
+                let mut sum = vec![0.0; run.input.len()];
+                columns.weigh(&weights, 0, &mut sum);
+                each(run, &columns, sum);
+            }
+            if follows {
+                remember(&mut followed, path);
+            }
+        }
     }
 
     /// Weights of the last fit: the constant, the operators, what effects add.
@@ -294,13 +312,31 @@ impl Model {
     /// Model output for one recording, normalised.
     #[must_use]
     pub fn predict(&self, run: &Run) -> Vec<f64> {
-        self.columns_and_output(run).1
+        let mut columns = Columns::default();
+        self.columns(run, &mut columns);
+        let mut sum = vec![0.0; run.input.len()];
+        columns.weigh(&self.weights(), 0, &mut sum);
+        sum
+    }
+
+    /// Model output for all recordings that are `wanted`, nothing for the others: as [`Self::predict`], in less time.
+    #[must_use]
+    pub fn outputs(&self, session: &Session, wanted: impl Fn(&Run) -> bool) -> Vec<Vec<f64>> {
+        self.outputs_by(session, &mut Paths::default(), wanted)
+    }
+
+    /// As [`Self::outputs`], with the paths of the last model.
+    pub(super) fn outputs_by(&self, session: &Session, paths: &mut Paths, wanted: impl Fn(&Run) -> bool) -> Vec<Vec<f64>> {
+        let mut outputs = vec![Vec::new(); session.runs.len()];
+        self.walk(session, paths, wanted, |run, _, output| outputs[run.index] = output);
+        outputs
     }
 
     /// Measured minus predicted for every recording.
     #[must_use]
     pub fn residuals(&self, session: &Session) -> Vec<Vec<f64>> {
-        session.runs.iter().map(|run| run.output.iter().zip(self.predict(run)).map(|(y, p)| y - p).collect()).collect()
+        let of = |(run, output): (&Run, Vec<f64>)| run.output.iter().zip(output).map(|(y, p)| y - p).collect();
+        session.runs.iter().zip(self.outputs(session, |_| true)).map(of).collect()
     }
 }
 

@@ -148,8 +148,9 @@ impl Bench<'_> {
     /// Mean squares of the selecting blocks.
     pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
         let selects = |run: &Run| run.role.contains(&Role::Select);
-        let of = |run: &Run| run.output.iter().zip(model.predict(run)).map(|(y, p)| y - p).collect();
-        let residual: Vec<Vec<f64>> = self.session.runs.iter().map(|run| if selects(run) { of(run) } else { Vec::new() }).collect();
+        let outputs = model.outputs(self.session, selects);
+        let of = |(run, output): (&Run, Vec<f64>)| output.into_iter().zip(&run.output).map(|(p, y)| y - p).collect();
+        let residual: Vec<Vec<f64>> = self.session.runs.iter().zip(outputs).map(of).collect();
         noise::blocks(self.session, &residual, |run, sample| self.session.runs[run].role[sample] == Role::Select)
     }
 

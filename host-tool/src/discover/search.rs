@@ -1,9 +1,12 @@
-//! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates, weights solved inside.
+//! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates or [`descend`]'s steps, weights solved
+//! inside.
 
 use std::sync::Arc;
 
-use super::catalogue::{Form, Parameter};
-use super::model::{Model, Order, Scope, Slot};
+use super::catalogue::Form;
+use super::descent::descend;
+use super::line::{Axis, Line, axes, inward, outward, place};
+use super::model::{Model, Order, Scope};
 use super::rounds;
 use super::session::Session;
 use super::workspace::Workspace;
@@ -22,55 +25,6 @@ impl Fitted {
     #[must_use]
     pub fn judgement(&self) -> f64 {
         rounds::judgement(&self.model, self.select)
-    }
-}
-
-/// A parameter as the search sees it.
-#[derive(Clone, Copy)]
-struct Axis {
-    parameter: Parameter,
-    /// First step: a unit of the search.
-    step: f64,
-}
-
-/// Parameters of all effects on one line.
-fn axes(model: &Model) -> Vec<Axis> {
-    let of = |slot: &Slot| {
-        let form = slot.form;
-        form.parameters().iter().enumerate().map(|(index, &parameter)| Axis { parameter, step: form.step(index) })
-    };
-    model.slots.iter().flat_map(of).collect()
-}
-
-/// Values in units of the search: first steps, in the logarithm or in quarters of the range.
-fn inward(axes: &[Axis], values: &[f64]) -> Vec<f64> {
-    axes.iter()
-        .zip(values)
-        .map(
-            |(Axis { parameter, step }, &value)| {
-                if parameter.logarithmic { value.ln() / step } else { value / (parameter.high - parameter.low) * 4.0 / step }
-            },
-        )
-        .collect()
-}
-
-fn outward(axes: &[Axis], values: &[f64]) -> Vec<f64> {
-    axes.iter()
-        .zip(values)
-        .map(|(Axis { parameter, step }, &value)| {
-            let value = if parameter.logarithmic { (value * step).exp() } else { value * step / 4.0 * (parameter.high - parameter.low) };
-            value.clamp(parameter.low, parameter.high)
-        })
-        .collect()
-}
-
-/// Puts parameters on one line into the model's effects; only those of `only`, if given.
-fn place(model: &mut Model, values: &[f64]) {
-    let mut at = 0;
-    for slot in &mut model.slots {
-        let count = slot.parameters.len();
-        slot.parameters.copy_from_slice(&values[at..at + count]);
-        at += count;
     }
 }
 
@@ -101,19 +55,13 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
     if indices.is_empty() {
         return objective(model, &mut workspace, scope);
     }
-    let all = axes(model);
-    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
-    let searched: Vec<Axis> = indices.iter().map(|&index| all[index]).collect();
-    let begin = inward(&searched, &indices.iter().map(|&index| line[index]).collect::<Vec<_>>());
+    let line = Line::of(model, indices);
+    let begin = line.begin();
     let mut trial = model.clone();
     let mut spent = 0;
     let mut evaluate = |point: &[f64], spent: &mut usize| {
         *spent += 1;
-        let mut values = line.clone();
-        for (&index, value) in indices.iter().zip(outward(&searched, point)) {
-            values[index] = value;
-        }
-        place(&mut trial, &values);
+        line.put(&mut trial, point);
         objective(&trial, &mut workspace, scope)
     };
     let n = begin.len();
@@ -157,11 +105,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
         }
     }
     points.sort_by(|x, y| x.0.total_cmp(&y.0));
-    let mut values = line;
-    for (&index, value) in indices.iter().zip(outward(&searched, &points[0].1)) {
-        values[index] = value;
-    }
-    place(model, &values);
+    line.put(model, &points[0].1);
     points[0].0
 }
 
@@ -191,6 +135,7 @@ pub fn eased(model: &Model, session: &Session) -> Model {
     let indices = (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot));
     let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); session.runs.len()];
     let centre = inward(&axes, &line);
+    let mut workspace = Workspace::new(session);
     for index in indices {
         let at = |step: f64| {
             let mut point = centre.clone();
@@ -200,8 +145,9 @@ pub fn eased(model: &Model, session: &Session) -> Model {
             moved
         };
         let (less, more) = (at(-STEP), at(STEP));
-        for (run, columns) in session.runs.iter().zip(&mut columns) {
-            columns.push(more.predict(run).iter().zip(less.predict(run)).map(|(more, less)| more - less).collect());
+        let [more, less] = [more, less].map(|model| workspace.outputs(&model, |_| true));
+        for ((more, less), columns) in more.iter().zip(less).zip(&mut columns) {
+            columns.push(more.iter().zip(less).map(|(more, less)| more - less).collect());
         }
     }
     Model { ease: Arc::new(columns), ..model.clone() }
@@ -327,10 +273,10 @@ pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize
     let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
     let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
     model.fit(session, scope);
-    simplex(&mut model, session, &indices, effort(0.4, evaluations * count));
+    descend(&mut model, session, &indices, effort(0.4, evaluations * count));
     let (_, mut select) = model.fit(session, Scope::Both);
     if model.needs_sum() && count > 0 {
-        simplex(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
+        descend(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
         (_, select) = model.fit(session, Scope::Both);
     }
     Fitted { model, select }

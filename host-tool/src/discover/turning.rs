@@ -3,6 +3,8 @@
 //! Operators remember the farthest point of a stroke, and a sampled input has passed it by up to half a step when it turns at a corner:
 //! with a triangle of 0.35 Hz at 50 Hz that is up to 0.7 % of its span, and it stays in the output until a later stroke wipes it out.
 
+use pulp::{Arch, Simd, WithSimd};
+
 /// Points at which the input turned between two samples: the sample after each, and the farthest value, beyond both neighbours.
 ///
 /// Either side is continued by the parabola through its three samples, which is exact for corners between straight lines and close for
@@ -11,17 +13,56 @@
 /// anybody's guess, and mostly it holds.
 #[must_use]
 pub fn between_samples(path: &[f64]) -> Vec<(usize, f64)> {
-    if jitters(path) {
-        return Vec::new();
+    turns(path, &steps(path))
+}
+
+/// From each sample to the next.
+fn steps(path: &[f64]) -> Vec<f64> {
+    path.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+/// As [`between_samples`], with the path's steps.
+fn turns(path: &[f64], steps: &[f64]) -> Vec<(usize, f64)> {
+    let mut found = Vec::new();
+    if jitters(steps) {
+        return found;
     }
-    let turn = |(index, near): (usize, &[f64])| {
-        let &[a, b, c, d, e, f] = near else { return None };
-        let sign = if c > b { 1.0 } else { -1.0 };
-        let monotone = sign * (b - a) > 0.0 && sign * (c - b) > 0.0 && sign * (e - d) < 0.0 && sign * (f - e) < 0.0;
-        let beyond = if monotone { farthest([c, c - b, c - 2.0 * b + a], [d, d - e, d - 2.0 * e + f], sign) } else { 0.0 };
-        (beyond > 0.0).then(|| (index + 3, sign * (sign * c).max(sign * d) + sign * beyond))
-    };
-    path.windows(6).enumerate().filter_map(turn).collect()
+    // Hardly any sample has a turn behind it: whoever goes on the same way has none.
+    for before in unlike(&steps[1.min(steps.len())..], &steps[3.min(steps.len())..], |product| product < 0.0) {
+        let Some(&[a, b, _, d, e]) = steps.get(before..before + 5) else { break };
+        let sign = b.signum();
+        if sign * a > 0.0 && sign * e < 0.0 {
+            let (left, right) = (path[before + 2], path[before + 3]);
+            let beyond = farthest([left, b, b - a], [right, -d, e - d], sign);
+            if beyond > 0.0 {
+                found.push((before + 3, sign * (sign * left).max(sign * right) + sign * beyond));
+            }
+        }
+    }
+    found
+}
+
+/// Indices at which the products of two rows are as `counts` says, which must be true of negative ones; most are not, so many at a time are
+/// passed over.
+fn unlike(one: &[f64], other: &[f64], counts: impl Fn(f64) -> bool) -> Vec<usize> {
+    let mut found = Vec::new();
+    let count = one.len().min(other.len());
+    for first in (0..count).step_by(SIDE) {
+        let last = (first + SIDE).min(count);
+        let (one, other) = (&one[first..last], &other[first..last]);
+        if let (Some(one), Some(other)) = (one.first_chunk::<SIDE>(), other.first_chunk::<SIDE>()) {
+            let mut least = [0.0; SIDE];
+            (0..SIDE).for_each(|at| least[at] = one[at] * other[at]);
+            for width in [SIDE / 2, SIDE / 4, SIDE / 8] {
+                (0..width).for_each(|at| least[at] = if least[at + width] < least[at] { least[at + width] } else { least[at] });
+            }
+            if !least[..SIDE / 8].iter().any(|product| counts(*product)) {
+                continue;
+            }
+        }
+        found.extend(one.iter().zip(other).zip(first..).filter(|((one, other), _)| counts(*one * *other)).map(|(_, at)| at));
+    }
+    found
 }
 
 /// Share of the samples at which a jittering input bends the other way than just before; a wave of eight samples does at a quarter.
@@ -29,19 +70,66 @@ const BENDS_BACK: f64 = 0.45;
 /// Root mean square of its bends over that of its steps; steps of a converter are far smaller.
 const LARGE_BENDS: f64 = 0.3;
 
-/// Whether the path bends to and fro from sample to sample, and by as much as it moves.
-fn jitters(path: &[f64]) -> bool {
-    let (mut back, mut count, mut of_bends, mut of_steps) = (0.0, 1e-30, 0.0, 1e-30);
-    for near in path.windows(4) {
-        let (before, bend) = (near[2] - 2.0 * near[1] + near[0], near[3] - 2.0 * near[2] + near[1]);
-        of_bends += bend * bend;
-        of_steps += (near[3] - near[2]).powi(2);
-        if before != 0.0 && bend != 0.0 {
-            count += 1.0;
-            back += f64::from(u8::from((before > 0.0) != (bend > 0.0)));
-        }
+/// Whether a path of these steps bends to and fro from sample to sample, and by as much as it moves.
+fn jitters(steps: &[f64]) -> bool {
+    let Bends { back, count, of_bends, of_steps } = Arch::new().dispatch(Bending { steps });
+    back > BENDS_BACK * (1e-30 + count) && of_bends > LARGE_BENDS * LARGE_BENDS * (1e-30 + of_steps)
+}
+
+/// What a path's bends come to.
+struct Bends {
+    /// How often it bends the other way than just before.
+    back: f64,
+    /// How often it bends twice in a row.
+    count: f64,
+    /// Sum of squares of its bends.
+    of_bends: f64,
+    /// Sum of squares of its steps.
+    of_steps: f64,
+}
+
+/// The argument of [`jitters`].
+struct Bending<'a> {
+    steps: &'a [f64],
+}
+
+/// Neighbours that are looked at side by side.
+const SIDE: usize = 16;
+
+/// Neighbours from one on, zeros behind the last.
+#[inline(always)]
+fn group(of: &[f64], from: usize) -> [f64; SIDE] {
+    let mut lanes = [0.0; SIDE];
+    match of[from..].first_chunk() {
+        Some(whole) => lanes = *whole,
+        None => lanes.iter_mut().zip(&of[from..]).for_each(|(lane, value)| *lane = *value),
     }
-    back > BENDS_BACK * count && of_bends > LARGE_BENDS * LARGE_BENDS * of_steps
+    lanes
+}
+
+impl WithSimd for Bending<'_> {
+    type Output = Bends;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Bends {
+        let count = self.steps.len().saturating_sub(2);
+        let [first, second, third] = [0, 1, 2].map(|from| self.steps.get(from..from + count).unwrap_or(&[]));
+        let (mut back, mut twice, mut of_bends, mut of_steps) = ([0.0; SIDE], [0.0; SIDE], [0.0; SIDE], [0.0; SIDE]);
+        for from in (0..count).step_by(SIDE) {
+            // What is missing in the last group stands still.
+            let (first, second, third) = (group(first, from), group(second, from), group(third, from));
+            for lane in 0..SIDE {
+                let (before, bend) = (second[lane] - first[lane], third[lane] - second[lane]);
+                let product = before * bend;
+                back[lane] += if product < 0.0 { 1.0 } else { 0.0 };
+                twice[lane] += if product != 0.0 { 1.0 } else { 0.0 };
+                of_bends[lane] += bend * bend;
+                of_steps[lane] += third[lane] * third[lane];
+            }
+        }
+        let sum = |lanes: [f64; SIDE]| lanes.iter().sum();
+        Bends { back: sum(back), count: sum(twice), of_bends: sum(of_bends), of_steps: sum(of_steps) }
+    }
 }
 
 /// How far, in the direction of `sign`, two sides reach beyond the last sample of each before they meet. A side is its last value, its
@@ -71,13 +159,23 @@ fn farthest(left: [f64; 3], right: [f64; 3], sign: f64) -> f64 {
 
 /// Adds the turning points of `input` to `history` and forgets those that later, larger ones wipe out.
 pub fn remember(history: &mut Vec<f64>, input: &[f64]) {
-    let mut turns = between_samples(input).into_iter().peekable();
-    for (sample, &value) in input.iter().enumerate() {
-        if let Some((_, turn)) = turns.next_if(|(at, _)| *at == sample) {
+    let (Some(first), Some(last)) = (input.first(), input.last()) else { return };
+    let steps = steps(input);
+    remember_one(history, *first);
+    let mut turns = turns(input, &steps).into_iter().peekable();
+    // A sample on the way from the last to the next is forgotten with the next one, and whatever it wipes out the next one does too.
+    for sample in unlike(&steps, &steps[1.min(steps.len())..], |product| product <= 0.0).into_iter().map(|before| before + 1) {
+        while let Some((at, turn)) = turns.next_if(|(at, _)| *at <= sample) {
             remember_one(history, turn);
+            remember_one(history, input[at]);
         }
-        remember_one(history, value);
+        remember_one(history, input[sample]);
     }
+    for (at, turn) in turns {
+        remember_one(history, turn);
+        remember_one(history, input[at]);
+    }
+    remember_one(history, *last);
 }
 
 fn remember_one(history: &mut Vec<f64>, value: f64) {
@@ -135,7 +233,7 @@ mod tests {
         let jittering: Vec<f64> = (0..1000).map(|sample| slow(sample) + 0.05 * jitter()).collect();
         assert!(between_samples(&jittering).is_empty());
         let read_in_steps: Vec<f64> = (0..1000).map(|sample| (slow(sample) * 500.0).round() / 500.0).collect();
-        assert!(!jitters(&read_in_steps));
+        assert!(!jitters(&steps(&read_in_steps)));
         assert!(!between_samples(&(0..1000).map(wave(6.0)).collect::<Vec<_>>()).is_empty());
     }
 
@@ -171,6 +269,31 @@ mod tests {
             let beyond = (value - path[at]).abs().min((value - path[at - 1]).abs());
             assert!(beyond < 1e-12, "{at}: {beyond}");
         }
+    }
+
+    #[test]
+    fn what_is_remembered_is_what_every_sample_would_leave() {
+        let mut state = 7_u64;
+        let mut random = || {
+            state = state * 48_271 % 2_147_483_647;
+            state as f64 / 2_147_483_647.0
+        };
+        let (mut fast, mut slow) = (Vec::new(), Vec::new());
+        for recording in 0..40 {
+            let (rate, size, rest) = (0.02 + 0.2 * random(), random(), if recording % 3 == 0 { 0.3 } else { 0.0 });
+            let path: Vec<f64> =
+                (0..300).map(|sample| size * (rate * f64::from(sample)).sin() * (-0.01 * f64::from(sample)).exp()).collect();
+            let path: Vec<f64> =
+                path.into_iter().map(|value| value.max(rest - 0.2) + if rest > 0.2 { 1e-3 * random() } else { 0.0 }).collect();
+            remember(&mut fast, &path);
+            let turns = between_samples(&path);
+            for (sample, &value) in path.iter().enumerate() {
+                turns.iter().filter(|turn| turn.0 == sample).for_each(|turn| remember_one(&mut slow, turn.1));
+                remember_one(&mut slow, value);
+            }
+            assert_eq!(fast, slow, "recording {recording}");
+        }
+        assert!(fast.len() > 5, "{fast:?}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use super::catalogue::Columns;
 use super::columns::{OUTPUT, place};
 use super::least_squares::{Gram, add_products, add_squares};
 use super::model::{Model, Scope};
+use super::paths::Paths;
 use super::session::{Role, Run, Session};
 use super::turning::remember;
 
@@ -32,6 +33,7 @@ pub struct Workspace<'a> {
     kept: Vec<Option<Prepared>>,
     /// Columns that nobody has asked for again so far.
     passing: Prepared,
+    paths: Paths,
 }
 
 /// All that the operators' columns hang on.
@@ -64,7 +66,19 @@ impl<'a> Workspace<'a> {
     /// For models of this session.
     #[must_use]
     pub fn new(session: &'a Session) -> Self {
-        Self { session, last: None, kept: session.runs.iter().map(|_| None).collect(), passing: Prepared::default() }
+        Self {
+            session,
+            last: None,
+            kept: session.runs.iter().map(|_| None).collect(),
+            passing: Prepared::default(),
+            paths: Paths::default(),
+        }
+    }
+
+    /// A model's output for the recordings that are `wanted`, as [`Model::outputs`] has it.
+    #[must_use]
+    pub fn outputs(&mut self, model: &Model, wanted: impl Fn(&Run) -> bool) -> Vec<Vec<f64>> {
+        model.outputs_by(self.session, &mut self.paths, wanted)
     }
 
     /// Sums of products of a model's columns over the samples of `scope`.
@@ -83,6 +97,10 @@ impl<'a> Workspace<'a> {
         let missing = runs[..end].iter().zip(&self.kept).any(|(run, kept)| looked_at(run) && kept.is_none());
         // Operators that remember are led through the recordings between those that are looked at as well.
         let follows = model.follows_history() && missing;
+        if missing {
+            self.paths.lead(model, runs, (0..end).filter(|&run| follows || looked_at(&runs[run])).collect());
+        }
+        let jumps = model.slots.iter().any(|slot| slot.form.jumps().is_some());
         let mut history = Vec::new();
         let (mut fit, mut select) = (Parts::default(), Parts::default());
         let mut free = Vec::new();
@@ -90,15 +108,19 @@ impl<'a> Workspace<'a> {
             let is_new = looked_at(run) && kept.is_none();
             let prepared = if again && looked_at(run) { kept.get_or_insert_default() } else { &mut self.passing };
             if is_new || follows {
-                let path = model.lead_in(run, &mut prepared.columns);
+                let path = self.paths.path(run);
                 if is_new {
+                    if jumps {
+                        prepared.columns.command.clear();
+                        prepared.columns.command.extend_from_slice(self.paths.command(run));
+                    }
                     let before = if follows { &history } else { &model.history(run) };
-                    model.operators(run, before, &path, &mut prepared.columns);
+                    model.operators(run, before, path, &mut prepared.columns);
                     prepared.fit.clear();
                     prepared.select.clear();
                 }
                 if follows {
-                    remember(&mut history, &path);
+                    remember(&mut history, path);
                 }
             }
             if looked_at(run) {

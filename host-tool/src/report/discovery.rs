@@ -114,7 +114,7 @@ fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Si
     let session = &finding.session;
     let unit = &output.unit;
     let (levels, before) = whereabouts::map(session, &residual(finding, &finding.simulated));
-    let after_prediction: Vec<Vec<f64>> = session.runs.iter().map(|run| finding.after.predict(run)).collect();
+    let after_prediction: Vec<Vec<f64>> = finding.after.outputs(session, |_| true);
     let (_, after) = whereabouts::map(session, &residual(finding, &after_prediction));
     let columns: Vec<String> = levels.iter().map(|level| number(*level, 2)).collect();
     let highest = before.iter().flat_map(|row| &row.1).copied().filter(|value| value.is_finite()).fold(0.0, f64::max);

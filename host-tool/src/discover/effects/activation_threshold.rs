@@ -38,7 +38,7 @@ impl Form for Corner {
         let rest = 0.5 * (-parameters[0] + parameters[0].hypot(parameters[1]));
         for value in path {
             let past = *value - parameters[0];
-            *value = 0.5 * (past + past.hypot(parameters[1])) - rest;
+            *value = 0.5 * (past + (past * past + parameters[1] * parameters[1]).sqrt()) - rest;
         }
     }
 }

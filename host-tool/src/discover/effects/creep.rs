@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{ladder, lag};
+use super::{Lag, ladder, lag, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput];
@@ -116,14 +117,41 @@ impl Form for OfInput {
         ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let before = path.to_vec();
-        for factor in [1.0, 5.0, 25.0] {
-            let mut slow = before.clone();
-            lag(&mut slow, parameters[1] * factor, run.period_s);
-            for (value, slow) in path.iter_mut().zip(slow) {
-                *value += parameters[0] / 3.0 * slow;
-            }
+        Giving::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Giving::new(parameters, run));
+    }
+}
+
+/// What [`OfInput`] does to the input: three lags beside it, each five times as long as the one before.
+#[derive(PartialEq)]
+struct Giving {
+    share: f64,
+    lags: [Lag; 3],
+}
+
+impl Giving {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        let lags = [1.0, 5.0, 25.0].map(|factor| Lag::new(parameters[1] * factor, run.period_s));
+        Self { share: parameters[0] / 3.0, lags }
+    }
+}
+
+impl Filter<4> for Giving {
+    fn begin(&self, first: f64) -> [f64; 4] {
+        [first; 4]
+    }
+    #[inline(always)]
+    fn step(&self, [first, second, third, last]: &mut [f64; 4], value: f64) -> f64 {
+        let mut sum = value;
+        for (lag, state) in self.lags.iter().zip([first, second, third]) {
+            let mut memory = [*state, *last];
+            sum += self.share * lag.step(&mut memory, value);
+            *state = memory[0];
         }
+        *last = value;
+        sum
     }
 }
 

@@ -2,9 +2,10 @@
 //! command goes, with a flow that fades as what drives it does, or with one that grows with a power of the difference of pressures.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{ladder, lag_coefficients};
+use super::{elementary, ladder, lag_coefficients, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&TWO_LAGS, &TWO_LAGS_HELD, &COMMANDED, &COMMANDED_HELD, &DRIVEN, &DRIVEN_HELD, &ORIFICE];
@@ -94,38 +95,91 @@ impl Form for TwoLags {
         all
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let coefficients = |time_s: f64| lag_coefficients(time_s, run.period_s);
-        let (fill, vent) = (coefficients(parameters[0]), coefficients(parameters[1]));
-        let mut state = path[0];
-        let mut last = path[0];
-        let mut rises = true;
-        for value in path {
-            let target = if self.held { last } else { 0.5 * (*value + last) };
-            let before_step = rises;
-            rises = match self.law {
-                Law::Error | Law::Drive | Law::Orifice => target > state,
-                Law::Command if *value == last => rises,
-                Law::Command => *value > last,
-            };
-            // Until a held command makes its step, the one before counts.
-            let fills = if self.held && self.law == Law::Command { before_step } else { rises };
-            let time_s = parameters[usize::from(!fills)];
-            let (keep, now, before) = match self.law {
-                Law::Drive => {
-                    let level = state.clamp(0.0, 1.0);
-                    let drive = if fills { 1.0 - level } else { level };
-                    // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
-                    coefficients(time_s / (1.0 - parameters[2] * (1.0 - drive)))
-                }
-                Law::Orifice => coefficients(time_s * ((target - state).abs().max(LAMINAR) / TOLD_AT).powf(1.0 - parameters[2])),
-                Law::Error | Law::Command if fills => fill,
-                Law::Error | Law::Command => vent,
-            };
-            let (now, before) = if self.held { (0.0, now + before) } else { (now, before) };
-            state = keep * state + now * *value + before * last;
-            last = *value;
-            *value = state;
+        let held = self.held;
+        match self.law {
+            Law::Error => Following::<ERROR>::new(parameters, run, held).run(path),
+            Law::Command => Following::<COMMAND>::new(parameters, run, held).run(path),
+            Law::Drive => Following::<DRIVE>::new(parameters, run, held).run(path),
+            Law::Orifice => Following::<POWER_LAW>::new(parameters, run, held).run(path),
         }
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        let held = self.held;
+        match self.law {
+            Law::Error => side_by_side::filter(runs, paths, |run| Following::<ERROR>::new(parameters, run, held)),
+            // So little to do that bringing them side by side takes longer.
+            Law::Command => runs.iter().zip(paths).for_each(|(run, path)| self.input(parameters, run, path)),
+            Law::Drive => side_by_side::filter(runs, paths, |run| Following::<DRIVE>::new(parameters, run, held)),
+            Law::Orifice => side_by_side::filter(runs, paths, |run| Following::<POWER_LAW>::new(parameters, run, held)),
+        }
+    }
+}
+
+/// [`Law`] as the compiler knows it: a choice that never changes inside a loop is made before it.
+const ERROR: usize = 0;
+const COMMAND: usize = 1;
+const DRIVE: usize = 2;
+const POWER_LAW: usize = 3;
+
+/// What [`TwoLags`] does to the input by one law.
+#[derive(PartialEq)]
+struct Following<const LAW: usize> {
+    times_s: [f64; 2],
+    /// Fading or power of the flow, where the law has one.
+    third: f64,
+    /// Coefficients of the two lags.
+    lags: [(f64, f64, f64); 2],
+    period_s: f64,
+    held: bool,
+}
+
+impl<const LAW: usize> Following<LAW> {
+    fn new(parameters: &[f64], run: &Run, held: bool) -> Self {
+        let times_s = [parameters[0], parameters[1]];
+        let lags = times_s.map(|time_s| lag_coefficients(time_s, run.period_s));
+        Self { times_s, third: parameters.get(2).copied().unwrap_or(0.0), lags, period_s: run.period_s, held }
+    }
+}
+
+impl<const LAW: usize> Filter<3> for Following<LAW> {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        // The last one is positive when the command rose last.
+        [first, first, 1.0]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last, rose]: &mut [f64; 3], value: f64) -> f64 {
+        let target = if self.held { *last } else { 0.5 * (value + *last) };
+        let fills = if LAW == COMMAND {
+            let now = if value == *last { *rose } else { value - *last };
+            // Until a held command makes its step, the one before counts.
+            let counts = if self.held { *rose } else { now };
+            *rose = now;
+            counts > 0.0
+        } else {
+            target > *state
+        };
+        let time_s = if fills { self.times_s[0] } else { self.times_s[1] };
+        let (keep, now, before) = match LAW {
+            DRIVE => {
+                let level = state.max(0.0).min(1.0);
+                let drive = if fills { 1.0 - level } else { level };
+                // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
+                lag_coefficients(time_s / (1.0 - self.third * (1.0 - drive)), self.period_s)
+            }
+            POWER_LAW => {
+                let difference = (target - *state).abs().max(LAMINAR) / TOLD_AT;
+                lag_coefficients(time_s * elementary::power(difference, 1.0 - self.third), self.period_s)
+            }
+            _ => {
+                let [fill, vent] = self.lags;
+                let of = |fill: f64, vent: f64| if fills { fill } else { vent };
+                (of(fill.0, vent.0), of(fill.1, vent.1), of(fill.2, vent.2))
+            }
+        };
+        let (now, before) = if self.held { (0.0, now + before) } else { (now, before) };
+        *state = keep * *state + now * value + before * *last;
+        *last = value;
+        *state
     }
 }
 

@@ -4,9 +4,10 @@
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{ladder, lag_coefficients};
+use super::{elementary, ladder, lag_coefficients, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&HOLE, &Refilled, &Turbulent, &Filling, &EITHER_WAY];
@@ -104,16 +105,38 @@ impl Form for Turbulent {
         ladder(2.0, 60.0, 4).into_iter().map(|value| vec![value, 0.7]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let [time_s, power] = [parameters[0], parameters[1]];
-        let mut state = path[0].max(0.0);
-        let mut last = path[0];
-        for value in path {
-            // The stroke passes; what it fills leaks for half of the sample's time, what there was for all of it.
-            let middle = (state + 0.5 * (*value - last)).max(0.0);
-            state = (state + *value - last - run.period_s / time_s * middle.powf(power)).max(0.0);
-            last = *value;
-            *value = state;
-        }
+        Draining::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Draining::new(parameters, run));
+    }
+}
+
+/// What [`Turbulent`] does to the input.
+#[derive(PartialEq)]
+struct Draining {
+    /// Share of the pressure, at one, that a sample takes away.
+    share: f64,
+    power: f64,
+}
+
+impl Draining {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        Self { share: run.period_s / parameters[0], power: parameters[1] }
+    }
+}
+
+impl Filter<2> for Draining {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first.max(0.0), first]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        // The stroke passes; what it fills leaks for half of the sample's time, what there was for all of it.
+        let middle = (*state + 0.5 * (value - *last)).max(0.0);
+        *state = (*state + value - *last - self.share * elementary::power(middle, self.power)).max(0.0);
+        *last = value;
+        *state
     }
 }
 
@@ -137,26 +160,52 @@ impl Form for Filling {
         ladder(0.03, 0.4, 3).into_iter().flat_map(|time_s| [vec![time_s, 0.04], vec![time_s, 0.15]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let [time_s, leak] = [parameters[0], parameters[1]];
-        // Where filling and leak balance, `e + L sqrt(e) = u`. Then `u - v - L sqrt(v)` is `(e - v) (1 + L / (sqrt(e) + sqrt(v)))`: a lag
-        // towards the balance that is faster near zero, and stays stable there.
-        let balance = |command: f64| {
-            if command > 0.0 { ((0.25 * leak * leak + command).sqrt() - 0.5 * leak).powi(2) } else { command }
-        };
-        let step_s = run.period_s / LOOKS as f64;
-        let mut state = balance(path[0]);
-        let mut last = path[0];
-        for value in path {
-            for look in 0..LOOKS {
-                let at = |look: usize| balance(last + (*value - last) * look as f64 / LOOKS as f64);
-                let (before, now) = (at(look), at(look + 1));
-                let roots = (0.5 * (before + now)).max(0.0).sqrt() + state.max(0.0).sqrt();
-                let (keep, of_now, of_before) = lag_coefficients(time_s / (1.0 + leak / roots.max(1e-3)), step_s);
-                state = keep * state + of_now * now + of_before * before;
-            }
-            last = *value;
-            *value = state;
+        Filled::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Filled::new(parameters, run));
+    }
+}
+
+/// What [`Filling`] does to the input.
+#[derive(PartialEq)]
+struct Filled {
+    time_s: f64,
+    leak: f64,
+    step_s: f64,
+}
+
+impl Filled {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        Self { time_s: parameters[0], leak: parameters[1], step_s: run.period_s / LOOKS as f64 }
+    }
+
+    /// Where filling and leak balance: `e + L sqrt(e) = u`.
+    #[inline(always)]
+    fn balance(&self, command: f64) -> f64 {
+        let root = (0.25 * self.leak * self.leak + command.max(0.0)).sqrt() - 0.5 * self.leak;
+        if command > 0.0 { root * root } else { command }
+    }
+}
+
+impl Filter<2> for Filled {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [self.balance(first), first]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        // `u - v - L sqrt(v)` is `(e - v) (1 + L / (sqrt(e) + sqrt(v)))`: a lag towards the balance that is faster near zero, and stays
+        // stable there.
+        let mut before = self.balance(*last);
+        for look in 1..=LOOKS {
+            let now = self.balance(*last + (value - *last) * look as f64 / LOOKS as f64);
+            let roots = (0.5 * (before + now)).max(0.0).sqrt() + state.max(0.0).sqrt();
+            let (keep, of_now, of_before) = lag_coefficients(self.time_s / (1.0 + self.leak / roots.max(1e-3)), self.step_s);
+            *state = keep * *state + of_now * now + of_before * before;
+            before = now;
         }
+        *last = value;
+        *state
     }
 }
 

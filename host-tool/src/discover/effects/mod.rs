@@ -1,11 +1,12 @@
 //! The effects that discovery knows, one file each; [`super::catalogue::forms`] registers them. `seated` and `session_curve` are
-//! forms that two of them share.
+//! forms that two of them share, `elementary` and `side_by_side` what makes inputs fast.
 
 pub mod activation_threshold;
 pub mod asymmetric_hysteresis;
 pub mod clock_skew;
 pub mod creep;
 pub mod dead_time;
+mod elementary;
 pub mod fill_vent_asymmetry;
 pub mod first_cycle_softening;
 pub mod gain_drift;
@@ -18,6 +19,7 @@ pub mod resonance;
 mod seated;
 mod session_curve;
 pub mod setup_change;
+mod side_by_side;
 pub mod slew_limit;
 pub mod static_nonlinearity;
 pub mod stick_slip;
@@ -27,14 +29,16 @@ pub mod valve_dead_band;
 use super::columns::Filter;
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
+#[inline(always)]
 fn lag_coefficients(time_constant_s: f64, period_s: f64) -> (f64, f64, f64) {
     let ratio = period_s / time_constant_s.max(1e-6);
-    let keep = (-ratio).exp();
+    let keep = elementary::exp(-ratio);
     let mean = (1.0 - keep) / ratio;
     (keep, 1.0 - mean, mean - keep)
 }
 
 /// A first-order lag that starts settled.
+#[derive(Clone, Copy, PartialEq)]
 struct Lag {
     keep: f64,
     now: f64,

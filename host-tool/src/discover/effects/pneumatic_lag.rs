@@ -2,9 +2,10 @@
 //! converter that holds the command between samples, or through a tube in which the denser air flows more easily.
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{Lag, ladder, lag, lag_coefficients, lag_of_held};
+use super::{Lag, ladder, lag, lag_coefficients, lag_of_held, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Dense];
@@ -96,20 +97,42 @@ impl Form for Dense {
         [0.15, 0.4][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let step_s = run.period_s / LOOKS as f64;
-        let mut state = path[0];
-        let mut last = path[0];
-        for value in path {
-            let slope = (*value - last) / LOOKS as f64;
-            for _ in 0..LOOKS {
-                let now = last + slope;
-                let ease = (1.0 + 0.5 * parameters[1] * (0.5 * (last + now) + state)).max(0.1);
-                let (keep, of_now, of_last) = lag_coefficients(parameters[0] / ease, step_s);
-                state = keep * state + of_now * now + of_last * last;
-                last = now;
-            }
-            *value = state;
+        Condensing::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Condensing::new(parameters, run));
+    }
+}
+
+/// What [`Dense`] does to the input.
+#[derive(PartialEq)]
+struct Condensing {
+    time_s: f64,
+    faster: f64,
+    step_s: f64,
+}
+
+impl Condensing {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        Self { time_s: parameters[0], faster: parameters[1], step_s: run.period_s / LOOKS as f64 }
+    }
+}
+
+impl Filter<2> for Condensing {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        let slope = (value - *last) / LOOKS as f64;
+        for _ in 0..LOOKS {
+            let now = *last + slope;
+            let ease = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
+            let (keep, of_now, of_last) = lag_coefficients(self.time_s / ease, self.step_s);
+            *state = keep * *state + of_now * now + of_last * *last;
+            *last = now;
         }
+        *state
     }
 }
 

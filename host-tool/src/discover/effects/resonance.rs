@@ -7,7 +7,7 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::ladder;
+use super::{ladder, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Tip, &PartOfTip, &Pressure];
@@ -20,6 +20,7 @@ const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::
 const DAMPING: Parameter = Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true };
 
 /// A swinging mass that starts at rest; exact for straight lines between samples.
+#[derive(PartialEq)]
 struct Swing {
     position: [f64; 2],
     speed: [f64; 2],
@@ -142,5 +143,8 @@ impl Form for Pressure {
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         Swing::new(parameters[0], parameters[1], run.period_s).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Swing::new(parameters[0], parameters[1], run.period_s));
     }
 }

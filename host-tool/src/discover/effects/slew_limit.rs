@@ -1,9 +1,10 @@
 //! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or one that sets in gradually.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::ladder;
+use super::{elementary, ladder, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &GRADUAL, &GRADUAL_HELD];
@@ -82,9 +83,6 @@ impl Form for Limit {
     }
 }
 
-/// Steps of the gradual limit inside a sample.
-const LOOKS: usize = 2;
-
 impl Form for Gradual {
     fn name(&self) -> &'static str {
         "slew-limit"
@@ -109,23 +107,53 @@ impl Form for Gradual {
         ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        // A lag while the error is small, the limit when it is large: `a e / (1 + |a e / S h|^3)^(1/3)` a step of length `h`. A square
-        // in place of the cube would come to the limit so late that other effects look like what is missing.
-        let step_s = run.period_s / LOOKS as f64;
-        let follow = 1.0 - (-step_s / parameters[1]).exp();
-        let most = parameters[0] * step_s;
-        let mut state = path[0];
-        let mut last = path[0];
-        for value in path {
-            for look in 1..=LOOKS {
-                let target = if self.held { last } else { last + (*value - last) * look as f64 / LOOKS as f64 };
-                let wanted = follow * (target - state);
-                let steep = (wanted / most).abs();
-                state += wanted / (1.0 + steep * steep * steep).cbrt();
-            }
-            last = *value;
-            *value = state;
-        }
+        Saturating::new(parameters, run, self.held).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Saturating::new(parameters, run, self.held));
+    }
+}
+
+/// What [`Gradual`] does to the input: a lag while the error is small, the limit when it is large, `a e / (1 + |a e / S h|^3)^(1/3)` a step of
+/// length `h`. A square in place of the cube would come to the limit so late that other effects look like what is missing.
+#[derive(PartialEq)]
+struct Saturating {
+    /// Share of the error that a step takes away.
+    follow: f64,
+    /// The most that it takes away.
+    most: f64,
+    held: bool,
+}
+
+impl Saturating {
+    fn new(parameters: &[f64], run: &Run, held: bool) -> Self {
+        let step_s = 0.5 * run.period_s;
+        Self { follow: 1.0 - (-step_s / parameters[1]).exp(), most: parameters[0] * step_s, held }
+    }
+}
+
+impl Saturating {
+    /// What a step, half a sample, makes of the state.
+    #[inline(always)]
+    fn towards(&self, target: f64, state: f64) -> f64 {
+        let wanted = self.follow * (target - state);
+        let steep = (wanted / self.most).abs();
+        state + wanted * elementary::power(1.0 + steep * steep * steep, -1.0 / 3.0)
+    }
+}
+
+impl Filter<2> for Saturating {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        // Written out, for a loop in here would keep recordings from going side by side.
+        let middle = if self.held { *last } else { *last + 0.5 * (value - *last) };
+        let half = self.towards(middle, *state);
+        *state = self.towards(if self.held { *last } else { value }, half);
+        *last = value;
+        *state
     }
 }
 

@@ -33,7 +33,7 @@ impl Form for Corner {
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
             let past = *value - parameters[0];
-            *value -= 0.5 * (past + past.hypot(parameters[1]));
+            *value -= 0.5 * (past + (past * past + parameters[1] * parameters[1]).sqrt());
         }
     }
 }

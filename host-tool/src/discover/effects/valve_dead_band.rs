@@ -2,11 +2,12 @@
 //! spool with overlap passes nothing inside the band and in proportion to what goes beyond it.
 
 use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
+use crate::discover::columns::Filter;
 use crate::discover::jumps::Drive;
 use crate::discover::session::{Role, Run, Session};
 
 use super::seated::Seated;
-use super::{best_starts, ladder, lag_coefficients};
+use super::{best_starts, ladder, lag_coefficients, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
@@ -28,6 +29,12 @@ fn follow(path: &mut [f64], begin: f64, [band, closing, flow_s]: [f64; 3], perio
     let mut last = path[0];
     let mut open = false;
     for value in path {
+        // A shut valve stays shut on a straight line whose two ends are within the band.
+        if !open && (last - state).abs() <= band && (*value - state).abs() <= band {
+            last = *value;
+            *value = state;
+            continue;
+        }
         let begin = last;
         for look in 1..=LOOKS {
             let wanted = begin + (*value - begin) * look as f64 / LOOKS as f64;
@@ -196,16 +203,39 @@ impl Form for Overlap {
         [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        // A lag behind the nearer edge of the band, which is where the pressure stands while it is inside.
-        let (keep, now, before) = lag_coefficients(parameters[1], run.period_s);
-        let mut state = path[0];
-        let mut last = path[0];
-        for value in path {
-            let edge = |command: f64| state.clamp(command - parameters[0], command + parameters[0]);
-            state = keep * state + now * edge(*value) + before * edge(last);
-            last = *value;
-            *value = state;
-        }
+        Edge::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Edge::new(parameters, run));
+    }
+}
+
+/// What [`Overlap`] does to the input: a lag behind the nearer edge of the band, which is where the pressure stands while it is inside.
+#[derive(PartialEq)]
+struct Edge {
+    band: f64,
+    /// Coefficients of the lag.
+    lag: (f64, f64, f64),
+}
+
+impl Edge {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        Self { band: parameters[0], lag: lag_coefficients(parameters[1], run.period_s) }
+    }
+}
+
+impl Filter<2> for Edge {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        let (keep, now, before) = self.lag;
+        let held = *state;
+        let edge = |command: f64| held.max(command - self.band).min(command + self.band);
+        *state = keep * held + now * edge(value) + before * edge(*last);
+        *last = value;
+        *state
     }
 }
 
