@@ -114,8 +114,24 @@ fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &L
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::effects::valve_dead_band;
+    use crate::discover::effects::{creep, pneumatic_lag, valve_dead_band};
     use crate::rig::{self, CaseConfig};
+
+    #[test]
+    fn whatever_way_it_goes_no_more_is_left_than_by_the_simplex() {
+        let effects = vec!["pneumatic-lag".to_owned()];
+        let case = rig::hide(&CaseConfig { effects, seed: 572, ..CaseConfig::default() }).expect("a case");
+        let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+        let lag_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
+        let lagging = Model::baseline(case.truth.continuous, false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
+        for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![])] {
+            let (before, _) = model.fit(&session, Scope::Fit);
+            let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-8 };
+            let by_simplex = search::simplex(&mut model.clone(), &session, &[0], effort);
+            let after = descend(&mut model, &session, &[0], Effort { spread: 1e-6, ..effort });
+            assert!(after < 1.001 * by_simplex && after < 0.9 * before, "{after} and {by_simplex} of {before}");
+        }
+    }
 
     #[test]
     fn what_jumps_ends_in_the_simplex_with_no_more_left_than_without_steps() {
