@@ -12,7 +12,7 @@ const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
 /// The exponential function, to two units in the last place; beyond 700 it stands still.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
-    let x = x.max(-700.0).min(700.0);
+    let x = x.clamp(-700.0, 700.0);
     let shifted = x * LOG2_E + WHOLE;
     let halvings = shifted - WHOLE;
     let r = (x - halvings * LN_2_HIGH) - halvings * LN_2_LOW;

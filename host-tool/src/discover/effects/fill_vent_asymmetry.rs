@@ -161,7 +161,7 @@ impl<const LAW: usize> Filter<3> for Following<LAW> {
         let time_s = if fills { self.times_s[0] } else { self.times_s[1] };
         let (keep, now, before) = match LAW {
             DRIVE => {
-                let level = state.max(0.0).min(1.0);
+                let level = state.clamp(0.0, 1.0);
                 let drive = if fills { 1.0 - level } else { level };
                 // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
                 lag_coefficients(time_s / (1.0 - self.third * (1.0 - drive)), self.period_s)

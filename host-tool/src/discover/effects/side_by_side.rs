@@ -46,11 +46,8 @@ impl<const LANES: usize, const STATES: usize, F: Filter<STATES>> WithSimd for Le
         let Self { filter, group } = self;
         // Lanes without a path repeat the first one's beginning.
         let mut rows = [[group[0][0]; LANES]; BLOCK];
-        let mut states = [[0.0; LANES]; STATES];
-        for lane in 0..LANES {
-            let begun = filter.begin(group.get(lane).unwrap_or(&group[0])[0]);
-            (0..STATES).for_each(|state| states[state][lane] = begun[state]);
-        }
+        let begun: [[f64; STATES]; LANES] = std::array::from_fn(|lane| filter.begin(group.get(lane).unwrap_or(&group[0])[0]));
+        let mut states: [[f64; LANES]; STATES] = std::array::from_fn(|state| begun.map(|lane| lane[state]));
         let longest = group.iter().map(Vec::len).fold(0, usize::max);
         for start in (0..longest).step_by(BLOCK) {
             for (lane, path) in group.iter().enumerate() {
