@@ -5,7 +5,7 @@ use super::model::Model;
 use super::paths::Paths;
 use super::session::{Role, Run, Session};
 
-/// Largest wander of the pull, in the law's length: with more, holding says nothing.
+/// Largest wander of the pull, in break-away distances: with more, holding says nothing.
 const MOST_WANDER: f64 = 0.4;
 /// Least break-away distance, in deviations of the noise: shorter ones cannot be seen.
 const LEAST_BREAK_AWAY: f64 = 2.0;
@@ -191,7 +191,7 @@ impl<'a> Pull<'a> {
     /// The law with no more wander than is believed, unless its jumps are shorter than can be seen.
     fn believed(&self, law: JumpLaw) -> Option<JumpLaw> {
         let seen = law.break_away >= LEAST_BREAK_AWAY * self.noise;
-        seen.then(|| JumpLaw { wander: law.wander.min(MOST_WANDER * law.length()), ..law })
+        seen.then(|| JumpLaw { wander: law.wander.min(MOST_WANDER * law.break_away), ..law })
     }
 
     /// The best law about this one, its parameters moved one after the other by each of `steps`.

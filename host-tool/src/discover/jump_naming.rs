@@ -24,7 +24,7 @@ const LEAST_DEVIATIONS_OF_LARGE: f64 = 3.0;
 const LARGE_EVIDENCE: f64 = 0.1;
 /// Logarithm of the likelihood ratio, per sample, that jumps must reach.
 const LEAST_EVIDENCE: f64 = 0.01;
-/// Largest scatter of break-aways and landings, in the law's length: with more, a law follows any output by jumping whenever it must.
+/// Largest scatter of break-aways and landings, in break-away distances: with more, a law follows any output by jumping whenever it must.
 /// Those of the rigs that jump come out at up to 0.3.
 const MOST_SCATTER: f64 = 0.5;
 /// Blocked deviations by which one kind of jumps must beat the other to be told from it.
@@ -241,7 +241,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let smooth = &smooth[if outcome.found.order == [VALVE] { 0 } else { smoothest }];
     let deviations = above(evidence, smooth);
     let gain = evidence.mean() - smooth.mean();
-    let is_law = found.is_some() || one.law.scatter * one.law.break_away <= MOST_SCATTER * one.law.length();
+    let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
     if !is_law || !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;
     }

@@ -110,15 +110,6 @@ impl JumpLaw {
         Self { break_away, landing, ..*self }
     }
 
-    /// Length that scatter and wander are judged by: what recordings show of a tip is its travel, of a valve where it opens.
-    #[must_use]
-    pub fn length(&self) -> f64 {
-        match self.drive {
-            Drive::Pull => (1.0 + self.landing) * self.break_away,
-            Drive::Command => self.break_away,
-        }
-    }
-
     /// The law with its landing moved by this: a share of a tip's travel, and of a valve's break-away distance.
     #[must_use]
     pub fn with_landing(&self, by: f64) -> Self {
@@ -332,7 +323,7 @@ mod tests {
     fn another_break_away_distance_leaves_a_tip_its_travel_and_a_valve_its_landing() {
         let tip = JumpLaw { landing: 0.5, ..LAW };
         let other = tip.with_break_away(0.06);
-        assert!((other.length() - 0.075).abs() < 1e-12, "{other:?}");
+        assert!(((1.0 + other.landing) * other.break_away - 0.075).abs() < 1e-12, "{other:?}");
         let valve = JumpLaw { drive: Drive::Command, ..tip };
         assert_eq!(valve.with_break_away(0.06).landing, valve.landing);
     }
