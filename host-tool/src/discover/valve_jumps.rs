@@ -116,8 +116,8 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     let scatter = law.scatter * law.break_away;
     let mut expected = Expected::default();
     let mut before = seen.command[0];
-    for sample in 0..seen.measured.len() {
-        let (pull, command, gain) = (seen.pull[sample], seen.command[sample], gains[sample]);
+    for (sample, &gain) in gains.iter().enumerate() {
+        let (pull, command) = (seen.pull[sample], seen.command[sample]);
         let mut leaves = [0.0; HISTORIES];
         for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
             history.wander *= stay;
