@@ -103,7 +103,9 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
         let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN);
         let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
         if let Some(pair) = pairs.first().filter(|pair| pair.pays(&standing, least)) {
-            standing = pair.clone();
+            // A form in a narrow valley may have found its place with the other's help, and now do without it.
+            let is_narrow = pair.model.slots.iter().any(|slot| rounds::is_narrow(slot.form));
+            standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
             rivals = pairs;
         }
     }

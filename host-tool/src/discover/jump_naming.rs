@@ -214,7 +214,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let leaves = verdict::Leaves::new(session, base, &outcome.model);
     // What a simulated valve misses of its jumps may pass for another effect beside it.
     let beside_simulated = simulated && outcome.found.order.len() > 1;
-    if forms.is_empty() || !leaves.stands_out || (simulated && !beside_simulated && !leaves.too_much()) {
+    if forms.is_empty() || !leaves.stands_out || (simulated && !beside_simulated && !leaves.misses_jumps()) {
         return outcome;
     }
     let noise = noise::floor(session, &outcome.model.residuals(session));
@@ -274,13 +274,12 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         Some(Pull::new(session, &with_lag(&one.model, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
-    // A simulation that leaves too much gives way to an observer of the same valve, and one that needs something else beside it to an
-    // observer that explains as much without.
-    let needs_more = beside_simulated && one.pull == 0 && found.as_ref().is_some_and(|found| found.mean() < one.evidence.mean());
+    // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
+    let explains_more = one.pull == 0 && found.as_ref().is_some_and(|found| found.mean() < one.evidence.mean());
     let above_noise = |square: f64| (square - noise * noise).max(0.0);
     let gives_way = simulated
         && name == VALVE
-        && (needs_more || above_noise(select) < LEFT_BY_AN_OBSERVER * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
+        && (explains_more || above_noise(select) < LEFT_BY_AN_OBSERVER * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
     if !simulated || gives_way {
         let smooth_select = beside.clone().fit(session, Scope::Both).1;
         let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();

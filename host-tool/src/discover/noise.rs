@@ -23,7 +23,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut slow = SlowMotion::new(session.runs[0].period_s);
     let mut lines = Lines::new();
     let quiet = stretches(session);
-    for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet.of_runs) {
+    for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet) {
         for stretch in quiet {
             let values: Vec<f64> = stretch.clone().filter(|&sample| run.keep[sample]).map(|sample| residual[sample]).collect();
             if values.len() < 10 {
@@ -59,8 +59,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let white_lost = 2.0 / mean_length;
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
-    let over_fast = if quiet.at_rest { MOST_OVER_FAST_AT_REST } else { MOST_OVER_FAST };
-    let most = (over_fast * fast_part(session, residual)).powi(2);
+    let most = (MOST_OVER_FAST * fast_part(session, residual)).powi(2);
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
     with_step((sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(most)).min(whole).sqrt()
 }
@@ -90,25 +89,17 @@ const QUIET_S: f64 = 2.0;
 /// Most that the input moves in them, of its span: what a model misses of so small a motion is little beside the noise.
 const HARDLY_MOVES: f64 = 0.06;
 /// Samples of them that are looked at, those first in which the input moves least.
-const ENOUGH_QUIET: usize = 600;
-/// Most noise over its fast part, as they tell it and as rest does. A model that lacks something large misses small motions and what still
-/// moves at rest, too, and that would pass for noise; a sensor's noise that is half correlated over a tenth of a second has 1.4 times its
-/// fast part, one that is so altogether 2.8 times.
-const MOST_OVER_FAST: f64 = 2.0;
-const MOST_OVER_FAST_AT_REST: f64 = 3.0;
+const ENOUGH_QUIET: usize = 2000;
+/// Most noise over its fast part. A model that lacks something large misses small motions and what still moves at rest, too, and that would
+/// pass for noise; a sensor's noise that is half correlated over a tenth of a second has 1.4 times its fast part, one that is so altogether
+/// 2.8 times.
+const MOST_OVER_FAST: f64 = 3.0;
 
-/// Where every recording shows its noise.
-struct Stretches {
-    /// Of each recording.
-    of_runs: Vec<Vec<Range<usize>>>,
-    /// Whether the input rests there; in a session that never rests it hardly moves.
-    at_rest: bool,
-}
-
-fn stretches(session: &Session) -> Stretches {
+/// Where every recording shows its noise: at rest; in a session that never rests, where the input hardly moves.
+fn stretches(session: &Session) -> Vec<Vec<Range<usize>>> {
     let at_rest: Vec<Vec<Range<usize>>> = session.runs.iter().map(|run| run.rest.clone()).collect();
     if at_rest.iter().flatten().map(Range::len).sum::<usize>() >= ENOUGH_REST {
-        return Stretches { of_runs: at_rest, at_rest: true };
+        return at_rest;
     }
     let mut quiet: Vec<(f64, usize, Range<usize>)> = Vec::new();
     for run in &session.runs {
@@ -130,7 +121,7 @@ fn stretches(session: &Session) -> Stretches {
         samples += range.len();
         of_runs[run].push(range);
     }
-    Stretches { of_runs, at_rest: false }
+    of_runs
 }
 
 /// Motion during rest that is too slow for a sensor's noise: a rhythm, a hand, a valve that hunts. It must not pass for noise, or the
@@ -295,14 +286,18 @@ mod tests {
                 let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
                 let decay = 0.05 * f64::from(run);
                 let input: Vec<f64> = time_s.iter().map(|time| (-decay * time).exp() * (1.0 - (2.0 * PI * 0.5 * time).cos())).collect();
-                of_noise.push(noise(&mut rng, 0.8, 1000));
-                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                let noise = noise(&mut rng, 0.8, 1000);
+                let output = input.iter().zip(&noise).map(|(input, noise)| input + noise).collect();
+                of_noise.push(noise);
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)
                     .expect("a recording")
             })
             .collect();
         let session = Session::new(&recordings, &[]).expect("a session");
         assert!(session.runs.iter().all(|run| run.rest.is_empty()));
-        let found = floor(&session, &of_noise);
+        let residual: Vec<Vec<f64>> =
+            of_noise.iter().map(|noise| noise.iter().map(|value| value / session.output_scale.abs()).collect()).collect();
+        let found = floor(&session, &residual) * session.output_scale.abs();
         assert!((found - 1.0).abs() < 0.12, "{found} instead of 1");
     }
 
@@ -323,8 +318,12 @@ mod tests {
             )
             .expect("a recording")
         };
-        let session = Session::new(&(0..8).map(recording).collect::<Vec<_>>(), &[]).expect("a session");
+        let mut session = Session::new(&(0..8).map(recording).collect::<Vec<_>>(), &[]).expect("a session");
         let white: Vec<Vec<f64>> = (0..8).map(|_| noise(&mut rng, 0.0, 1000)).collect();
+        // The noise is in the output, too.
+        for (run, noise) in session.runs.iter_mut().zip(&white) {
+            run.output.clone_from(noise);
+        }
         // 0.9 Hz, as much energy as the noise: less than two periods in a stretch of rest, and the floor counts it as noise.
         let beat = |(run, values): (usize, &Vec<f64>)| -> Vec<f64> {
             let at = |time: &f64| 1.4 * (2.0 * PI * 0.9 * (time + 24.7 * run as f64)).sin();
