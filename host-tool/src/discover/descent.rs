@@ -114,6 +114,7 @@ fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &L
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::Past;
     use crate::discover::effects::{creep, pneumatic_lag, valve_dead_band};
     use crate::rig::{self, CaseConfig};
 
@@ -123,7 +124,7 @@ mod tests {
         let case = rig::hide(&CaseConfig { effects, seed: 572, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
         let lag_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
-        let lagging = Model::baseline(case.truth.continuous, false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
+        let lagging = Model::baseline(Past::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
         for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![])] {
             let (before, _) = model.fit(&session, Scope::Fit);
             let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-8 };
@@ -138,7 +139,8 @@ mod tests {
         let case = rig::hide(&CaseConfig { effects: vec!["valve-dead-band".to_owned()], seed: 573, ..CaseConfig::default() });
         let case = case.expect("a case");
         let session = Session::new(&case.recordings[..8], &[]).expect("a session");
-        let mut model = Model::baseline(case.truth.continuous, false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
+        let mut model =
+            Model::baseline(Past::carrying(case.truth.continuous), false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
         let (before, _) = model.fit(&session, Scope::Fit);
         let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 60, spread: 1e-6 };
         let after = descend(&mut model, &session, &[0, 1, 2], effort);

@@ -248,7 +248,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::discover::model::Model;
+    use crate::discover::model::{Model, Past};
     use crate::recording::{Recording, Signal};
 
     const PERIOD_S: f64 = 0.02;
@@ -307,7 +307,7 @@ mod tests {
                 })
                 .collect();
             let session = Session::new(&recordings, &recordings[..1]).expect("a session");
-            let mut baseline = Model::baseline(false, false);
+            let mut baseline = Model::baseline(Past::Fresh, false);
             baseline.fit_all(&session);
             let found = loop_area(&session, &baseline, 1).expect("loops");
             for (share, truth) in [found.dead_time, found.lag, found.hysteresis].into_iter().zip(truth) {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::{self, Columns, Quantity};
-use super::model::{Model, Slot};
+use super::model::{Model, Past, Slot};
 use super::session::{Role, Run, Session};
 use crate::recording::Signal;
 
@@ -132,7 +132,7 @@ impl DiscoveredModel {
             session_s: session.length_s,
             session_recordings: session.runs.len(),
             stops: model.stops,
-            memory: if model.carry { session.memory() } else { Vec::new() },
+            memory: if model.past.is_carried() { [model.past.before_the_session(), session.memory()].concat() } else { Vec::new() },
             thresholds: model.thresholds.clone(),
             weights: model.base[1..].to_vec(),
             constant: model.base[0],
@@ -196,7 +196,7 @@ impl DiscoveredModel {
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {
             thresholds: self.thresholds.clone(),
-            carry: !self.memory.is_empty(),
+            past: if self.memory.is_empty() { Past::Fresh } else { Past::SESSION },
             stops: self.stops,
             slots,
             base,

@@ -2,6 +2,7 @@
 
 use super::alike;
 use super::catalogue::{self, Form};
+use super::effects::offset_drift::LEFT_BY_CREEP;
 use super::jump_naming;
 use super::model::{Model, Scope};
 use super::noise;
@@ -149,6 +150,11 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
         }
         None => second_best(&standing, &rivals, &mut found),
     };
+    let zeros: Vec<usize> = (0..standing.model.slots.len()).filter(|&slot| are_left_by_creep(&standing.model, slot)).collect();
+    for slot in zeros {
+        standing.model.slots[slot].form = LEFT_BY_CREEP;
+        standing.fine.slots[slot].form = LEFT_BY_CREEP;
+    }
     found.order = by_loss(bench, &standing, &owned);
     let mut model = standing.fine.pruned();
     if !model.slots.is_empty() {
@@ -230,6 +236,16 @@ fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &
     standing
 }
 
+/// Whether an effect gives each recording a zero of its own beside a creep: creep slower than the session, or through pauses that nobody
+/// recorded, leaves such zeros, and no drift need be missing.
+fn are_left_by_creep(model: &Model, slot: usize) -> bool {
+    let form = model.slots[slot].form;
+    form.name() == "offset-drift" && form.reads_output() && model.names().any(|name| name == CREEP)
+}
+
+/// The effect that goes on between recordings.
+const CREEP: &str = "creep";
+
 /// Names of the effects, the one first without which most is left.
 fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static str> {
     let loss = |form: &'static dyn Form| {
@@ -239,6 +255,7 @@ fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static
     let free = standing.model.slots.iter().filter(|slot| !owned.contains(&slot.form.name()));
     let mut order: Vec<(f64, &'static str)> = free.map(|slot| (loss(slot.form), slot.form.name())).collect();
     order.sort_by(|x, y| y.0.total_cmp(&x.0));
+    order.dedup_by(|later, first| later.1 == first.1 && first.1 == CREEP);
     order.into_iter().map(|(_, name)| name).collect()
 }
 

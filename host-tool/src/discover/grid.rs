@@ -52,6 +52,7 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::Past;
     use crate::discover::model::Scope;
     use crate::discover::session::Session;
     use crate::rig::{self, CaseConfig, Generator};
@@ -60,7 +61,7 @@ mod tests {
     fn left_over(generator: Generator, seed: u64) -> [f64; 2] {
         let case = rig::hide(&CaseConfig { seed, noise: 0.0, generator, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings, &[]).expect("a session");
-        let mut coarse = Model::baseline(case.truth.continuous, false);
+        let mut coarse = Model::baseline(Past::carrying(case.truth.continuous), false);
         let on_coarse = coarse.fit(&session, Scope::Both).1;
         let mut fine = coarse.refined();
         let on_fine = fine.fit(&session, Scope::Both).1;

@@ -45,7 +45,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use diagnosis::{Correlation, LoopArea, Residual, Share};
-pub use model::{Model, Slot};
+pub use model::{Model, Past, Slot};
 pub use session::{Role, Run, Session, SessionError};
 pub use whereabouts::Disagreement;
 
@@ -306,18 +306,16 @@ fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) ->
     Ok(found.found.order.into_iter().map(str::to_owned).collect())
 }
 
-/// The baseline that fits better: operators that begin fresh in every recording, or ones that remember.
+/// The baseline that fits best: operators that begin fresh in every recording, or ones that remember.
 fn baseline(session: &Session) -> Model {
-    let mut fresh = Model::baseline(false, false);
-    let mut stops = Model::baseline(false, true);
+    let mut fresh = Model::baseline(Past::Fresh, false);
+    let mut stops = Model::baseline(Past::Fresh, true);
     let (fresh_square, _) = fresh.fit(session, model::Scope::Fit);
     let (stops_square, _) = stops.fit(session, model::Scope::Fit);
     if stops_square < 0.5 * fresh_square {
         return stops;
     }
-    let mut carried = Model::baseline(true, false);
-    let (carried_square, _) = carried.fit(session, model::Scope::Fit);
-    if carried_square < 0.98 * fresh_square { carried } else { fresh }
+    fresh.with_best_past(session).model
 }
 
 /// Correlation of neighbouring residuals.

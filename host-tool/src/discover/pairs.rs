@@ -162,6 +162,7 @@ fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::Past;
     use crate::discover::effects::{leakage, pneumatic_lag, resonance, supply_saturation};
     use crate::discover::session::Session;
     use crate::rig::{self, CaseConfig, Generator};
@@ -174,7 +175,7 @@ mod tests {
         let case = rig::hide(&config).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
         let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1 };
-        let mut leak = Model::baseline(case.truth.continuous, false).with(leakage::FORMS[1], vec![10.0, 0.2]);
+        let mut leak = Model::baseline(Past::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
         leak = search::polish(&leak, &session, Scope::Fit, POLISH).model;
         let left = |order| {
             let mut pairs = Vec::new();
@@ -188,7 +189,7 @@ mod tests {
     #[test]
     fn effects_on_two_sides_of_the_hysteresis_have_one_order() {
         let (lag, supply, tip) = (pneumatic_lag::FORMS[0], supply_saturation::FORMS[0], resonance::FORMS[0]);
-        let lagging = Model::baseline(false, false).with(lag, vec![0.1]);
+        let lagging = Model::baseline(Past::Fresh, false).with(lag, vec![0.1]);
         assert!(lagging.turns_with(supply) && !lagging.turns_with(tip));
         let names = |order, form| lagging.with_in(order, form, vec![0.5, 0.1]).names().collect::<Vec<_>>();
         assert_eq!(names(Order::Usual, supply), ["supply-saturation", "pneumatic-lag"]);

@@ -74,6 +74,7 @@ impl Paths {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::Past;
     use crate::discover::effects::{leakage, pneumatic_lag, static_nonlinearity};
     use crate::discover::session::Session;
     use crate::rig::{self, CaseConfig};
@@ -83,7 +84,7 @@ mod tests {
         let case = rig::hide(&CaseConfig { seed: 571, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings[..9], &[]).expect("a session");
         let (lag, leak, curve) = (pneumatic_lag::FORMS[0], leakage::FORMS[3], static_nonlinearity::FORMS[0]);
-        let base = Model::baseline(true, false);
+        let base = Model::baseline(Past::SESSION, false);
         let curved = vec![0.2; curve.parameters().len()];
         let models = [
             base.with(lag, vec![0.1]),

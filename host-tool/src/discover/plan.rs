@@ -9,7 +9,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::file::DiscoveredModel;
-use super::model::{Model, Scope};
+use super::model::{Model, Past, Scope};
 use super::search;
 use super::session::{Role, Session, SessionError};
 use crate::excitation::{ExcitationConfig, Limits, Segment, Signal};
@@ -146,7 +146,7 @@ fn left_over(rig: &DiscoveredModel, pupil: &DiscoveredModel, time_s: &[f64], inp
     for run in &mut session.runs {
         run.role.fill(Role::Fit);
     }
-    let mut model = Model::baseline(false, pupil.stops);
+    let mut model = Model::baseline(Past::Fresh, pupil.stops);
     model.slots = pupil.slots_in(&session).map_err(PlanError::Model)?;
     let mut fitted = search::polish(&model, &session, Scope::Fit, 25).model;
     let (square, _) = fitted.fit(&session, Scope::Fit);

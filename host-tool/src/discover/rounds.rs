@@ -45,6 +45,8 @@ pub fn judgement(model: &Model, select: f64) -> f64 {
     select.max(1e-30).ln() + PRICE * model.cost() as f64
 }
 
+/// Share of the mean square of the selecting samples that another past must leave no more of.
+const PAST_PAYS: f64 = 0.99;
 /// Share of the least gain that a form's grid must show before its parameters are searched.
 const HOPELESS: f64 = 0.25;
 /// Share of the best form's gain that a form's grid must show before its parameters are searched: a grid point takes away at least that
@@ -193,13 +195,12 @@ impl Bench<'_> {
         let mut polished = in_parallel_by(models, self.threads, labour_of_all, |model| {
             let fitted = search::polish(model, self.session, Scope::Fit, evaluations);
             let judged = self.judge(&fitted.model);
-            // Whether the muscle remembers earlier recordings shows only when nothing large is missing any more.
-            let mut turned = fitted.model;
-            turned.carry = !turned.carry;
-            if turned.fit(self.session, Scope::Both).1 < 0.98 * fitted.select {
-                let turned = self.judge(&search::polish(&turned, self.session, Scope::Fit, evaluations).model);
-                if turned.select < judged.select {
-                    return turned;
+            // What the muscle remembers of earlier recordings shows only when nothing large is missing any more.
+            let other = fitted.model.with_best_past(self.session);
+            if other.model.past != fitted.model.past && other.select < PAST_PAYS * fitted.select {
+                let other = self.judge(&search::polish(&other.model, self.session, Scope::Fit, evaluations).model);
+                if other.select < judged.select {
+                    return other;
                 }
             }
             judged
@@ -254,11 +255,12 @@ impl Judged {
 #[cfg(test)]
 mod tests {
     use super::{Judged, Model, deviations, is_no_chance};
+    use crate::discover::Past;
     use crate::discover::effects::{offset_drift, periodic_disturbance};
 
     #[test]
     fn a_form_that_reads_its_values_from_every_recording_must_bring_its_price() {
-        let base = Model::baseline(false, false);
+        let base = Model::baseline(Past::Fresh, false);
         let judged =
             |model: &Model, square: f64| Judged { model: model.clone(), fine: model.clone(), select: square, blocks: vec![square; 200] };
         let (loose, drift) = (periodic_disturbance::FORMS[2], offset_drift::FORMS[0]);

@@ -362,6 +362,7 @@ fn inverse_diagonal(matrix: &[f64], n: usize, axis: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::Past;
     use crate::discover::effects::pneumatic_lag;
     use crate::rig::{self, CaseConfig, Generator};
 
@@ -372,7 +373,7 @@ mod tests {
         let case = case.expect("a case");
         let session = Session::new(&case.recordings[..6], &[]).expect("a session");
         let lagging = |time_s: f64| {
-            let mut model = Model::baseline(case.truth.continuous, false).with(pneumatic_lag::FORMS[0], vec![time_s]);
+            let mut model = Model::baseline(Past::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![time_s]);
             model.fit(&session, Scope::Screen);
             model
         };

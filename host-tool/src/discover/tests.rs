@@ -126,7 +126,7 @@ fn the_effect_that_is_missed_least_is_taken_away_and_the_others_are_fitted_again
     let case = case(&["dead-time"], SEED + 70, 0.005);
     let mut session = Session::new(&case.recordings, &case.kept_out).expect("a session");
     let bare = prepare(&mut session);
-    let model = Model::baseline(bare.carry, false)
+    let model = Model::baseline(bare.past, false)
         .with(effects::dead_time::FORMS[0], vec![case.truth.parameters["dead-time.delay_s"]])
         .with(effects::resonance::FORMS[0], vec![6.0, 0.3]);
     let runner_up = Some(RunnerUp { name: "creep".to_owned(), separable: false });
@@ -155,7 +155,7 @@ fn operators_that_remember_remember_what_a_slow_valve_made_of_earlier_recordings
     let lag = effects::pneumatic_lag::FORMS[0];
     let left = |carry: bool| {
         let time_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
-        let mut model = Model::baseline(carry, false).with(lag, vec![time_s]).refined();
+        let mut model = Model::baseline(Past::carrying(carry), false).with(lag, vec![time_s]).refined();
         model.fit(&session, model::Scope::Both).1.sqrt() * session.output_scale.abs() / case.truth.noise_mm
     };
     let (remembers, forgets) = (left(true), left(false));
@@ -189,7 +189,7 @@ fn motion_during_rest_does_not_pass_for_noise() {
     case.recordings.truncate(6);
     let floor = |recordings: &[Recording]| {
         let session = Session::new(recordings, &[]).expect("a session");
-        let mut before = Model::baseline(false, false);
+        let mut before = Model::baseline(Past::Fresh, false);
         before.fit(&session, model::Scope::Fit);
         noise::floor(&session, &before.residuals(&session)) * session.output_scale.abs()
     };
@@ -349,7 +349,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
     let run = finding.session.runs.iter().find(|run| run.index == 0).expect("the run");
     assert!(run.source == (0, 0) && run.input.len() == recording.input.len());
     let fitted = finding.after.predict(run);
-    if !finding.after.carry {
+    if !finding.after.past.is_carried() {
         for (from_file, normalised) in read.predict(&recording.input, &[]).expect("a prediction").iter().zip(fitted) {
             // Printed numbers read back exactly; the scaling to units and back rounds.
             assert!((from_file - normalised * finding.session.output_scale).abs() < 1e-9);

@@ -129,7 +129,7 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
         found.runner_up = None;
         return Some(bare.clone());
     }
-    let coarse = Model { slots, ..Model::baseline(model.carry, model.stops) };
+    let coarse = Model { slots, ..Model::baseline(model.past, model.stops) };
     let mut fewer = search::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
     fewer.fit_all(session);
     Some(fewer.pruned())
@@ -196,7 +196,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             intervals: BTreeMap::new(),
         });
     }
-    debug_assert!(after.slots.len() <= owned + found.order.len(), "an effect came in unnoticed");
+    debug_assert!(after.names().filter(|name| !found.order.contains(name)).count() <= owned, "an effect came in unnoticed");
     let disagrees = stands_out || rmse_after > MOST_KEPT_OUT * floor;
     // What is named by its jumps was not the search's to compare.
     let jumps = found.jump_scatter.is_some();

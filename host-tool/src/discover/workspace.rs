@@ -8,7 +8,7 @@ use std::ops::Range;
 use super::catalogue::Columns;
 use super::columns::{OUTPUT, place};
 use super::least_squares::{Gram, add_products, add_squares};
-use super::model::{Model, Scope};
+use super::model::{Model, Past, Scope};
 use super::paths::Paths;
 use super::session::{Role, Run, Session};
 use super::turning::remember;
@@ -40,7 +40,7 @@ pub struct Workspace<'a> {
 #[derive(PartialEq)]
 struct Operators {
     thresholds: Vec<f64>,
-    carry: bool,
+    past: Past,
     stops: bool,
     /// Name, form and parameters of the effects before them.
     effects: Vec<(&'static str, &'static str, Vec<f64>)>,
@@ -50,7 +50,7 @@ impl Operators {
     fn of(model: &Model) -> Self {
         let before = model.slots.iter().filter(|slot| slot.form.leads_operators());
         let effects = before.map(|slot| (slot.form.name(), slot.form.form(), slot.parameters.clone())).collect();
-        Self { thresholds: model.thresholds.clone(), carry: model.carry, stops: model.stops, effects }
+        Self { thresholds: model.thresholds.clone(), past: model.past, stops: model.stops, effects }
     }
 }
 
@@ -253,7 +253,7 @@ mod tests {
             // Neighbours masked, and single samples.
             (0..run.keep.len()).filter(|sample| sample % 97 < 2 || sample % 61 == 5).for_each(|sample| run.keep[sample] = false);
         }
-        let mut base = Model::baseline(true, false);
+        let mut base = Model::baseline(Past::SESSION, false);
         base.fit(&session, Scope::Both);
         let with = |form, parameters: &[f64]| {
             let mut model = base.with(form, parameters.to_vec());

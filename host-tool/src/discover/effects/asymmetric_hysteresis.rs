@@ -229,7 +229,7 @@ mod tests {
 
     use super::*;
     use crate::discover::catalogue::Columns;
-    use crate::discover::model::Model;
+    use crate::discover::model::{Model, Past};
     use crate::recording::{Recording, Signal};
 
     #[test]
@@ -241,7 +241,7 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(false, false) };
+        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(Past::Fresh, false) };
         let mut columns = Columns::default();
         model.with(&Opening, vec![0.08, 2.0, 0.0]).columns(run, &mut columns);
         let operator = columns.column(1);
@@ -259,7 +259,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let operator = |forms: &[(&'static dyn Form, f64)]| {
-            let mut model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(false, false) };
+            let mut model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(Past::Fresh, false) };
             for &(form, size) in forms {
                 model = model.with(form, vec![size]);
             }

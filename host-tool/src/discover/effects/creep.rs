@@ -9,7 +9,8 @@ use crate::discover::session::{Run, Session};
 use super::{Lag, ladder, lag, side_by_side};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput];
+pub const FORMS: &[&dyn Form] =
+    &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput, super::offset_drift::LEFT_BY_CREEP];
 
 /// Retardation times, s: a decade takes about two of them.
 pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];

@@ -1,5 +1,6 @@
 //! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
-//! recording began, where the muscle recovers in between, or since the session began, where it does not.
+//! recording began, where the muscle recovers in between, or since the session began, where it does not. Or it is the largest load so far
+//! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +10,14 @@ use crate::discover::session::{Run, Session};
 use super::ladder;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting];
+pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting, &Largest { heals: true }, &Largest { heals: false }];
 
 struct Distance;
 struct Lasting;
+/// The highest input counts, since the recording began where the muscle heals in between, or since the session began.
+struct Largest {
+    heals: bool,
+}
 
 impl Form for Distance {
     fn name(&self) -> &'static str {
@@ -92,6 +97,46 @@ impl Form for Lasting {
             travelled += (run.input[sample] - last).abs();
             last = run.input[sample];
             sum[sample] * (-travelled / parameters[0]).exp()
+        });
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+impl Form for Largest {
+    fn name(&self) -> &'static str {
+        "first-cycle-softening"
+    }
+    fn form(&self) -> &'static str {
+        if self.heals { "by the highest input since the recording began" } else { "by the highest input since the session began" }
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn cost(&self) -> usize {
+        2
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![Vec::new()]
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let highest_of = |input: &[f64]| input.iter().copied().fold(0.0, f64::max);
+        let mut highest: f64 = match (self.heals, run.session.is_empty() && run.index > 0) {
+            (true, _) => 0.0,
+            // A model from a file goes on with a muscle that has been worked long ago.
+            (false, true) => 1.0,
+            (false, false) => run.session.iter().take(run.index).map(|earlier| highest_of(&earlier.input)).fold(0.0, f64::max),
+        };
+        columns.push(true, |sample| {
+            highest = highest.max(run.input[sample]);
+            sum[sample] * (1.0 - highest)
         });
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {

@@ -9,10 +9,15 @@ use crate::discover::session::{Role, Run, Session};
 use super::session_curve::{Drifts, SessionCurve};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE, &Own];
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE, &Own { of_creep: false }];
 
 struct WarmUp;
-struct Own;
+/// Zeros of the sensor, or what a creep left of recordings before the first one or of a time that nobody wrote down.
+struct Own {
+    of_creep: bool,
+}
+/// What a creep of which nobody knows the past leaves in each recording. It is never looked for: zeros beside a creep become it.
+pub const LEFT_BY_CREEP: &dyn Form = &Own { of_creep: true };
 static CURVE: SessionCurve = SessionCurve { name: "offset-drift", drifts: Drifts::Offset };
 
 impl Form for WarmUp {
@@ -50,10 +55,10 @@ const LEAST_OF_ZEROS: f64 = 0.6;
 /// A zero that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
 impl Form for Own {
     fn name(&self) -> &'static str {
-        "offset-drift"
+        if self.of_creep { "creep" } else { "offset-drift" }
     }
     fn form(&self) -> &'static str {
-        "a zero of its own in each recording"
+        if self.of_creep { "what it left of what nobody recorded, a zero in each recording" } else { "a zero of its own in each recording" }
     }
     fn place(&self) -> Place {
         Place::Sensor
@@ -69,6 +74,9 @@ impl Form for Own {
         true
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        if self.of_creep {
+            return Vec::new();
+        }
         // Whatever a model lacks leaves its mean in each recording, beside much else; a zero leaves nothing else.
         let kept = |run: &Run| -> Vec<f64> {
             residual[run.index].iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| *value).collect()

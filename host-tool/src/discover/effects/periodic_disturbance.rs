@@ -155,7 +155,7 @@ struct Spectrum {
 impl Spectrum {
     fn new(session: &Session, residual: &[Vec<f64>]) -> Self {
         let spacing_hz = spacing_hz(session);
-        let lowest_hz = 0.3_f64.max(5.0 * spacing_hz);
+        let lowest_hz = LOWEST_HZ.max(5.0 * spacing_hz);
         let count = ((0.45 / session.runs[0].period_s - lowest_hz) / spacing_hz).max(0.0) as usize;
         let frequencies: Vec<f64> = (0..count).map(|step| lowest_hz + step as f64 * spacing_hz).collect();
         let powers = powers(&Line::all(session, residual), &frequencies, false);
@@ -215,6 +215,9 @@ impl Spectrum {
         self.peaks().into_iter().map(|peak| peak / self.harmonic_of(peak) as f64).collect()
     }
 }
+
+/// Slowest rhythm that is looked for, Hz: nine breaths a minute, three of which are in a recording of 20 s.
+const LOWEST_HZ: f64 = 0.15;
 
 /// Power over its surroundings from which on a frequency counts as a line: noise reaches it at one frequency in a hundred.
 const LINE: f64 = 6.0;

@@ -8,7 +8,7 @@ use crate::discover::session::{Run, Session};
 use super::{Lag, ladder, lag, lag_coefficients, lag_of_held, side_by_side};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Dense];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Dense, &Growing];
 
 /// One lag, or two in a row.
 struct Restriction {
@@ -104,17 +104,52 @@ impl Form for Dense {
     }
 }
 
-/// What [`Dense`] does to the input.
+/// A muscle that grows as it fills takes the longer to fill, the fuller it is: `T (1 + c v) dv/dt = u - v`.
+struct Growing;
+
+impl Form for Growing {
+    fn name(&self) -> &'static str {
+        "pneumatic-lag"
+    }
+    fn form(&self) -> &'static str {
+        "before the hysteresis, slower under pressure"
+    }
+    fn place(&self) -> Place {
+        Place::Flow
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, 0.5]).collect()
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [0.15, 0.4][parameter]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        Condensing::slowing(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Condensing::slowing(parameters, run));
+    }
+}
+
+/// What [`Dense`] and [`Growing`] do to the input.
 #[derive(PartialEq)]
 struct Condensing {
     time_s: f64,
     faster: f64,
+    slower: f64,
     step_s: f64,
 }
 
 impl Condensing {
     fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { time_s: parameters[0], faster: parameters[1], step_s: run.period_s / LOOKS as f64 }
+        Self { time_s: parameters[0], faster: parameters[1], slower: 0.0, step_s: run.period_s / LOOKS as f64 }
+    }
+
+    fn slowing(parameters: &[f64], run: &Run) -> Self {
+        Self { time_s: parameters[0], faster: 0.0, slower: parameters[1], step_s: run.period_s / LOOKS as f64 }
     }
 }
 
@@ -128,7 +163,8 @@ impl Filter<2> for Condensing {
         for _ in 0..LOOKS {
             let now = *last + slope;
             let ease = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
-            let (keep, of_now, of_last) = lag_coefficients(self.time_s / ease, self.step_s);
+            let time_s = self.time_s * (1.0 + self.slower * *state).max(0.1) / ease;
+            let (keep, of_now, of_last) = lag_coefficients(time_s, self.step_s);
             *state = keep * *state + of_now * now + of_last * *last;
             *last = now;
         }
@@ -162,6 +198,23 @@ mod tests {
         for sample in 501..520_u32 {
             let exact = 1.0 - (-f64::from(sample - 500) * 0.02 / 0.1).exp();
             assert!((path[sample as usize] - exact).abs() < 1e-12, "sample {sample}");
+        }
+    }
+
+    #[test]
+    fn a_muscle_that_grows_slows_its_own_filling() {
+        let (time_s, slower) = (0.15, 0.8);
+        let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
+        let mut path = run.input.clone();
+        Growing.input(&[time_s, slower], &run, &mut path);
+        let mut state = run.input[0];
+        for (sample, value) in path.iter().enumerate().skip(1) {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let u = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]);
+                state += 1e-5 * (u - state) / (time_s * (1.0 + slower * state));
+            }
+            assert!((value - state).abs() < 2e-3, "sample {sample}: {value} and {state}");
         }
     }
 
