@@ -248,7 +248,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::discover::model::{Model, Past};
+    use crate::discover::Past;
+    use crate::discover::model::Model;
     use crate::recording::{Recording, Signal};
 
     const PERIOD_S: f64 = 0.02;

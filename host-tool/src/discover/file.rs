@@ -10,7 +10,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::{self, Columns, Quantity};
-use super::model::{Model, Past, Slot};
+use super::model::{Model, Slot};
+use super::past::Past;
 use super::session::{Role, Run, Session};
 use crate::recording::Signal;
 

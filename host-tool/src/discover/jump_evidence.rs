@@ -45,7 +45,7 @@ impl Evidence {
 pub struct Pull<'a> {
     session: &'a Session,
     tips: Vec<Tip>,
-    /// Range of the pull.
+    /// Range of the measured output.
     low: f64,
     high: f64,
     noise: f64,
@@ -73,7 +73,7 @@ impl<'a> Pull<'a> {
             },
         );
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
-        let all = || tips.iter().flat_map(|tip| &tip.pull).copied();
+        let all = || session.runs.iter().flat_map(|run| &run.output).copied();
         let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
         Self { session, tips, low, high, noise, excess }
     }
@@ -106,7 +106,7 @@ impl<'a> Pull<'a> {
             }
             let moves = |sample: usize| sample > 0 && run.input[sample] != run.input[sample - 1];
             for sample in (0..of.len()).filter(|&sample| run.role[sample] == Role::Select && moves(sample)) {
-                let level = ((self.tips[run.index].pull[sample] - self.low) / (self.high - self.low) * LEVELS as f64).floor();
+                let level = ((run.output[sample] - self.low) / (self.high - self.low) * LEVELS as f64).floor();
                 let (sum, count) = &mut sums[level.clamp(0.0, LEVELS as f64 - 1.0) as usize];
                 *sum += of[sample];
                 *count += 1.0;

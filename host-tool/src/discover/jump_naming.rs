@@ -282,7 +282,6 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations, zeros)).collect();
     best.sort_by(|x, y| y.evidence.mean().total_cmp(&x.evidence.mean()));
     let found = simulated.then(|| Pull::new(session, &outcome.model, noise, false).smooth());
-
     // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
     // tip explains the recordings far better than any valve.
     let Some(&leader) = best.first() else { return outcome };
@@ -305,7 +304,6 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         smoothest
     }];
     let deviations = above(evidence, smooth);
-
     let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
     if !is_law || !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;

@@ -27,6 +27,7 @@ mod model;
 mod noise;
 mod operators;
 mod pairs;
+mod past;
 mod paths;
 pub mod physics;
 pub mod plan;
@@ -45,7 +46,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use diagnosis::{Correlation, LoopArea, Residual, Share};
-pub use model::{Model, Past, Slot};
+pub use model::{Model, Slot};
+pub use past::Past;
 pub use session::{Role, Run, Session, SessionError};
 pub use whereabouts::Disagreement;
 

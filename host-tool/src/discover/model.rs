@@ -6,6 +6,7 @@ use super::catalogue::{Columns, Form, Habit, Place};
 use super::columns::AHEAD;
 use super::grid;
 use super::operators::{self, Lead};
+use super::past::Past;
 use super::paths::Paths;
 use super::session::{Run, Session};
 use super::turning::remember;
@@ -37,58 +38,6 @@ pub struct Model {
     pub base: Vec<f64>,
     /// Further columns of free weight for each recording, which belong to no effect and have no say in predictions; none outside a search.
     pub ease: Arc<Vec<Vec<Vec<f64>>>>,
-}
-
-/// What the operators know when a recording begins.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Past {
-    /// Nothing: they begin anew in every recording.
-    Fresh,
-    /// The earlier recordings of the session, and what came before these.
-    Carried {
-        /// Highest input before the session, normalised; zero when it has never been pressed.
-        peak: f64,
-    },
-}
-
-impl Past {
-    /// Operators that remember the session and nothing before it.
-    pub const SESSION: Self = Self::Carried { peak: 0.0 };
-    /// Highest inputs before the session that are tried. Twice the span moves every operator as far as it goes.
-    const PEAKS: [f64; 9] = [0.2, 0.35, 0.5, 0.65, 0.8, 1.0, 1.2, 1.5, 2.0];
-
-    /// Whether operators remember earlier recordings.
-    #[must_use]
-    pub fn is_carried(self) -> bool {
-        self != Self::Fresh
-    }
-
-    /// Operators that remember the session, or none.
-    #[cfg(test)]
-    pub fn carrying(carries: bool) -> Self {
-        if carries { Self::SESSION } else { Self::Fresh }
-    }
-
-    /// Turning points before the session, the first where no operator had moved yet.
-    pub(super) fn before_the_session(self) -> Vec<f64> {
-        match self {
-            Self::Carried { peak } if peak > 0.0 => vec![0.0, peak],
-            _ => Vec::new(),
-        }
-    }
-}
-
-/// Share of the mean square that a memory of earlier recordings must leave no more of.
-const MEMORY_PAYS: f64 = 0.99;
-/// The same of a peak before the session.
-const PEAK_PAYS: f64 = 0.997;
-
-/// A model with a past, its weights fitted.
-pub(super) struct Remembering {
-    pub model: Model,
-    /// Mean squares of fitted and of selecting samples.
-    pub fit: f64,
-    pub select: f64,
 }
 
 /// In which order two effects on the same side of the operators follow each other.
@@ -345,26 +294,6 @@ impl Model {
             sums = workspace.sums(self, scope);
         }
         (sums.fit.mean_square(&weights), sums.select.mean_square(&weights))
-    }
-
-    /// This model with the past that both halves of the recordings fit best, its weights fitted; a longer one must pay.
-    pub(super) fn with_best_past(&self, session: &Session) -> Remembering {
-        let of = |past: Past| {
-            let mut model = Self { past, ..self.clone() };
-            let (fit, select) = model.fit(session, Scope::Both);
-            Remembering { model, fit, select }
-        };
-        let mut best = of(Past::Fresh);
-        for (past, pays) in [(Past::SESSION, MEMORY_PAYS)].into_iter().chain(Past::PEAKS.map(|peak| (Past::Carried { peak }, PEAK_PAYS))) {
-            let other = of(past);
-            let pays = if best.model.past.is_carried() { pays } else { MEMORY_PAYS };
-            // Of peaks the best is wanted, whatever lies between it and the last.
-            let pays = if best.model.past.before_the_session().is_empty() { pays } else { 1.0 };
-            if other.fit < pays * best.fit && other.select < pays * best.select {
-                best = other;
-            }
-        }
-        best
     }
 
     /// Fits the weights to fitted and selecting samples together.

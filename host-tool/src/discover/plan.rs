@@ -9,7 +9,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::file::DiscoveredModel;
-use super::model::{Model, Past, Scope};
+use super::model::{Model, Scope};
+use super::past::Past;
 use super::search;
 use super::session::{Role, Session, SessionError};
 use crate::excitation::{ExcitationConfig, Limits, Segment, Signal};

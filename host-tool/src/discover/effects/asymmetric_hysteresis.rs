@@ -228,8 +228,9 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::discover::Past;
     use crate::discover::catalogue::Columns;
-    use crate::discover::model::{Model, Past};
+    use crate::discover::model::Model;
     use crate::recording::{Recording, Signal};
 
     #[test]

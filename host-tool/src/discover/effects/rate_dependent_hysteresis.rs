@@ -23,6 +23,7 @@ pub const FORMS: &[&dyn Form] = &[
     &Viscous,
     &Stiffening,
     &Weights,
+    &LogarithmicWeights,
 ];
 
 struct Additive;
@@ -34,6 +35,7 @@ struct ProportionalFading;
 struct Viscous;
 struct Stiffening;
 struct Weights;
+struct LogarithmicWeights;
 
 const POWER: Parameter = Parameter { name: "rate_power", quantity: Quantity::Ratio, low: 0.2, high: 1.5, logarithmic: true };
 
@@ -247,6 +249,45 @@ impl Form for Weights {
         BTreeMap::from([
             (format!("weights_change_{per}"), of(weights[0])),
             (format!("of_the_weight_without_threshold_{per}"), of(weights[0] + weights[1])),
+        ])
+    }
+}
+
+/// `y = s + ln(1 + |du/dt| / r) (a s + b u)`: what Eyring's law makes of thermally activated friction, far above the rate `r`.
+impl Form for LogarithmicWeights {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "weights change with the logarithm of the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn cost(&self) -> usize {
+        4
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![0.05], vec![0.4]]
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let folds: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();
+        columns.push(true, |sample| folds[sample] * sum[sample]);
+        columns.push(true, |sample| folds[sample] * run.input[sample]);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([
+            ("weights_change_per_e_fold".to_owned(), weights[0]),
+            ("of_the_weight_without_threshold_per_e_fold".to_owned(), weights[0] + weights[1]),
         ])
     }
 }
