@@ -102,7 +102,7 @@ impl<'a> Workspace<'a> {
             self.paths.lead(model, runs, (0..end).filter(|&run| follows || looked_at(&runs[run])).collect());
         }
         let jumps = model.slots.iter().any(|slot| slot.form.jumps().is_some());
-        let mut history = Vec::new();
+        let mut history = model.past.before_the_session();
         let (mut fit, mut select) = (Parts::default(), Parts::default());
         let mut free = Vec::new();
         for (run, kept) in runs[..end].iter().zip(&mut self.kept) {
@@ -262,6 +262,7 @@ mod tests {
             model.slots[0].weights = vec![0.1; count];
             model
         };
+        let pressed = |model: Model| Model { past: Past::Carried { peak: 1.7 }, ..model };
         let (lag, swing, creeping, mount) = (pneumatic_lag::FORMS[0], resonance::FORMS[0], creep::FORMS[0], setup_change::FORMS[0]);
         let models = [
             base.clone(),
@@ -271,6 +272,8 @@ mod tests {
             with(lag, &[0.1]),
             with(lag, &[0.1]),
             with(lag, &[0.1]),
+            pressed(base.clone()),
+            pressed(with(lag, &[0.1])),
             base.refined(),
             base.clone(),
             base.clone(),
