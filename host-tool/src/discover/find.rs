@@ -2,7 +2,7 @@
 
 use super::alike;
 use super::catalogue::{self, Form};
-use super::effects::offset_drift::LEFT_BY_CREEP;
+use super::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use super::jump_naming;
 use super::model::{Model, Scope};
 use super::noise;
@@ -17,6 +17,9 @@ pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-satur
 
 /// What goes on by itself while the input rests.
 const RHYTHM: &str = "periodic-disturbance";
+
+/// What goes on between recordings.
+const CREEP: &str = "creep";
 
 /// What the search hands on to the verdict.
 #[derive(Default)]
@@ -150,10 +153,11 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
         }
         None => second_best(&standing, &rivals, &mut found),
     };
-    let zeros: Vec<usize> = (0..standing.model.slots.len()).filter(|&slot| are_left_by_creep(&standing.model, slot)).collect();
-    for slot in zeros {
-        standing.model.slots[slot].form = LEFT_BY_CREEP;
-        standing.fine.slots[slot].form = LEFT_BY_CREEP;
+    // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
+    if standing.model.names().any(|name| name == CREEP) {
+        for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
+            slot.form = LEFT_BY_CREEP;
+        }
     }
     found.order = by_loss(bench, &standing, &owned);
     let mut model = standing.fine.pruned();
@@ -235,16 +239,6 @@ fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &
     }
     standing
 }
-
-/// Whether an effect gives each recording a zero of its own beside a creep: creep slower than the session, or through pauses that nobody
-/// recorded, leaves such zeros, and no drift need be missing.
-fn are_left_by_creep(model: &Model, slot: usize) -> bool {
-    let form = model.slots[slot].form;
-    form.name() == "offset-drift" && form.reads_output() && model.names().any(|name| name == CREEP)
-}
-
-/// The effect that goes on between recordings.
-const CREEP: &str = "creep";
 
 /// Names of the effects, the one first without which most is left.
 fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static str> {

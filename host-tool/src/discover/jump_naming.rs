@@ -206,7 +206,7 @@ const PERIODIC: &str = "periodic-disturbance";
 
 /// Whether it gives each recording a zero of its own.
 fn has_zeros(model: &Model) -> bool {
-    model.slots.iter().any(|slot| slot.form.name() == "offset-drift" && slot.form.reads_output())
+    model.slots.iter().any(|slot| effects::offset_drift::gives_zeros(slot.form))
 }
 
 /// Whether zeros that lie so far apart are the work of these jumps: a muscle keeps what the peaks of its pressure left, and where in its band
@@ -368,6 +368,7 @@ mod tests {
     use std::collections::BTreeMap;
     use std::path::Path;
 
+    use crate::discover::closed_form::deviates;
     use crate::discover::{DiscoverConfig, Discovery, Verdict, discover};
     use crate::recording::{Recording, Signal};
     use crate::rig::{self, CaseConfig, Generator};
@@ -376,16 +377,7 @@ mod tests {
     /// stroke is about 8 mm and the noise 0.5 % of it.
     fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
         const STEPS: usize = 40;
-        let mut kept = 0x2545_F491_4F6C_DD1D_u64;
-        let mut noise = move || {
-            // Sum of twelve uniform deviates: variance one.
-            (0..12).fold(-6.0, |sum, _| {
-                kept ^= kept << 13;
-                kept ^= kept >> 7;
-                kept ^= kept << 17;
-                sum + (kept >> 11) as f64 / (1_u64 << 53) as f64
-            })
-        };
+        let mut noise = deviates(0x2545_F491_4F6C_DD1D);
         let command = |frequency_hz: f64, decay_per_s: f64, time_s: f64| {
             let time_s = (time_s - 2.0_f64).max(0.0);
             1.4 * (-decay_per_s * time_s).exp() * (1.0 - (std::f64::consts::TAU * frequency_hz * time_s).cos())

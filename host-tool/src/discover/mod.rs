@@ -8,6 +8,8 @@
 mod alike;
 mod bursts;
 pub mod catalogue;
+#[cfg(test)]
+mod closed_form;
 mod columns;
 pub mod corpus;
 mod descent;

@@ -95,6 +95,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::discover::closed_form::deviates;
     use crate::discover::{DiscoverConfig, Discovery, Verdict, discover};
     use crate::recording::{Recording, Signal};
 
@@ -105,15 +106,7 @@ mod tests {
     /// Twelve decaying sines of a muscle that remembers, pressed to `peak` before the first of them. Its gain is less by `missing` where it has
     /// not been stretched since the recording began.
     fn session(peak: f64, missing: f64) -> Vec<Recording> {
-        let mut kept = 0x9E37_79B9_7F4A_7C15_u64;
-        let mut noise = move || {
-            (0..12).fold(-6.0, |sum, _| {
-                kept ^= kept << 13;
-                kept ^= kept >> 7;
-                kept ^= kept << 17;
-                sum + (kept >> 11) as f64 / (1_u64 << 53) as f64
-            })
-        };
+        let mut noise = deviates(0x9E37_79B9_7F4A_7C15);
         let mut plays = OPERATORS.map(|(threshold, _)| (peak - threshold).max(0.0).min(threshold));
         let mut record = |index: usize| {
             let (frequency_hz, decay_per_s) = ([0.15, 0.3, 0.5, 0.7][index % 4], [0.02, 0.06, 0.12][index / 4]);

@@ -8,7 +8,7 @@ use crate::discover::session::{Run, Session};
 use super::{Lag, ladder, lag, lag_coefficients, lag_of_held, side_by_side};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Dense, &Growing];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &DENSE, &GROWING];
 
 /// One lag, or two in a row.
 struct Restriction {
@@ -73,84 +73,74 @@ impl Form for Restriction {
     }
 }
 
+/// A lag whose time constant changes with the pressure: `T k(v) dv/dt = u - v`.
+struct Changing {
+    form: &'static str,
+    parameters: &'static [Parameter],
+    /// Where the search for the change begins.
+    start: f64,
+    /// Whether it slows.
+    slows: bool,
+}
+
 /// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
 /// room's pressure `P`, so that a tube under pressure is a faster one. `T dv/dt = (u - v)(1 + c (u + v) / 2)`, and `c` is `1 / P`.
-struct Dense;
-
-impl Form for Dense {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
-    }
-    fn form(&self) -> &'static str {
-        "before the hysteresis, faster under pressure"
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }]
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, 2.0]).collect()
-    }
-    fn step(&self, parameter: usize) -> f64 {
-        [0.15, 0.4][parameter]
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Condensing::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Condensing::new(parameters, run));
-    }
-}
+static DENSE: Changing = Changing {
+    form: "before the hysteresis, faster under pressure",
+    parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
+    start: 2.0,
+    slows: false,
+};
 
 /// A muscle that grows as it fills takes the longer to fill, the fuller it is: `T (1 + c v) dv/dt = u - v`.
-struct Growing;
+static GROWING: Changing = Changing {
+    form: "before the hysteresis, slower under pressure",
+    parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
+    start: 0.5,
+    slows: true,
+};
 
-impl Form for Growing {
+impl Form for Changing {
     fn name(&self) -> &'static str {
         "pneumatic-lag"
     }
     fn form(&self) -> &'static str {
-        "before the hysteresis, slower under pressure"
+        self.form
     }
     fn place(&self) -> Place {
         Place::Flow
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }]
+        self.parameters
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, 0.5]).collect()
+        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, self.start]).collect()
     }
     fn step(&self, parameter: usize) -> f64 {
         [0.15, 0.4][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Condensing::slowing(parameters, run).run(path);
+        self.filter(parameters, run).run(path);
     }
     fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Condensing::slowing(parameters, run));
+        side_by_side::filter(runs, paths, |run| self.filter(parameters, run));
     }
 }
 
-/// What [`Dense`] and [`Growing`] do to the input.
+impl Changing {
+    fn filter(&self, parameters: &[f64], run: &Run) -> Condensing {
+        let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
+        Condensing { time_s: parameters[0], faster, slower, step_s: run.period_s / LOOKS as f64 }
+    }
+}
+
+/// What [`Changing`] does to the input.
 #[derive(PartialEq)]
 struct Condensing {
     time_s: f64,
     faster: f64,
     slower: f64,
     step_s: f64,
-}
-
-impl Condensing {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { time_s: parameters[0], faster: parameters[1], slower: 0.0, step_s: run.period_s / LOOKS as f64 }
-    }
-
-    fn slowing(parameters: &[f64], run: &Run) -> Self {
-        Self { time_s: parameters[0], faster: 0.0, slower: parameters[1], step_s: run.period_s / LOOKS as f64 }
-    }
 }
 
 impl Filter<2> for Condensing {
@@ -206,7 +196,7 @@ mod tests {
         let (time_s, slower) = (0.15, 0.8);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        Growing.input(&[time_s, slower], &run, &mut path);
+        GROWING.input(&[time_s, slower], &run, &mut path);
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {
             for look in 0..2000 {
@@ -223,7 +213,7 @@ mod tests {
         let (time_s, faster) = (0.2, 3.0);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        Dense.input(&[time_s, faster], &run, &mut path);
+        DENSE.input(&[time_s, faster], &run, &mut path);
         // T v' = c / 2 ((u + 1/c)^2 - (v + 1/c)^2), in small steps of Euler's.
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {
