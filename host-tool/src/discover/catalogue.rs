@@ -138,6 +138,10 @@ pub trait Form: Sync {
     fn weights(&self) -> usize {
         0
     }
+    /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
+    fn nearly(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        Vec::new()
+    }
     /// Number of parameters it counts as when effects compete.
     fn cost(&self) -> usize {
         self.parameters().len() + self.weights()

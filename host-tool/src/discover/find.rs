@@ -4,7 +4,7 @@ use super::alike;
 use super::catalogue::{self, Form};
 use super::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use super::jump_naming;
-use super::model::{Model, Scope};
+use super::model::{Model, Scope, Slot};
 use super::noise;
 use super::pairs;
 use super::rounds::{self, Bench, Judged, Tried};
@@ -104,9 +104,8 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
     let left = if rivals.is_empty() { MUCH_OVER_NOISE } else { LEFT_OVER_NOISE };
     if most_effects > 1 && !firsts.is_empty() && leaves(session, &standing, left) {
         watch("a second effect");
-        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN);
         let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
-        if let Some(pair) = pairs.first().filter(|pair| pair.pays(&standing, least)) {
+        if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &bare, &standing, pair)) {
             // A form in a narrow valley may have found its place with the other's help, and now do without it.
             let is_narrow = pair.model.slots.iter().any(|slot| rounds::is_narrow(slot.form));
             standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
@@ -117,7 +116,7 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
         let mut count = standing.model.slots.len() - owned.len();
         while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
             watch("a third effect");
-            let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN);
+            let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN, rounds::LEAST_BESIDE_LARGE);
             let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
             let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
             standing = without_idle(bench, &bare, best, &owned);
@@ -136,12 +135,13 @@ pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dy
     {
         let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
         let of_rhythms = Bench { session, forms, threads: bench.threads };
-        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN);
+        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN, rounds::LEAST_BESIDE_LARGE);
         let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
-        if let Some(best) = with_rhythm.filter(|best| best.pays(&standing, least)) {
+        if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &bare, &standing, best)) {
             standing = without_idle(bench, &bare, best, &owned);
         }
     }
+    standing = with_simpler(bench, standing, &owned);
     let alike = alike::compare(bench, standing, &owned);
     standing = alike.first;
     let second = match alike.second {
@@ -215,16 +215,33 @@ const MUCH_OVER_NOISE: f64 = 1.32;
 ///
 /// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
 /// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide anything, half of
-/// what is left, for what mends another's form leaves more than that, and never less than what no form is exact to. It takes the share
-/// `of_left` of what is left at least.
-fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64) -> f64 {
+/// what is left, for what mends another's form leaves more than that, and never less than what no form is exact to, the share
+/// `beside_large`. It takes the share `of_left` of what is left at least.
+fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64, beside_large: f64) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
     let excess = (bare.select - floor_square).max(0.05 * floor_square);
     let left = (standing.select - floor_square).max(0.0);
-    let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left).max(rounds::LEAST_BESIDE_LARGE * excess);
+    let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left).max(beside_large * excess);
     let taken = of_original.max(of_left * left);
     (taken / standing.select).max(2.0 * rounds::LEAST_GAIN)
 }
+
+/// Whether one effect more pays beside those that are there already.
+fn pays_beside(bench: &Bench<'_>, bare: &Judged, standing: &Judged, further: &Judged) -> bool {
+    let session = bench.session;
+    let floor_square = noise::floor(session, &further.fine.residuals(session)).powi(2);
+    let left = |judged: &Judged| judged.select - floor_square;
+    let completes = further.select < COMPLETE * floor_square && left(further) < LEFT_OF_COMPLETE * left(standing);
+    // Where one form has more parameters than two effects together, they are the simpler explanation.
+    let is_cheaper = further.model.cost() <= standing.model.cost();
+    let beside_large = if completes || is_cheaper { rounds::LEAST_TO_COMPLETE } else { rounds::LEAST_BESIDE_LARGE };
+    further.pays(standing, least_further(session, bare, standing, rounds::LEAST_FURTHER_GAIN, beside_large))
+}
+
+/// Mean square over that of the noise at which nothing is left.
+const COMPLETE: f64 = 1.1;
+/// Share of what was left above the noise that is left beside what explains it.
+const LEFT_OF_COMPLETE: f64 = 0.2;
 
 /// The model without the effects that no longer pay beside the others.
 fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &[&str]) -> Judged {
@@ -232,10 +249,30 @@ fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &
         let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
         let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
         let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
-        if standing.pays(&fewer, least_further(bench.session, bare, &fewer, rounds::LEAST_FURTHER_GAIN)) {
+        if pays_beside(bench, bare, &fewer, &standing) {
             break;
         }
         standing = fewer;
+    }
+    standing
+}
+
+/// The model with the simpler effect in the place of one that has come near it, where that does as well: beside another effect only a few
+/// seconds are searched, and a dearer form may have been the first of them.
+fn with_simpler(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judged {
+    if standing.model.slots.len() < owned.len() + 2 {
+        return standing;
+    }
+    let model = &standing.model;
+    let of = |(at, slot): (usize, &Slot)| {
+        let is_new = |form: &dyn Form| model.names().all(|name| name != form.name());
+        let simpler = slot.form.nearly(&slot.parameters).into_iter().filter(|(form, _)| is_new(*form));
+        simpler.map(|(form, parameters)| model.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
+    };
+    let free = model.slots.iter().enumerate().filter(|(_, slot)| !owned.contains(&slot.form.name()));
+    let simpler: Vec<Model> = free.flat_map(of).collect();
+    if let Some(simpler) = bench.polished(&simpler, POLISH).into_iter().next().filter(|one| one.judgement() < standing.judgement()) {
+        standing = simpler;
     }
     standing
 }

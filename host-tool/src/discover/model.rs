@@ -115,6 +115,18 @@ impl Model {
         model
     }
 
+    /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators.
+    #[must_use]
+    pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+        let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
+        if side(self.slots[slot].form) != side(form) {
+            return self.without(slot).with(form, parameters);
+        }
+        let mut model = self.clone();
+        model.slots[slot] = Slot { form, parameters, weights: Vec::new() };
+        model
+    }
+
     /// Names of the effects, in the order of the signal.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.slots.iter().map(|slot| slot.form.name())

@@ -5,7 +5,7 @@ use crate::discover::catalogue::{Form, Parameter, Place, Quantity};
 use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{elementary, ladder, lag_coefficients, side_by_side};
+use super::{elementary, ladder, lag_coefficients, pneumatic_lag, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&TWO_LAGS, &TWO_LAGS_HELD, &COMMANDED, &COMMANDED_HELD, &DRIVEN, &DRIVEN_HELD, &ORIFICE];
@@ -55,6 +55,8 @@ const FILL: Parameter = Parameter { name: "fill_time_constant", quantity: Quanti
 const VENT: Parameter = Parameter { name: "vent_time_constant", ..FILL };
 const FADING: Parameter = Parameter { name: "fading", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false };
 const POWER: Parameter = Parameter { name: "flow_power", quantity: Quantity::Ratio, low: 0.4, high: 1.2, logarithmic: false };
+/// Logarithm of the ratio of time constants up to which they are tried as one.
+const ALIKE: f64 = 0.4;
 /// Difference, in spans, at which the power law has the time constants as they are told.
 const TOLD_AT: f64 = 0.1;
 /// Smallest difference that the power law is followed to.
@@ -76,6 +78,11 @@ impl Form for TwoLags {
             Law::Drive => &[FILL, VENT, FADING],
             Law::Orifice => &[FILL, VENT, POWER],
         }
+    }
+    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        let [fill_s, vent_s] = [parameters[0], parameters[1]];
+        let lag = pneumatic_lag::FORMS[usize::from(self.held)];
+        if (fill_s / vent_s).ln().abs() < ALIKE { vec![(lag, vec![(fill_s * vent_s).sqrt()])] } else { Vec::new() }
     }
     fn cost(&self) -> usize {
         // With like time constants a held command is a lag and half a sample of delay: it must not pass for a lag.

@@ -7,7 +7,7 @@ use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::columns::Filter;
 use crate::discover::session::{Run, Session};
 
-use super::{ladder, side_by_side};
+use super::{dead_time, ladder, pneumatic_lag, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Tip, &PartOfTip, &Pressure];
@@ -77,6 +77,19 @@ impl Filter<3> for Part {
     }
 }
 
+/// What follows a slow command hardly differently from a swing that is damped so much.
+fn nearly(parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    let [frequency_hz, damping] = [parameters[0], parameters[1]];
+    if damping < HARDLY_SWINGS {
+        return Vec::new();
+    }
+    let behind_s = vec![damping / (PI * frequency_hz)];
+    vec![(dead_time::FORMS[0], behind_s.clone()), (pneumatic_lag::FORMS[0], behind_s)]
+}
+
+/// Damping ratio from which on that is tried.
+const HARDLY_SWINGS: f64 = 0.4;
+
 /// Frequencies and damping ratios to begin from.
 fn places() -> Vec<Vec<f64>> {
     ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
@@ -97,6 +110,9 @@ impl Form for Tip {
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()
+    }
+    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nearly(parameters)
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
@@ -140,6 +156,9 @@ impl Form for Pressure {
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()
+    }
+    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nearly(parameters)
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         Swing::new(parameters[0], parameters[1], run.period_s).run(path);
