@@ -7,7 +7,7 @@ use crate::discover::jumps::Drive;
 use crate::discover::session::{Role, Run, Session};
 
 use super::seated::Seated;
-use super::{best_starts, ladder, lag_coefficients, side_by_side};
+use super::{best_starts, ladder, lag_coefficients, pneumatic_lag, side_by_side};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
@@ -193,6 +193,9 @@ impl Form for Overlap {
     fn place(&self) -> Place {
         Place::Supply
     }
+    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
+    }
     fn parameters(&self) -> &'static [Parameter] {
         &[
             Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
@@ -209,6 +212,9 @@ impl Form for Overlap {
         side_by_side::filter(runs, paths, |run| Edge::new(parameters, run));
     }
 }
+
+/// Band up to which a lag is tried in the place of the overlap.
+const HARDLY_OVERLAPS: f64 = 0.01;
 
 /// What [`Overlap`] does to the input: a lag behind the nearer edge of the band, which is where the pressure stands while it is inside.
 #[derive(PartialEq)]
