@@ -11,6 +11,8 @@ const MOST_WANDER: f64 = 0.4;
 const LEAST_BREAK_AWAY: f64 = 2.0;
 /// Levels of the output at each of which the evidence must be for jumps: friction and valves hold everywhere, a wall at one place.
 const LEVELS: usize = 4;
+/// Share of the gain at all levels by which one may speak against jumps.
+const LITTLE_AGAINST: f64 = 0.25;
 /// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
 const SLOWEST: f64 = 0.1;
 /// Laws of a valve from which a search begins.
@@ -35,9 +37,16 @@ impl Evidence {
         self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
     }
 
-    /// Whether it is more than `less` at every level that the output moves at.
+    /// Whether it is more than `less` at every level that the output moves at. One of them may say little, and be wrong by a share of what all
+    /// of them gain together.
     pub fn is_above_everywhere(&self, less: &Self) -> bool {
-        self.levels.iter().zip(&less.levels).all(|(more, less)| more > less || (*more == 0.0 && *less == 0.0))
+        let gain = self.mean() - less.mean();
+        let moves = |(more, less): &(f64, f64)| *more != 0.0 || *less != 0.0;
+        let levels = self.levels.iter().copied().zip(less.levels.iter().copied()).filter(moves);
+        let gains: Vec<f64> = levels.map(|(more, less)| more - less).collect();
+        let against = gains.iter().filter(|gain| **gain <= 0.0).count();
+        let doubtful = gains.iter().all(|level| *level > -LITTLE_AGAINST * gain);
+        against == 0 || (against == 1 && gains.len() > 2 && doubtful)
     }
 }
 

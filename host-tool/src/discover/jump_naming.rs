@@ -32,6 +32,8 @@ const MOST_SCATTER: f64 = 0.5;
 const APART: f64 = 2.0;
 /// The same that a smooth effect must bring beside the jumps: what little a law of jumps is wrong by looks like one everywhere.
 const LEAST_EVIDENCE_BESIDE: f64 = 0.03;
+/// The same for an effect that jumps do not look like.
+const LEAST_EVIDENCE_BESIDE_OF_SESSION: f64 = 0.015;
 /// Smooth explanations whose jumps are fitted in full.
 const LEADERS: usize = 3;
 
@@ -223,6 +225,25 @@ fn zeros(session: &Session, model: &Model) -> f64 {
     (means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / means.len() as f64).sqrt()
 }
 
+/// Effects that change from recording to recording, or have a clock of their own: nothing that jumps looks like them.
+const OF_THE_SESSION: [&str; 5] = ["offset-drift", "gain-drift", "setup-change", "clock-skew", PERIODIC];
+
+/// Whether all effects of this model are such.
+fn of_the_session(model: &Model) -> bool {
+    model.names().all(|name| OF_THE_SESSION.contains(&name))
+}
+
+/// Whether the effects in the pull of the jumps bring enough beside them, over jumps on a pull with fewer.
+fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
+    let gain = more.evidence.mean() - fewer.evidence.mean();
+    let (least, deviations) = if of_the_session {
+        (LEAST_EVIDENCE_BESIDE_OF_SESSION, LEAST_DEVIATIONS_OF_LARGE)
+    } else {
+        (LEAST_EVIDENCE_BESIDE, LEAST_DEVIATIONS)
+    };
+    gain > least && (is_no_chance(&more.evidence, &fewer.evidence) || above(&more.evidence, &fewer.evidence) >= deviations)
+}
+
 /// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.
 fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Option<&'a Judged> {
     let worth = |one: &Judged| one.evidence.mean() - PRICE * explanations[one.pull].cost() as f64;
@@ -236,8 +257,7 @@ fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Opti
     for effects in fewest + 1..=fewest + 2 {
         if let Some(more) = with(effects)
             && worth(more) > worth(best)
-            && more.evidence.mean() - best.evidence.mean() > LEAST_EVIDENCE_BESIDE
-            && is_no_chance(&more.evidence, &best.evidence)
+            && pays_beside(more, best, of_the_session(&explanations[more.pull]))
         {
             best = more;
         }
