@@ -71,104 +71,161 @@ pub fn effects(
         forms.retain(|form| form.name() != "stick-slip");
     }
     let bench = Bench { session, forms, threads: config.threads };
-    let outcome = find(&bench, model.clone(), config.most_effects, watch);
+    let first = First::new(&bench, model.clone(), config.most_effects > 0, watch);
+    if first.wants_more(session) && jump_naming::may_jump(&bench, &model, &first.outcome()) {
+        watch("what jumps");
+        let outcome = jump_naming::rename(&bench, &model, first.outcome());
+        if jump_naming::explains_all(session, &model, &outcome) {
+            return outcome;
+        }
+    }
+    let outcome = first.and_further(&bench, config.most_effects, watch);
+    watch("what jumps");
     jump_naming::rename(&bench, &model, outcome)
 }
 
 /// Adds effects to `model` as long as they pay; those that it has already stay.
-pub fn find(bench: &Bench<'_>, mut model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
-    let session = bench.session;
-    let owned: Vec<&'static str> = model.names().collect();
-    model.fit(session, Scope::Both);
-    let bare = bench.judge(&model);
-    let mut found = Found::default();
-    watch("every effect");
-    let tried = bench.round(&model, rounds::LEAST_GAIN);
-    for one in &tried {
-        if !found.candidates.iter().any(|candidate| candidate.name == one.form.name()) {
-            found.candidates.push(Candidate {
-                name: one.form.name().to_owned(),
-                score: 1.0 - one.fitted.select / bare.select,
-                p_value: tail(one.deviations),
-            });
-        }
-    }
-    let firsts = bench.polished(&leaders(&tried), POLISH);
-    let mut standing = bare.clone();
-    let mut rivals: Vec<Judged> = Vec::new();
-    if let Some(first) = firsts.first().filter(|first| most_effects > 0 && first.pays(&bare, rounds::LEAST_GAIN)) {
-        standing = first.clone();
-        rivals.clone_from(&firsts);
-    }
-    // Two effects may each take away too little alone: where much is left without either, they are tried together as well.
-    let left = if rivals.is_empty() { MUCH_OVER_NOISE } else { LEFT_OVER_NOISE };
-    if most_effects > 1 && !firsts.is_empty() && leaves(session, &standing, left) {
-        watch("a second effect");
-        let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
-        if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &bare, &standing, pair)) {
-            // A form in a narrow valley may have found its place with the other's help, and now do without it.
-            let is_narrow = pair.model.slots.iter().any(|slot| rounds::is_narrow(slot.form));
-            standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
-            rivals = pairs;
-        }
-    }
-    if !rivals.is_empty() {
-        let mut count = standing.model.slots.len() - owned.len();
-        while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
-            watch("a third effect");
-            let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN, rounds::LEAST_BESIDE_LARGE);
-            let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
-            let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
-            standing = without_idle(bench, &bare, best, &owned);
-            let now = standing.model.slots.len() - owned.len();
-            if now <= count {
-                break;
+pub fn find(bench: &Bench<'_>, model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+    let first = First::new(bench, model, most_effects > 0, watch);
+    first.and_further(bench, most_effects, watch)
+}
+
+/// What the search knows when every effect has been tried alone.
+struct First {
+    /// The model before the search.
+    base: Model,
+    /// The same as it is judged.
+    bare: Judged,
+    /// Every form, best first.
+    tried: Vec<Tried>,
+    /// The best of them, polished, best first.
+    firsts: Vec<Judged>,
+    /// Whether the best one pays.
+    pays: bool,
+    /// Every effect in its best form.
+    candidates: Vec<Candidate>,
+}
+
+impl First {
+    fn new(bench: &Bench<'_>, mut base: Model, any: bool, watch: &dyn Fn(&str)) -> Self {
+        base.fit(bench.session, Scope::Both);
+        let bare = bench.judge(&base);
+        watch("every effect");
+        let tried = bench.round(&base, rounds::LEAST_GAIN);
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for one in &tried {
+            if !candidates.iter().any(|candidate| candidate.name == one.form.name()) {
+                candidates.push(Candidate {
+                    name: one.form.name().to_owned(),
+                    score: 1.0 - one.fitted.select / bare.select,
+                    p_value: tail(one.deviations),
+                });
             }
-            count = now;
         }
+        let firsts = bench.polished(&leaders(&tried), POLISH);
+        let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, rounds::LEAST_GAIN));
+        Self { base, bare, tried, firsts, pays, candidates }
     }
-    // A slow rhythm is at rest too, and passes for noise until it is told.
-    let count = standing.model.slots.len() - owned.len();
-    if (1..most_effects).contains(&count)
-        && standing.model.names().all(|name| name != RHYTHM)
-        && noise::may_hold_a_rhythm(session, &standing.fine.residuals(session))
-    {
-        let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
-        let of_rhythms = Bench { session, forms, threads: bench.threads };
-        let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN, rounds::LEAST_BESIDE_LARGE);
-        let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
-        if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &bare, &standing, best)) {
-            standing = without_idle(bench, &bare, best, &owned);
-        }
+
+    /// What explains most so far.
+    fn standing(&self) -> &Judged {
+        if self.pays { &self.firsts[0] } else { &self.bare }
     }
-    standing = with_simpler(bench, standing, &owned);
-    let alike = alike::compare(bench, standing, &owned);
-    standing = alike.first;
-    let second = match alike.second {
-        Some((second, name)) => {
-            found.alike = true;
-            found.apart = rounds::deviations(&second.blocks, &standing.blocks).max(0.0);
-            found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: false });
-            Some(second.fine.pruned())
-        }
-        None => second_best(&standing, &rivals, &mut found),
-    };
-    // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
-    if standing.model.names().any(|name| name == CREEP) {
-        for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
-            slot.form = LEFT_BY_CREEP;
-        }
+
+    /// Whether so much is left that two effects are looked for.
+    fn wants_more(&self, session: &Session) -> bool {
+        // Two effects may each take away too little alone: where much is left without either, they are tried together as well.
+        let left = if self.pays { LEFT_OVER_NOISE } else { MUCH_OVER_NOISE };
+        !self.firsts.is_empty() && leaves(session, self.standing(), left)
     }
-    found.order = by_loss(bench, &standing, &owned);
-    let mut model = standing.fine.pruned();
-    if !model.slots.is_empty() {
-        let last = search::polish(&model, session, Scope::Fit, 2 * POLISH);
-        if last.select <= standing.select * 1.001 {
-            model = last.model;
-        }
+
+    /// The best effect alone as an outcome.
+    fn outcome(&self) -> Outcome {
+        let owned: Vec<&'static str> = self.base.names().collect();
+        let order = self.standing().model.names().filter(|name| !owned.contains(name)).collect();
+        let mut found = Found { order, candidates: self.candidates.clone(), ..Found::default() };
+        let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] }, &mut found);
+        let met = self.firsts.iter().map(|one| one.fine.pruned()).collect();
+        Outcome { model: self.standing().fine.pruned(), second, found, met, tried: best_of_each(&self.tried) }
     }
-    let met = rivals.iter().chain(&firsts).map(|one| one.fine.pruned()).collect();
-    Outcome { model, second, found, met, tried: best_of_each(&tried) }
+
+    /// Adds further effects as long as they pay.
+    fn and_further(self, bench: &Bench<'_>, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+        let session = bench.session;
+        let wants_more = self.wants_more(session);
+        let mut standing = self.standing().clone();
+        let Self { base: model, bare, tried, firsts, pays, candidates } = self;
+        let owned: Vec<&'static str> = model.names().collect();
+        let mut found = Found { candidates, ..Found::default() };
+        let mut rivals: Vec<Judged> = if pays { firsts.clone() } else { Vec::new() };
+        if most_effects > 1 && wants_more {
+            watch("a second effect");
+            let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
+            if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &bare, &standing, pair)) {
+                // A form in a narrow valley may have found its place with the other's help, and now do without it.
+                let is_narrow = pair.model.slots.iter().any(|slot| rounds::is_narrow(slot.form));
+                standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
+                rivals = pairs;
+            }
+        }
+        if !rivals.is_empty() {
+            let mut count = standing.model.slots.len() - owned.len();
+            while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
+                watch("a third effect");
+                let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN, rounds::LEAST_BESIDE_LARGE);
+                let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
+                let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
+                standing = without_idle(bench, &bare, best, &owned);
+                let now = standing.model.slots.len() - owned.len();
+                if now <= count {
+                    break;
+                }
+                count = now;
+            }
+        }
+        // A slow rhythm is at rest too, and passes for noise until it is told.
+        let count = standing.model.slots.len() - owned.len();
+        if (1..most_effects).contains(&count)
+            && standing.model.names().all(|name| name != RHYTHM)
+            && noise::may_hold_a_rhythm(session, &standing.fine.residuals(session))
+        {
+            let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
+            let of_rhythms = Bench { session, forms, threads: bench.threads };
+            let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN, rounds::LEAST_BESIDE_LARGE);
+            let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
+            if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &bare, &standing, best)) {
+                standing = without_idle(bench, &bare, best, &owned);
+            }
+        }
+        standing = with_simpler(bench, standing, &owned);
+        let alike = alike::compare(bench, standing, &owned);
+        standing = alike.first;
+        let second = match alike.second {
+            Some((second, name)) => {
+                found.alike = true;
+                found.apart = rounds::deviations(&second.blocks, &standing.blocks).max(0.0);
+                found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: false });
+                Some(second.fine.pruned())
+            }
+            None => second_best(&standing, &rivals, &mut found),
+        };
+        // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
+        if standing.model.names().any(|name| name == CREEP) {
+            for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
+                slot.form = LEFT_BY_CREEP;
+            }
+        }
+        found.order = by_loss(bench, &standing, &owned);
+        let mut model = standing.fine.pruned();
+        if !model.slots.is_empty() {
+            let last = search::polish(&model, session, Scope::Fit, 2 * POLISH);
+            if last.select <= standing.select * 1.001 {
+                model = last.model;
+            }
+        }
+        let met = rivals.iter().chain(&firsts).map(|one| one.fine.pruned()).collect();
+        Outcome { model, second, found, met, tried: best_of_each(&tried) }
+    }
 }
 
 /// Every effect in its best form, where chance does not explain it.

@@ -126,11 +126,25 @@ impl<'a> Pull<'a> {
 
     /// Evidence of the best smooth observer of this pull.
     pub fn smooth(&self) -> Evidence {
+        let (_, wander, time_s) = self.smoothest();
+        self.selecting(|seen| jumps::smooth(seen, wander, time_s))
+    }
+
+    /// The best smooth observer on the screening samples: the evidence for it, its wander and the time constant of that, s.
+    fn smoothest(&self) -> (f64, f64, f64) {
         let wanders = [0.4, 0.7, 1.0, 1.4].map(|share| share * self.excess);
         let grid = wanders.into_iter().flat_map(|wander| [0.04, 0.1, 0.25, 0.6, 2.0].map(|time_s| (wander, time_s)));
         let judged = grid.map(|(wander, time_s)| (self.fitted(false, |seen| jumps::smooth(seen, wander, time_s)), wander, time_s));
-        let (_, wander, time_s) = judged.max_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((0.0, self.excess, 0.25));
-        self.selecting(|seen| jumps::smooth(seen, wander, time_s))
+        judged.max_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((0.0, self.excess, 0.25))
+    }
+
+    /// Evidence per screening sample, at first sight: of the best smooth observer, and of the best of a ladder of laws that break away by
+    /// `drive`, as far as they can be seen.
+    pub fn at_first_sight(&self, drive: Drive) -> (f64, f64) {
+        let of = |run: &Run| (0..run.keep.len()).filter(|&at| run.keep[at] && run.role[at] == Role::Fit).count();
+        let count = self.session.runs.iter().filter(|run| run.screens).map(of).sum::<usize>().max(1) as f64;
+        let jumping = self.judged(self.ladder(drive, 0.0).into_iter(), false).into_iter().map(|judged| judged.0);
+        (self.smoothest().0 / count, jumping.fold(f64::MIN, f64::max) / count)
     }
 
     /// Evidence of jumps by `law` on the fitted samples.
@@ -143,28 +157,37 @@ impl<'a> Pull<'a> {
         self.selecting(|seen| jumps::observe(seen, law).evidence)
     }
 
-    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the `likely` ones, told as band, travel and time constant
-    /// of a valve.
-    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Vec<f64>]) -> JumpLaw {
+    /// A law from which others differ.
+    fn still(&self, drive: Drive, lag_s: f64) -> JumpLaw {
+        let (scatter, wander) = (0.25, 0.5 * self.excess);
+        JumpLaw { drive, break_away: 0.16, landing: 0.5, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 }
+    }
+
+    /// Laws of jumps that break away by `drive`.
+    fn ladder(&self, drive: Drive, lag_s: f64) -> Vec<JumpLaw> {
         // Landing beyond the drive and never sliding, or landing near it and sliding with it.
         const OF_A_TIP: [(f64, f64); 8] =
             [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
         // Error at which it closes, and time constant of its flow, s.
         const OF_A_VALVE: [(f64, f64); 7] = [(0.0, 0.002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
-        let (scatter, wander) = (0.25, 0.5 * self.excess);
-        let still =
-            JumpLaw { drive, break_away: 0.16, landing: 0.5, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 };
+        let still = self.still(drive, lag_s);
         let kinds: Vec<JumpLaw> = match drive {
             Drive::Pull => OF_A_TIP.map(|(landing, sliding_speed)| JumpLaw { landing, sliding_speed, ..still }).into(),
             Drive::Command => OF_A_VALVE.map(|(closing, flow_s)| JumpLaw { closing, flow_s, ..still }).into(),
         };
-        let ladder = super::effects::ladder(0.01, 0.16, 10).into_iter();
         let of = |break_away: f64| kinds.iter().map(move |kind| JumpLaw { break_away, ..*kind });
+        super::effects::ladder(0.01, 0.16, 10).into_iter().flat_map(of).collect()
+    }
+
+    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the `likely` ones, told as band, travel and time constant
+    /// of a valve.
+    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Vec<f64>]) -> JumpLaw {
+        let still = self.still(drive, lag_s);
         let of_simulation = |law: &Vec<f64>| {
             let (break_away, closing, flow_s) = (law[0], 1.0 - law[1] / law[0], law[2]);
             [0.05, 0.15].map(|scatter| JumpLaw { break_away, closing, flow_s, scatter, ..still })
         };
-        let laws = ladder.flat_map(of).chain(likely.iter().flat_map(of_simulation));
+        let laws = self.ladder(drive, lag_s).into_iter().chain(likely.iter().flat_map(of_simulation));
         // The right law is a narrow peak, and a wrong one that lies in a broad one may come before it at first.
         let mut leading = self.judged(laws, false);
         leading.sort_by(|x, y| y.0.total_cmp(&x.0));

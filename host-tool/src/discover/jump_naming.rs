@@ -194,6 +194,9 @@ fn refitted(
     (model, law)
 }
 
+/// Evidence per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
+const AT_FIRST_SIGHT: f64 = 0.03;
+
 /// Share of what a simulation leaves above the noise that an observer may leave to take its place.
 const LEFT_BY_AN_OBSERVER: f64 = 0.5;
 
@@ -263,6 +266,35 @@ fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Opti
         }
     }
     Some(best)
+}
+
+/// Whether jumps explain the recordings far better than what was found, at first sight: then they are asked for before anything smooth is
+/// added to it. `base` is the model before the search.
+pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
+    let session = bench.session;
+    let noise = noise::floor(session, &outcome.model.residuals(session));
+    let mut base = base.refined();
+    base.fit(session, Scope::Both);
+    let mut pulls = vec![base];
+    if !outcome.found.order.is_empty() && !outcome.found.order.contains(&VALVE) {
+        pulls.push(outcome.model.clone());
+    }
+    let mut drives: Vec<Drive> = Vec::new();
+    for drive in bench.forms.iter().filter_map(|form| form.jumps()) {
+        if !drives.contains(&drive) {
+            drives.push(drive);
+        }
+    }
+    let sights: Vec<(&Model, Drive)> = pulls.iter().flat_map(|pull| drives.iter().map(move |drive| (pull, *drive))).collect();
+    let seen = rounds::in_parallel(&sights, bench.threads, |(pull, drive)| Pull::new(session, pull, noise, false).at_first_sight(*drive));
+    let best = |of: fn(&(f64, f64)) -> f64| seen.iter().map(of).fold(f64::MIN, f64::max);
+    best(|sight| sight.1) - best(|sight| sight.0) > AT_FIRST_SIGHT
+}
+
+/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by.
+pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool {
+    let leaves = |scatter: f64| verdict::Leaves::beside(session, base, &outcome.model, scatter).stands_out;
+    outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
 }
 
 /// Puts jumps in the place of what was found, or beside what of it pays beside them, where jumps explain the recordings better than

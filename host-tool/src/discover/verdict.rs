@@ -71,9 +71,14 @@ pub struct Leaves {
 impl Leaves {
     /// What `after` leaves of what `before` missed.
     pub fn new(session: &Session, before: &Model, after: &Model) -> Self {
+        Self::beside(session, before, after, 0.0)
+    }
+
+    /// As [`Self::new`], beside a mean square that no model is without.
+    pub fn beside(session: &Session, before: &Model, after: &Model, scatter: f64) -> Self {
         let (before, after) = (before.residuals(session), after.residuals(session));
         let floor = noise::floor(session, &after).powi(2);
-        let Left { stands_out, share } = Left::new(worked(session, &before, false), worked(session, &after, false), floor);
+        let Left { stands_out, share } = Left::new(worked(session, &before, false), worked(session, &after, false) - scatter, floor);
         Self { stands_out, share }
     }
 
