@@ -291,8 +291,12 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     best(|sight| sight.1) - best(|sight| sight.0) > AT_FIRST_SIGHT
 }
 
-/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by.
+/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. A valve that needs
+/// something smooth beside it does not count: its simulation, which a search for two effects may find yet, may need nothing.
 pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool {
+    if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
+        return false;
+    }
     let leaves = |scatter: f64| verdict::Leaves::beside(session, base, &outcome.model, scatter).stands_out;
     outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
 }

@@ -241,7 +241,7 @@ fn add(
             let distance = range_mm * log_uniform(generator, 0.6, 4.0);
             values.push(("missing_gain", missing));
             values.push(("distance_mm", distance));
-            chain.behind.push(Box::new(Rubber { missing, distance, bonds: 1.0, last: 0.0, recording: 0 }));
+            chain.behind.push(Box::new(Rubber { missing, distance, bonds: 1.0, last: 0.0 }));
         }
         "stick-slip" => {
             sensor = true;

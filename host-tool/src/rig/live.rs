@@ -181,7 +181,6 @@ impl AllEffects {
                 distance: about(strength::SOFTENING_MM),
                 bonds: 1.0,
                 last: 0.0,
-                recording: session,
             }),
             Box::new(LuGreTip {
                 static_mm: stiction_mm,

@@ -280,6 +280,8 @@ fn record(
         }
         let _ = step(chain, step_of_rest as f64 * STEP_S - 10.0, 0.0);
     }
+    // What the line let go on the way to rest was no stroke after the pause.
+    chain.behind.iter_mut().for_each(|stage| stage.pause());
     let mut previous = (0.0, 0.0);
     let mut index = 0_usize;
     let mut next_s = 0.0;

@@ -23,6 +23,8 @@ pub struct Moment {
 pub trait Stage {
     /// Output for `input` one integration step later.
     fn step(&mut self, input: f64, moment: &Moment) -> f64;
+    /// What a pause does to it, once everything has come to rest.
+    fn pause(&mut self) {}
 }
 
 /// A tube that carries pressure waves: everything arrives later.
@@ -209,19 +211,16 @@ pub struct Rubber {
     pub bonds: f64,
     /// Last input.
     pub last: f64,
-    /// Recording of the last step.
-    pub recording: usize,
 }
 
 impl Stage for Rubber {
-    fn step(&mut self, input: f64, moment: &Moment) -> f64 {
-        if moment.recording != self.recording {
-            self.recording = moment.recording;
-            self.bonds = 1.0;
-        }
+    fn step(&mut self, input: f64, _: &Moment) -> f64 {
         self.bonds -= self.bonds * (input - self.last).abs() / self.distance;
         self.last = input;
         input * (1.0 - self.missing * self.bonds)
+    }
+    fn pause(&mut self) {
+        self.bonds = 1.0;
     }
 }
 
