@@ -68,6 +68,7 @@ impl<'a> Pull<'a> {
     /// A seat does not feel what the model's sensor adds, unless `feels`.
     pub fn new(session: &'a Session, model: &Model, noise: f64, feels: bool) -> Self {
         let (mut sum, mut count) = (0.0, 1.0);
+        let follows_s = super::effects::seated::follows_s(model);
         let mut tips = Vec::new();
         model.walk(
             session,
@@ -78,7 +79,7 @@ impl<'a> Pull<'a> {
                     sum += (run.output[sample] - values[sample]).powi(2);
                     count += 1.0;
                 }
-                tips.push(Tip::new(run, columns, &values, feels));
+                tips.push(Tip::new(run, columns, &values, feels, follows_s));
             },
         );
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
@@ -269,10 +270,11 @@ impl<'a> Pull<'a> {
     }
 }
 
-/// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds; a valve has its own.
+/// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds; through a valve that is open the pressure
+/// follows within some hundredths of a second.
 pub fn lags(drive: Drive) -> &'static [f64] {
     match drive {
         Drive::Pull => &[0.0, 0.004, 0.008],
-        Drive::Command => &[0.0],
+        Drive::Command => &[0.0, 0.01, 0.02, 0.03],
     }
 }

@@ -93,28 +93,33 @@ const VALVE: &str = "valve-dead-band";
 /// Smooth explanations that jumps are tried on.
 const MOST_EXPLANATIONS: usize = 13;
 
-/// What moves follows with a lag of one pole.
-const LAG: &dyn Form = effects::pneumatic_lag::FORMS[0];
+/// What moves follows with a lag of one pole: the form that leads the operators by it.
+fn lag_of(drive: Drive) -> &'static dyn Form {
+    match drive {
+        Drive::Pull => effects::pneumatic_lag::FORMS[0],
+        Drive::Command => effects::seated::NEVER_SHUT,
+    }
+}
 
 /// The model behind a lag of what moves; a form of jumps has that lag of its own.
-fn with_lag(model: &Model, lag_s: f64) -> Model {
-    if lag_s > 0.0 { model.with(LAG, vec![lag_s]) } else { model.clone() }
+fn with_lag(model: &Model, drive: Drive, lag_s: f64) -> Model {
+    if lag_s > 0.0 { model.with(lag_of(drive), vec![lag_s]) } else { model.clone() }
 }
 
 /// The model with the weights that it has behind this lag, and the mean square of the fitted samples.
-fn fitted_behind(session: &Session, model: &Model, lag_s: f64) -> (Model, f64) {
-    let mut lagging = with_lag(model, lag_s);
+fn fitted_behind(session: &Session, model: &Model, drive: Drive, lag_s: f64) -> (Model, f64) {
+    let mut lagging = with_lag(model, drive, lag_s);
     let (fit, _) = lagging.fit(session, Scope::Both);
     if lag_s > 0.0 {
-        lagging.slots.remove(model.slots.partition_point(|slot| slot.form.place() <= LAG.place()));
+        lagging.slots.remove(model.slots.partition_point(|slot| slot.form.place() <= lag_of(drive).place()));
     }
     (lagging, fit)
 }
 
-/// The lag of what moves, by the mean, whatever its seats, and the model behind it.
-fn lagged(session: &Session, model: &Model, drive: Drive) -> (Model, f64) {
-    let of = |&lag_s: &f64| (fitted_behind(session, model, lag_s), lag_s);
-    let best = lags(drive).iter().map(of).min_by(|x, y| x.0.1.total_cmp(&y.0.1));
+/// The lag of what moves, of these, by the mean, whatever its seats, and the model behind it.
+fn lagged(session: &Session, model: &Model, drive: Drive, lags: &[f64]) -> (Model, f64) {
+    let of = |&lag_s: &f64| (fitted_behind(session, model, drive, lag_s), lag_s);
+    let best = lags.iter().map(of).min_by(|x, y| x.0.1.total_cmp(&y.0.1));
     best.map_or_else(|| (model.clone(), 0.0), |((model, _), lag_s)| (model, lag_s))
 }
 
@@ -131,9 +136,9 @@ fn jumps(
     let feels = form.feels_sensor();
     // Whether a seat feels the sensor makes a difference where the sensor moves within the time that a seat holds.
     let differs = |model: &Model| !feels || model.names().any(|name| name == PERIODIC);
-    let on = |model: &Model, lag_s: f64| Pull::new(session, &with_lag(model, lag_s), noise, feels);
+    let on = |model: &Model, lag_s: f64| Pull::new(session, &with_lag(model, drive, lag_s), noise, feels);
     let of = |index: usize| {
-        let (model, lag_s) = lagged(session, &explanations[index], drive);
+        let (model, lag_s) = lagged(session, &explanations[index], drive, lags(drive));
         on(&model, lag_s).law(drive, lag_s, if drive == Drive::Command { likely } else { &[] })
     };
     let wanted: Vec<usize> = (0..explanations.len()).filter(|&index| differs(&explanations[index])).collect();
@@ -145,7 +150,9 @@ fn jumps(
     let lag_s = laws[0].lag_s;
     let mut begun: Vec<(f64, usize, JumpLaw, Model)> = Vec::new();
     for &index in &wanted {
-        let model = if lag_s > 0.0 { fitted_behind(session, &explanations[index], lag_s).0 } else { explanations[index].clone() };
+        // A pull that lags already needs no more of it.
+        let wanted = if drive == Drive::Command && lag_s > 0.0 { vec![0.0, lag_s] } else { vec![lag_s] };
+        let (model, lag_s) = lagged(session, &explanations[index], drive, &wanted);
         let pull = on(&model, lag_s);
         let laws: Vec<JumpLaw> = pull.with_own_wander(&laws).into_iter().map(|law| JumpLaw { lag_s, ..law }).collect();
         if let Some((evidence, law)) = pull.best(laws, true) {
@@ -156,10 +163,10 @@ fn jumps(
     let mut judged = Vec::new();
     for (place, (_, pull, mut law, mut model)) in begun.into_iter().enumerate() {
         if place < LEADERS || pull == first {
-            law = on(&model, lag_s).tuned(law, &[0.15, 0.05]);
+            law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05]);
             (model, law) = refitted(session, form, noise, model, law, REFITS, &[0.1]);
         }
-        judged.push(Judged { evidence: on(&model, lag_s).jumping(&law), form, law, pull, model });
+        judged.push(Judged { evidence: on(&model, law.lag_s).jumping(&law), form, law, pull, model });
     }
     judged
 }
@@ -175,8 +182,8 @@ fn refitted(
     times: usize,
     steps: &[f64],
 ) -> (Model, JumpLaw) {
-    let lag_s = law.lag_s;
-    let on = |model: &Model| Pull::new(session, &with_lag(model, lag_s), noise, form.feels_sensor());
+    let (drive, lag_s) = (law.drive, law.lag_s);
+    let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor());
     let mut value = on(&model).fitting(&law);
     for _ in 0..times {
         let mut with = model.with(form, law.as_parameters(noise));
@@ -365,7 +372,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         return outcome;
     }
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, LAST_REFITS, &LAST_STEPS);
-    let polished = Pull::new(session, &with_lag(&model, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
+    let polished = Pull::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
     let polished = Judged { evidence: polished, form: one.form, law, pull: one.pull, model };
     let one = if polished.evidence.mean() > one.evidence.mean() { &polished } else { one };
     let first_select = base.clone().fit(session, Scope::Both).1;
@@ -398,7 +405,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         outcome.second = Some(with_jumps(other).0);
     }
     outcome.found.jump_scatter =
-        Some(Pull::new(session, &with_lag(&one.model, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
+        Some(Pull::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
     // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.

@@ -15,6 +15,7 @@
 
 use super::catalogue::{Columns, Parameter, Quantity};
 use super::session::Run;
+use super::effects::lag;
 use super::{tip_jumps, valve_jumps};
 
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
@@ -53,48 +54,49 @@ pub struct JumpLaw {
     pub scatter: f64,
     /// Standard deviation of the pull's wander, in spans of the output.
     pub wander: f64,
-    /// Time constant with which it follows while it moves, s; the pull has it already.
+    /// Time constant with which a tip follows while it moves, and the pressure of a valve that is never shut, s; the pull has it already.
     pub lag_s: f64,
 }
 
-/// Number of parameters of a form whose seat is seen in the output.
-pub const PARAMETERS: usize = 7;
+const fn linear(name: &'static str, quantity: Quantity, high: f64) -> Parameter {
+    Parameter { name, quantity, low: 0.0, high, logarithmic: false }
+}
+
+const fn distance(quantity: Quantity) -> Parameter {
+    Parameter { name: "break_away", quantity, low: 1e-3, high: 0.5, logarithmic: true }
+}
+
+const LANDING: Parameter = linear("landing", Quantity::Ratio, 1.0);
+const SCATTER: Parameter = linear("scatter", Quantity::Ratio, 1.0);
+const WANDER: Parameter = linear("pull_wander", Quantity::Output, 0.5);
+const FOLLOWING: Parameter = linear("lag", Quantity::Time, 0.3);
+const NOISY: Parameter = linear("noise", Quantity::Output, 0.5);
+
+/// Parameters of a form whose seat is that of a tip.
+pub const OF_A_TIP: &[Parameter] = &[
+    distance(Quantity::Output),
+    LANDING,
+    Parameter { name: "sliding_speed", quantity: Quantity::OutputRate, low: 1e-2, high: NEVER, logarithmic: true },
+    SCATTER,
+    WANDER,
+    FOLLOWING,
+    NOISY,
+];
+
+/// Parameters of a form whose seat is a valve's pressure.
+pub const OF_A_VALVE: &[Parameter] = &[
+    distance(Quantity::Input),
+    LANDING,
+    linear("closing", Quantity::Ratio, 1.0),
+    SCATTER,
+    WANDER,
+    FOLLOWING,
+    NOISY,
+    linear("flow_time_constant", Quantity::Time, 0.3),
+];
 
 /// Which of them is the lag.
 pub const LAG: usize = 5;
-
-/// Parameters of such a form, its break-away distance first.
-#[must_use]
-pub const fn parameters(drive: Drive) -> [Parameter; PARAMETERS] {
-    const fn linear(name: &'static str, quantity: Quantity, high: f64) -> Parameter {
-        Parameter { name, quantity, low: 0.0, high, logarithmic: false }
-    }
-    const fn distance(quantity: Quantity) -> Parameter {
-        Parameter { name: "break_away", quantity, low: 1e-3, high: 0.5, logarithmic: true }
-    }
-    let (scatter, wander) = (linear("scatter", Quantity::Ratio, 1.0), linear("pull_wander", Quantity::Output, 0.5));
-    let (landing, noise) = (linear("landing", Quantity::Ratio, 1.0), linear("noise", Quantity::Output, 0.5));
-    match drive {
-        Drive::Pull => [
-            distance(Quantity::Output),
-            landing,
-            Parameter { name: "sliding_speed", quantity: Quantity::OutputRate, low: 1e-2, high: NEVER, logarithmic: true },
-            scatter,
-            wander,
-            linear("lag", Quantity::Time, 0.3),
-            noise,
-        ],
-        Drive::Command => [
-            distance(Quantity::Input),
-            landing,
-            linear("closing", Quantity::Ratio, 1.0),
-            scatter,
-            wander,
-            linear("flow_time_constant", Quantity::Time, 0.3),
-            noise,
-        ],
-    }
-}
 
 /// A sliding speed, per s, that nothing reaches.
 pub const NEVER: f64 = 1e3;
@@ -123,13 +125,13 @@ impl JumpLaw {
     /// The law with these parameters of a form, and the noise behind it.
     #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
-        let &[break_away, landing, of_kind, scatter, wander, time_s, noise] = parameters else {
-            unreachable!("forms whose seat is seen have {PARAMETERS} parameters");
+        let &[break_away, landing, of_kind, scatter, wander, lag_s, noise, ref flow_s @ ..] = parameters else {
+            unreachable!("forms whose seat is seen have {} parameters or more", OF_A_TIP.len());
         };
-        let still = Self { drive, break_away, landing, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s: 0.0, flow_s: 0.0 };
+        let still = Self { drive, break_away, landing, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 };
         let law = match drive {
-            Drive::Pull => Self { sliding_speed: of_kind, lag_s: time_s, ..still },
-            Drive::Command => Self { closing: of_kind, flow_s: time_s, ..still },
+            Drive::Pull => Self { sliding_speed: of_kind, ..still },
+            Drive::Command => Self { closing: of_kind, flow_s: flow_s.first().copied().unwrap_or(0.0), ..still },
         };
         (law, noise)
     }
@@ -137,11 +139,11 @@ impl JumpLaw {
     /// The parameters of a form with this law.
     #[must_use]
     pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
-        let (of_kind, time_s) = match self.drive {
-            Drive::Pull => (self.sliding_speed, self.lag_s),
-            Drive::Command => (self.closing, self.flow_s),
-        };
-        vec![self.break_away, self.landing, of_kind, self.scatter, self.wander, time_s, noise]
+        let of = |of_kind: f64| vec![self.break_away, self.landing, of_kind, self.scatter, self.wander, self.lag_s, noise];
+        match self.drive {
+            Drive::Pull => of(self.sliding_speed),
+            Drive::Command => [of(self.closing), vec![self.flow_s]].concat(),
+        }
     }
 }
 
@@ -153,7 +155,8 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
         return;
     }
     let (law, noise) = JumpLaw::of_parameters(drive, parameters);
-    let tip = Tip::new(run, columns, sum, feels);
+    let follows_s = if drive == Drive::Command { law.lag_s } else { 0.0 };
+    let tip = Tip::new(run, columns, sum, feels, follows_s);
     let expected = observe(&tip.seen(run, noise), &law);
     columns.push(false, |sample| expected.mean[sample] - tip.pull[sample]);
 }
@@ -162,24 +165,38 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
 #[derive(Clone, Debug)]
 pub struct Tip {
     command: Vec<f64>,
+    /// The pressure that the pull is made by: the command behind a valve that is never shut.
+    followed: Vec<f64>,
     /// The pull, normalised.
     pub pull: Vec<f64>,
     measured: Vec<f64>,
 }
 
 impl Tip {
-    /// The tip by a model's `columns` and its `output`, constant included.
+    /// The tip by a model's `columns` and its `output`, constant included, whose operators follow the command by `follows_s`.
     #[must_use]
-    pub fn new(run: &Run, columns: &Columns, output: &[f64], feels: bool) -> Self {
+    pub fn new(run: &Run, columns: &Columns, output: &[f64], feels: bool, follows_s: f64) -> Self {
         let share = if feels { 0.0 } else { 1.0 };
         let without = |values: &[f64]| values.iter().zip(&columns.at_sensor).map(|(value, added)| value - share * added).collect();
-        Self { command: columns.command.clone(), pull: without(output), measured: without(&run.output) }
+        let mut followed = columns.command.clone();
+        if follows_s > 0.0 {
+            lag(&mut followed, follows_s, run.period_s);
+        }
+        Self { command: columns.command.clone(), followed, pull: without(output), measured: without(&run.output) }
     }
 
     /// What the observers see of it.
     #[must_use]
     pub fn seen<'a>(&'a self, run: &'a Run, noise: f64) -> Seen<'a> {
-        Seen { command: &self.command, pull: &self.pull, measured: &self.measured, keep: &run.keep, period_s: run.period_s, noise }
+        Seen {
+            command: &self.command,
+            followed: &self.followed,
+            pull: &self.pull,
+            measured: &self.measured,
+            keep: &run.keep,
+            period_s: run.period_s,
+            noise,
+        }
     }
 }
 
@@ -188,6 +205,8 @@ impl Tip {
 pub struct Seen<'a> {
     /// Input, normalised.
     pub command: &'a [f64],
+    /// The pressure that the pull is made by, normalised.
+    pub followed: &'a [f64],
     /// Pull, normalised.
     pub pull: &'a [f64],
     /// Measured output, normalised.
@@ -288,7 +307,7 @@ mod tests {
 
     fn evidence(measured: &[f64], pull: &[f64]) -> (f64, f64) {
         let keep = vec![true; pull.len()];
-        let seen = Seen { command: pull, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen = Seen { command: pull, followed: pull, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE };
         let smooth_sum = [0.002, 0.02, 0.04].map(|wander| smooth(&seen, wander, 0.1).iter().sum::<f64>());
         (observe(&seen, &LAW).evidence.iter().sum(), smooth_sum.into_iter().fold(f64::MIN, f64::max))
     }
@@ -307,7 +326,7 @@ mod tests {
         let (pull, mut tip, _) = slow_triangle();
         let keep = vec![true; pull.len()];
         let of = |tip: &[f64]| {
-            let seen = Seen { command: &pull, pull: &pull, measured: tip, keep: &keep, period_s: 0.02, noise: NOISE };
+            let seen = Seen { command: &pull, followed: &pull, pull: &pull, measured: tip, keep: &keep, period_s: 0.02, noise: NOISE };
             observe(&seen, &LAW).mean
         };
         let before = of(&tip);

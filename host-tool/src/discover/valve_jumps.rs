@@ -56,9 +56,10 @@ impl History {
         }
     }
 
-    /// The level that a pressure which has just moved makes: beside the pull, by how far its error is from the middle of the band.
-    fn land(&mut self, law: &JumpLaw, pull: f64, command: f64, gain: f64, direction: f64, moved: f64) {
-        let error = command - self.seat;
+    /// The level that a pressure which has just moved makes: beside the pull, by how far its error from the pressure that the pull is made by is
+    /// from the middle of the band.
+    fn land(&mut self, law: &JumpLaw, pull: f64, followed: f64, gain: f64, direction: f64, moved: f64) {
+        let error = followed - self.seat;
         self.level = pull + self.wander + gain * (direction * law.landing * law.break_away - error);
         let scatter = self.seat_variance + (MOMENT * moved).powi(2);
         self.seat_variance = scatter;
@@ -117,7 +118,7 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     let mut expected = Expected::default();
     let mut before = seen.command[0];
     for (sample, &gain) in gains.iter().enumerate() {
-        let (pull, command) = (seen.pull[sample], seen.command[sample]);
+        let (pull, command, followed) = (seen.pull[sample], seen.command[sample], seen.followed[sample]);
         let mut leaves = [0.0; HISTORIES];
         for (at, history) in histories.iter_mut().enumerate().filter(|(_, history)| history.weight >= LOST) {
             history.wander *= stay;
@@ -127,7 +128,7 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
                 let was = history.seat;
                 let direction = (before - was).signum();
                 history.follow(law, before, command, seen.period_s);
-                history.land(law, pull, command, gain, direction, 0.5 * (history.seat - was).abs());
+                history.land(law, pull, followed, gain, direction, 0.5 * (history.seat - was).abs());
             } else {
                 let spread = (scatter * scatter + history.seat_variance.max(0.0)).sqrt().max(1e-9);
                 let beyond = |command: f64| ((command - history.seat).abs() - law.break_away) / spread;
@@ -147,7 +148,7 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
             let share = if rise > 1e-9 { ((law.break_away - error_before * direction) / rise).clamp(0.0, 1.0) } else { 0.0 };
             landed.seat_variance = landed.seat_variance.max(0.0).min(scatter * scatter);
             landed.follow(law, before + (command - before) * share, command, (1.0 - share) * seen.period_s);
-            landed.land(law, pull, command, gain, direction, landed.seat - was);
+            landed.land(law, pull, followed, gain, direction, landed.seat - was);
         }
         for (history, left) in histories.iter_mut().zip(leaves) {
             history.weight -= left;
@@ -181,16 +182,16 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     expected
 }
 
-/// How much the pull moves with the command, sample by sample; while the command rests, as before.
+/// How much the pull moves with the pressure that it is made by, sample by sample; while that rests, as before.
 fn slopes(seen: &Seen<'_>) -> Vec<f64> {
     const SIDE: usize = 2;
     const LEAST_STEP: f64 = 4e-3;
-    let last = seen.command.len() - 1;
+    let last = seen.followed.len() - 1;
     let mut slope = 1.0;
     (0..=last)
         .map(|sample| {
             let (from, to) = (sample.saturating_sub(SIDE), (sample + SIDE).min(last));
-            let step = seen.command[to] - seen.command[from];
+            let step = seen.followed[to] - seen.followed[from];
             if step.abs() > LEAST_STEP {
                 slope = ((seen.pull[to] - seen.pull[from]) / step).abs().clamp(0.02, 5.0);
             }
@@ -241,7 +242,7 @@ mod tests {
     fn observed(law: &JumpLaw) -> (f64, f64) {
         let (command, measured) = strokes();
         let keep = vec![true; command.len()];
-        let seen = Seen { command: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen = Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
         let expected = observe(&seen, law);
         let square = expected.mean.iter().zip(&measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
         ((square / measured.len() as f64).sqrt(), expected.evidence.iter().sum())

@@ -16,7 +16,7 @@ pub mod periodic_disturbance;
 pub mod pneumatic_lag;
 pub mod rate_dependent_hysteresis;
 pub mod resonance;
-mod seated;
+pub(super) mod seated;
 mod session_curve;
 pub mod setup_change;
 mod side_by_side;
@@ -65,7 +65,7 @@ impl Filter<2> for Lag {
 }
 
 /// Sends `signal` through a first-order lag that starts settled.
-fn lag(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
+pub(super) fn lag(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
     Lag::new(time_constant_s, period_s).run(signal);
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place};
 use crate::discover::jumps::{self, Drive};
+use crate::discover::model::Model;
 use crate::discover::session::{Run, Session};
 
 /// Where it sits hangs on when it last broke away, which no simulation meets; it is read from the output seen so far.
@@ -18,9 +19,6 @@ pub struct Seated {
     pub feels: bool,
 }
 
-const OF_THE_PULL: [Parameter; jumps::PARAMETERS] = jumps::parameters(Drive::Pull);
-const OF_THE_COMMAND: [Parameter; jumps::PARAMETERS] = jumps::parameters(Drive::Command);
-
 impl Form for Seated {
     fn name(&self) -> &'static str {
         self.name
@@ -34,8 +32,8 @@ impl Form for Seated {
     }
     fn parameters(&self) -> &'static [Parameter] {
         match self.drive {
-            Drive::Pull => &OF_THE_PULL,
-            Drive::Command => &OF_THE_COMMAND,
+            Drive::Pull => jumps::OF_A_TIP,
+            Drive::Command => jumps::OF_A_VALVE,
         }
     }
     fn weights(&self) -> usize {
@@ -51,7 +49,7 @@ impl Form for Seated {
         true
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if self.drive == Drive::Pull && parameters[jumps::LAG] > 0.0 {
+        if parameters[jumps::LAG] > 0.0 {
             super::lag(path, parameters[jumps::LAG], run.period_s);
         }
     }
@@ -71,4 +69,36 @@ impl Form for Seated {
         };
         BTreeMap::from([(format!("travel_{unit}"), parameters[0] * share * scale)])
     }
+}
+
+/// The pressure behind a valve that is never shut: no effect of its own, but what the errors of one that shuts are counted from. The drive of its
+/// seat is the command before.
+struct NeverShut;
+
+/// See [`NeverShut`].
+pub static NEVER_SHUT: &dyn Form = &NeverShut;
+
+const FOLLOWING: &str = "behind a valve that is never shut";
+
+impl Form for NeverShut {
+    fn name(&self) -> &'static str {
+        "valve-dead-band"
+    }
+    fn form(&self) -> &'static str {
+        FOLLOWING
+    }
+    fn place(&self) -> Place {
+        Place::Muscle
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &jumps::OF_A_VALVE[jumps::LAG..=jumps::LAG]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        super::lag(path, parameters[0], run.period_s);
+    }
+}
+
+/// By which lag a model's operators follow a valve's command, s.
+pub fn follows_s(model: &Model) -> f64 {
+    model.slots.iter().find(|slot| slot.form.form() == FOLLOWING).map_or(0.0, |slot| slot.parameters[0])
 }
