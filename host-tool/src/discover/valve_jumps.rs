@@ -32,6 +32,9 @@ struct History {
 /// Share of the way within a sample by which the moment of an opening is uncertain.
 const MOMENT: f64 = 0.2;
 
+/// Share of the error of a sample which is not believed that the pull may be off by.
+const DOUBT: f64 = 0.2;
+
 impl History {
     /// Lets the pressure follow a command that goes from `from` to `to` within `left_s`, until it closes.
     fn follow(&mut self, law: &JumpLaw, from: f64, to: f64, left_s: f64) {
@@ -83,6 +86,11 @@ impl History {
         self.with_wander *= 1.0 - of_level;
         self.with_seat *= 1.0 - of_level;
         self.level_variance *= 1.0 - of_level;
+        // One sample that no history explains is a bad reading; several in a row are a pull that is off, and must be found again.
+        let unsure = (1.0 - trust) * (DOUBT * error).powi(2);
+        self.level_variance += unsure;
+        self.wander_variance += unsure;
+        self.with_wander += unsure;
         ours + WILD
     }
 }
