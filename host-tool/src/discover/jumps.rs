@@ -240,6 +240,15 @@ pub(super) fn density(error: f64, variance: f64) -> f64 {
     (1.0 - WILD) * (-0.5 * error * error / variance).exp() / (2.0 * std::f64::consts::PI * variance).sqrt()
 }
 
+/// Variance by which the pull may be off where a sample with this error was trusted so far: one that no history explains is a bad reading,
+/// several in a row are a pull that must be found again.
+pub(super) fn doubt(trust: f64, error: f64) -> f64 {
+    (1.0 - trust) * (DOUBT * error).powi(2)
+}
+
+/// Share of the error of a sample which is not believed that the pull may be off by.
+const DOUBT: f64 = 0.2;
+
 /// Logarithms of the likelihoods of a smooth output: pull, wander and noise.
 #[must_use]
 pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {

@@ -6,7 +6,7 @@
 //! sat and what the pull is wrong by. The faster it is pulled the more leaps a sample holds, until it slides; it goes on sliding at speeds at
 //! which it would not begin to.
 
-use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density, doubt};
 
 /// Histories of seats that are followed side by side.
 const HISTORIES: usize = 4;
@@ -155,6 +155,10 @@ impl History {
         self.wander_variance -= of_wander * self.covariance;
         self.covariance *= 1.0 - of_level;
         self.level_variance *= 1.0 - of_level;
+        let unsure = doubt(trust, error);
+        self.level_variance += unsure;
+        self.wander_variance += unsure;
+        self.covariance += unsure;
         self.weight
     }
 }

@@ -6,7 +6,7 @@
 //! earlier or later than foretold makes a history of its own, so an error of the law does not add up from one jump to the next.
 //! The terms are those of [`super::jumps`]; the *seat* is the pressure.
 
-use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density};
+use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density, doubt};
 
 /// Histories of the valve that are followed side by side.
 const HISTORIES: usize = 6;
@@ -31,9 +31,6 @@ struct History {
 
 /// Share of the way within a sample by which the moment of an opening is uncertain.
 const MOMENT: f64 = 0.2;
-
-/// Share of the error of a sample which is not believed that the pull may be off by.
-const DOUBT: f64 = 0.2;
 
 impl History {
     /// Lets the pressure follow a command that goes from `from` to `to` within `left_s`, until it closes.
@@ -86,8 +83,7 @@ impl History {
         self.with_wander *= 1.0 - of_level;
         self.with_seat *= 1.0 - of_level;
         self.level_variance *= 1.0 - of_level;
-        // One sample that no history explains is a bad reading; several in a row are a pull that is off, and must be found again.
-        let unsure = (1.0 - trust) * (DOUBT * error).powi(2);
+        let unsure = doubt(trust, error);
         self.level_variance += unsure;
         self.wander_variance += unsure;
         self.with_wander += unsure;
