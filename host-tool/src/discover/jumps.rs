@@ -264,9 +264,10 @@ pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
         let whole = variance + seen.noise * seen.noise;
         let error = measured - pull - mean;
         let ours = density(error, whole);
-        let gain = variance / whole * ours / (ours + WILD);
+        let trust = ours / (ours + WILD);
+        let gain = variance / whole * trust;
         mean += gain * error;
-        variance *= 1.0 - gain;
+        variance = variance * (1.0 - gain) + doubt(trust, error);
         (ours + WILD).ln()
     };
     seen.measured.iter().zip(seen.pull).zip(seen.keep).map(step).collect()
