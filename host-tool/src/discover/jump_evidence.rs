@@ -278,3 +278,24 @@ pub fn lags(drive: Drive) -> &'static [f64] {
         Drive::Command => &[0.0, 0.01, 0.02, 0.03],
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Evidence, LEVELS};
+
+    #[test]
+    fn one_level_may_say_little_against_jumps_and_no_more_than_one() {
+        let of = |mean: f64, levels: [f64; LEVELS]| Evidence { blocks: vec![mean; 100], levels };
+        let smooth = of(3.0, [3.0; LEVELS]);
+        let is_above = |levels| of(3.2, levels).is_above_everywhere(&smooth);
+        assert!(is_above([3.2, 3.3, 3.1, 3.2]));
+        // A little against the gain of 0.2 at one level; at two; and much at one: a wall.
+        assert!(is_above([3.2, 3.3, 2.96, 3.2]));
+        assert!(!is_above([3.2, 3.3, 2.96, 2.99]));
+        assert!(!is_above([4.0, 2.9, 3.0, 3.0]));
+        assert!(!is_above([3.2, 3.3, 2.9, 3.2]));
+        // Where the output never moves nothing speaks against them.
+        let resting = of(3.0, [0.0, 3.0, 3.0, 3.0]);
+        assert!(of(3.2, [0.0, 3.3, 3.1, 3.2]).is_above_everywhere(&resting));
+    }
+}

@@ -14,8 +14,8 @@
 //! likeliest histories are kept).
 
 use super::catalogue::{Columns, Parameter, Quantity};
-use super::session::Run;
 use super::effects::lag;
+use super::session::Run;
 use super::{tip_jumps, valve_jumps};
 
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.

@@ -246,7 +246,8 @@ mod tests {
     fn observed(law: &JumpLaw) -> (f64, f64) {
         let (command, measured) = strokes();
         let keep = vec![true; command.len()];
-        let seen = Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen =
+            Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
         let expected = observe(&seen, law);
         let square = expected.mean.iter().zip(&measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
         ((square / measured.len() as f64).sqrt(), expected.evidence.iter().sum())
@@ -267,6 +268,25 @@ mod tests {
             let (_, of_other) = observed(&other);
             assert!(evidence > of_other + 30.0, "{evidence} and {of_other} by {other:?}");
         }
+    }
+
+    #[test]
+    fn a_pull_that_comes_off_by_more_than_it_ever_wanders_is_found_again() {
+        let (command, mut measured) = strokes();
+        // A zero that moves by twenty deviations of the noise, and six samples that are none.
+        measured[400..].iter_mut().for_each(|value| *value += 20.0 * NOISE);
+        measured[200..206].iter_mut().for_each(|value| *value = 3.0);
+        let keep = vec![true; command.len()];
+        let seen =
+            Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let expected = observe(&seen, &LAW);
+        let miss = |from: usize, to: usize| {
+            let square = (from..to).map(|at| (expected.mean[at] - measured[at]).powi(2)).sum::<f64>();
+            (square / (to - from) as f64).sqrt()
+        };
+        assert!(miss(0, 200) < 0.02, "{}", miss(0, 200));
+        assert!(miss(430, 600) < 0.03, "{}", miss(430, 600));
+        assert!(miss(260, 400) < 0.03, "{}", miss(260, 400));
     }
 
     #[test]

@@ -176,12 +176,7 @@ impl AllEffects {
         let tip: Vec<Box<dyn Stage>> = vec![
             Box::new(Geometry { reach: STROKE_MM / about(strength::ANGLE_RAD), bend: 1.0 }),
             Box::new(KelvinVoigt { compliance: strength::CREEP.map(&mut about), time_s: strength::CREEP_S, strain: [0.0; 3] }),
-            Box::new(Rubber {
-                missing: about(strength::SOFTENING),
-                distance: about(strength::SOFTENING_MM),
-                bonds: 1.0,
-                last: 0.0,
-            }),
+            Box::new(Rubber { missing: about(strength::SOFTENING), distance: about(strength::SOFTENING_MM), bonds: 1.0, last: 0.0 }),
             Box::new(LuGreTip {
                 static_mm: stiction_mm,
                 sliding_mm: 0.6 * stiction_mm,

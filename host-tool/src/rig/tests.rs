@@ -93,6 +93,25 @@ fn a_tip_that_slips_fast_over_little_friction_stays_on_its_band() {
 }
 
 #[test]
+fn rubber_heals_in_the_pause_whatever_the_line_held_before() {
+    let hidden = |effects: &[&str], seed| {
+        let effects = effects.iter().map(|&name| name.to_owned()).collect();
+        hide(&CaseConfig { effects, seed, noise: 0.0, excitation: Excitation::Rich, ..CaseConfig::default() }).expect("a case")
+    };
+    let soft = |seed| hidden(&["first-cycle-softening"], seed);
+    let case = (520..540).map(soft).find(|case| !case.truth.continuous).expect("a muscle that forgets");
+    let fresh = hidden(&[], case.truth.seed);
+    let of = |name: &str| case.truth.parameters[&format!("first-cycle-softening.{name}")];
+    for (soft, plain) in case.recordings.iter().zip(&fresh.recordings) {
+        let top = plain.output.iter().copied().fold(0.0, f64::max);
+        let first = plain.output.iter().position(|value| *value > 0.1 * top).expect("a stroke");
+        let expected = 1.0 - of("missing_gain") * (-plain.output[first] / of("distance_mm")).exp();
+        let ratio = soft.output[first] / plain.output[first];
+        assert!((ratio - expected).abs() < 0.01, "{}: {ratio} instead of {expected}", soft.path.display());
+    }
+}
+
+#[test]
 fn a_muscle_that_forgets_begins_every_recording_at_rest_whatever_the_line_held_before() {
     let effects = vec!["pneumatic-lag".to_owned()];
     let hidden = |seed| hide(&CaseConfig { effects: effects.clone(), seed, noise: 0.0, ..CaseConfig::default() }).expect("a case");

@@ -257,4 +257,15 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn like_time_constants_come_near_a_lag_and_unlike_ones_do_not() {
+        for form in [&TWO_LAGS, &TWO_LAGS_HELD, &ORIFICE] {
+            let near = form.nearly(&[0.05, 0.06, 1.0]);
+            let [(lag, parameters)] = &near[..] else { panic!("{}", form.form) };
+            assert_eq!(lag.name(), "pneumatic-lag");
+            assert!((parameters[0] - 0.003_f64.sqrt()).abs() < 1e-12, "{parameters:?}");
+            assert!(form.nearly(&[0.05, 0.1, 1.0]).is_empty(), "{}", form.form);
+        }
+    }
 }
