@@ -1,4 +1,4 @@
-//! The search: a first effect, two together where the first leaves something, a third; and what leaves again.
+//! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something, a third; and what leaves again.
 
 use super::alike;
 use super::catalogue::{self, Form};

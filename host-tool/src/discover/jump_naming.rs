@@ -65,7 +65,6 @@ const PRICE: f64 = 0.001;
 
 /// Every smooth explanation that the search has met, its weights fitted on the fine grid, the first without any effect of the search.
 fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model> {
-    let forms = |model: &Model| model.slots.iter().map(|slot| (slot.form.name(), slot.form.form())).collect::<Vec<_>>();
     let simulated = |model: &Model| model.names().any(|name| name == VALVE);
     let found = &outcome.model;
     let parts = (0..found.slots.len()).map(|slot| found.without(slot));
@@ -76,7 +75,7 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
     let singles = std::iter::once(found.clone()).chain(parts).chain(met(true)).map(|model| (true, model));
     let tried = outcome.tried.iter().map(|model| (false, model.clone()));
     for (is_fine, model) in singles.chain(tried).chain(met(false).map(|model| (true, model))) {
-        let again = wanted.iter().any(|(_, other)| forms(other) == forms(&model));
+        let again = wanted.iter().any(|(_, other)| other.forms() == model.forms());
         if !again && !simulated(&model) && keeps_base(&model) && wanted.len() < MOST_EXPLANATIONS {
             wanted.push((is_fine, model));
         }

@@ -132,6 +132,12 @@ impl Model {
         self.slots.iter().map(|slot| slot.form.name())
     }
 
+    /// Names of the effects and of their forms, in the order of the signal.
+    #[must_use]
+    pub fn forms(&self) -> Vec<(&'static str, &'static str)> {
+        self.slots.iter().map(|slot| (slot.form.name(), slot.form.form())).collect()
+    }
+
     /// Number of parameters that the effects add.
     #[must_use]
     pub fn cost(&self) -> usize {

@@ -73,7 +73,7 @@ pub fn search(
         let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
         // A member that was begun with in another form is begun with in this one as long as something is left.
         let left = leaves_something(best);
-        let again = |one: &Model, other: &Model| one.names().eq(other.names()) && !(left && forms_of(one) != forms_of(other));
+        let again = |one: &Model, other: &Model| one.names().eq(other.names()) && !(left && one.forms() != other.forms());
         let fresh = |model: &Model| !begun.iter().any(|other| again(model, other));
         let held: Vec<Model> = alone.filter(|model| keeps_base(model) && fresh(model)).collect();
         if held.is_empty() {
@@ -145,11 +145,6 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     polished
 }
 
-/// Effects and forms, in the order of the signal.
-fn forms_of(model: &Model) -> Vec<(&'static str, &'static str)> {
-    model.slots.iter().map(|slot| (slot.form.name(), slot.form.form())).collect()
-}
-
 /// The best of the models, of each set of effects the best only, and none that is in `known` in the same forms.
 fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
     fitted.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
@@ -158,7 +153,7 @@ fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
     let mut best: Vec<Model> = Vec::new();
     for one in fitted {
         let same = |other: &Model| other.names().eq(one.model.names());
-        let again = known.iter().any(|judged| forms_of(&judged.model) == forms_of(&one.model));
+        let again = known.iter().any(|judged| judged.model.forms() == one.model.forms());
         if best.len() < PAIRS && !best.iter().any(same) && !again {
             best.push(one.model);
         }
