@@ -72,11 +72,14 @@ pub fn effects(
     }
     let bench = Bench { session, forms, threads: config.threads };
     let first = First::new(&bench, model.clone(), config.most_effects > 0, watch);
-    if first.wants_more(session) && jump_naming::may_jump(&bench, &model, &first.outcome()) {
-        watch("what jumps");
-        let outcome = jump_naming::rename(&bench, &model, first.outcome());
-        if jump_naming::explains_all(session, &model, &outcome) {
-            return outcome;
+    if first.wants_more(session) {
+        let alone = first.outcome();
+        if jump_naming::may_jump(&bench, &model, &alone) {
+            watch("what jumps");
+            let outcome = jump_naming::rename(&bench, &model, alone);
+            if jump_naming::explains_all(session, &model, &outcome) {
+                return outcome;
+            }
         }
     }
     let outcome = first.and_further(&bench, config.most_effects, watch);
@@ -357,4 +360,20 @@ fn second_best(standing: &Judged, rivals: &[Judged], found: &mut Found) -> Optio
     found.twins = second.model.cost() <= standing.model.cost() && second.select < 1.005 * standing.select;
     found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > 2.0 && second.select > 1.01 * standing.select });
     Some(second.fine.pruned())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::discover::{DiscoverConfig, discover};
+    use crate::rig::{self, CaseConfig, Generator};
+
+    #[test]
+    fn a_lag_beside_a_leak_is_a_lag_and_not_two_time_constants_that_are_nearly_one() {
+        let effects = vec!["leakage".to_owned(), "pneumatic-lag".to_owned()];
+        let case = rig::hide(&CaseConfig { effects, seed: 542, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case");
+        let discovery = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding").discovery;
+        let mut names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["leakage", "pneumatic-lag"], "{discovery:?}");
+    }
 }

@@ -245,12 +245,11 @@ fn of_the_session(model: &Model) -> bool {
 /// Whether the effects in the pull of the jumps bring enough beside them, over jumps on a pull with fewer.
 fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
     let gain = more.evidence.mean() - fewer.evidence.mean();
-    let (least, deviations) = if of_the_session {
-        (LEAST_EVIDENCE_BESIDE_OF_SESSION, LEAST_DEVIATIONS_OF_LARGE)
+    if of_the_session {
+        gain > LEAST_EVIDENCE_BESIDE_OF_SESSION && above(&more.evidence, &fewer.evidence) >= LEAST_DEVIATIONS_OF_LARGE
     } else {
-        (LEAST_EVIDENCE_BESIDE, LEAST_DEVIATIONS)
-    };
-    gain > least && (is_no_chance(&more.evidence, &fewer.evidence) || above(&more.evidence, &fewer.evidence) >= deviations)
+        gain > LEAST_EVIDENCE_BESIDE && is_no_chance(&more.evidence, &fewer.evidence)
+    }
 }
 
 /// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.

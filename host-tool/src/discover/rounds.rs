@@ -17,8 +17,8 @@ pub const LEAST_GAIN: f64 = 0.012;
 pub const LEAST_FURTHER_SHARE: f64 = 0.02;
 /// The same beside an effect so large that this would hide anything: a twentieth of its amplitude, to which no form of a rig's law is exact.
 pub const LEAST_BESIDE_LARGE: f64 = 0.003;
-/// The same of an effect that leaves nothing but noise: what only mends another's form leaves more (of the virtual rigs' single effects it takes
-/// away less than half of what is left).
+/// The same of an effect that leaves nothing but noise: what only mends another's form leaves more (on the smooth single effects of two
+/// tuning seeds of both rigs it took away less than half of what was left).
 pub const LEAST_TO_COMPLETE: f64 = 0.001;
 /// Least share of the remaining excess over the noise that a further effect takes away.
 pub const LEAST_FURTHER_GAIN: f64 = 0.2;
