@@ -1,6 +1,6 @@
 //! The evidence for a law of jumps, and the best law: what the observers of [`super::jumps`] make of all recordings.
 
-use super::jumps::{self, Drive, JumpLaw, NEVER, Seen, Tip};
+use super::jumps::{self, Drive, JumpLaw, MOST_LEAP_PER_SPEED_S, MOST_YIELDING, NEVER, Seen, Tip};
 use super::model::Model;
 use super::paths::Paths;
 use super::session::{Role, Run, Session};
@@ -161,7 +161,7 @@ impl<'a> Pull<'a> {
     /// A law from which others differ.
     fn still(&self, drive: Drive, lag_s: f64) -> JumpLaw {
         let (scatter, wander) = (0.25, 0.5 * self.excess);
-        JumpLaw { drive, break_away: 0.16, landing: 0.5, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 }
+        JumpLaw { break_away: 0.16, landing: 0.5, scatter, wander, lag_s, ..JumpLaw::plain(drive) }
     }
 
     /// Laws of jumps that break away by `drive`.
@@ -199,7 +199,7 @@ impl<'a> Pull<'a> {
                 begun.push(law);
             }
         }
-        let tuned: Vec<JumpLaw> = begun.into_iter().map(|law| self.tuned(law, &STEPS)).collect();
+        let tuned: Vec<JumpLaw> = begun.into_iter().map(|law| self.tuned(law, &STEPS, false)).collect();
         self.best(tuned, true).map_or(still, |best| best.1)
     }
 
@@ -227,28 +227,13 @@ impl<'a> Pull<'a> {
         seen.then(|| JumpLaw { wander: law.wander.min(MOST_WANDER * law.break_away), ..law })
     }
 
-    /// The best law about this one, its parameters moved one after the other by each of `steps`.
-    pub fn tuned(&self, law: JumpLaw, steps: &[f64]) -> JumpLaw {
+    /// The best law about this one, its parameters moved one after the other by each of `steps`; what a tip does besides holding and leaping
+    /// only when its law is to be `whole`.
+    pub fn tuned(&self, law: JumpLaw, steps: &[f64], whole: bool) -> JumpLaw {
         let Some(mut best) = self.best(vec![law], true) else { return law };
         for &size in steps {
             for sign in [-size, size] {
-                let of_both: [Move; 4] = [
-                    |law, by| law.with_break_away(law.break_away * (1.0 + by)),
-                    |law, by| law.with_landing(by),
-                    |law, by| JumpLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
-                    |law, by| JumpLaw { wander: law.wander * (1.0 + 4.0 * by), ..law },
-                ];
-                let of_kind: &[Move] = match law.drive {
-                    Drive::Command => &[
-                        |law, by| JumpLaw { closing: (law.closing + by).clamp(0.0, 1.0), ..law },
-                        |law, by| JumpLaw { flow_s: law.flow_s * (1.0 + 3.0 * by), ..law },
-                    ],
-                    Drive::Pull if law.sliding_speed < NEVER => {
-                        &[|law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law }]
-                    }
-                    Drive::Pull => &[],
-                };
-                for moved in of_both.iter().chain(of_kind) {
+                for moved in moves_of(&best.1, whole) {
                     if let Some(other) = self.best(vec![moved(best.1, sign)], true).filter(|other| other.0 > best.0) {
                         best = other;
                     }
@@ -268,6 +253,33 @@ impl<'a> Pull<'a> {
         }
         sum / count
     }
+}
+
+/// The steps of the parameters that this law has.
+fn moves_of(law: &JumpLaw, whole: bool) -> Vec<Move> {
+    const OF_BOTH: [Move; 4] = [
+        |law, by| law.with_break_away(law.break_away * (1.0 + by)),
+        |law, by| law.with_landing(by),
+        |law, by| JumpLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
+        |law, by| JumpLaw { wander: law.wander * (1.0 + 4.0 * by), ..law },
+    ];
+    const OF_A_VALVE: [Move; 2] = [
+        |law, by| JumpLaw { closing: (law.closing + by).clamp(0.0, 1.0), ..law },
+        |law, by| JumpLaw { flow_s: law.flow_s * (1.0 + 3.0 * by), ..law },
+    ];
+    const OF_A_SLIDER: [Move; 1] = [|law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law }];
+    const OF_A_WHOLE_TIP: [Move; 2] = [
+        |law, by| JumpLaw { yielding: (law.yielding + 0.3 * by).clamp(0.0, MOST_YIELDING), ..law },
+        |law, by| JumpLaw {
+            leap_per_speed_s: (law.leap_per_speed_s + 0.04 * by).clamp(-MOST_LEAP_PER_SPEED_S, MOST_LEAP_PER_SPEED_S),
+            ..law
+        },
+    ];
+    let is_tip = law.drive == Drive::Pull;
+    let of_kind: &[Move] = if is_tip { &[] } else { &OF_A_VALVE };
+    let of_a_slider: &[Move] = if is_tip && law.sliding_speed < NEVER { &OF_A_SLIDER } else { &[] };
+    let of_the_rest: &[Move] = if is_tip && whole { &OF_A_WHOLE_TIP } else { &[] };
+    [&OF_BOTH, of_kind, of_a_slider, of_the_rest].concat()
 }
 
 /// Lags that are tried for what moves, s: a light tip on its spring follows within milliseconds; through a valve that is open the pressure

@@ -162,15 +162,15 @@ fn jumps(
     let mut judged = Vec::new();
     for (place, (_, pull, mut law, mut model)) in begun.into_iter().enumerate() {
         if place < LEADERS || pull == first {
-            law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05]);
-            (model, law) = refitted(session, form, noise, model, law, REFITS, &[0.1]);
+            law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05], false);
+            (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS);
         }
         judged.push(Judged { evidence: on(&model, law.lag_s).jumping(&law), form, law, pull, model });
     }
     judged
 }
 
-/// The model with its weights fitted beside the jumps, and the law of these found again on it, by `steps`; so many times at most, and only as
+/// The model with its weights fitted beside the jumps, and the law of these found again on it, as often as `refits` says at most, and only as
 /// long as it helps. The weights were fitted as if what jumps were noise; what it is expected to depart by is known now.
 fn refitted(
     session: &Session,
@@ -178,19 +178,18 @@ fn refitted(
     noise: f64,
     mut model: Model,
     mut law: JumpLaw,
-    times: usize,
-    steps: &[f64],
+    refits: &Refits,
 ) -> (Model, JumpLaw) {
     let (drive, lag_s) = (law.drive, law.lag_s);
     let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor());
     let mut value = on(&model).fitting(&law);
-    for _ in 0..times {
+    for _ in 0..refits.times {
         let mut with = model.with(form, law.as_parameters(noise));
         with.fit(session, Scope::Both);
         let slot = with.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0);
         let without = with.without(slot);
         let pull = on(&without);
-        let again = pull.tuned(law, steps);
+        let again = pull.tuned(law, refits.steps, refits.whole);
         let better = pull.fitting(&again);
         if better <= value {
             break;
@@ -206,11 +205,18 @@ const AT_FIRST_SIGHT: f64 = 0.03;
 /// Share of what a simulation leaves above the noise that an observer may leave to take its place.
 const LEFT_BY_AN_OBSERVER: f64 = 0.5;
 
-/// How often weights are fitted again beside the jumps.
-const REFITS: usize = 2;
-/// The same for the jumps that are named, and the steps of their law then.
-const LAST_REFITS: usize = 3;
-const LAST_STEPS: [f64; 2] = [0.03, 0.01];
+/// How often weights are fitted again beside the jumps, and how their law is found again.
+struct Refits {
+    times: usize,
+    steps: &'static [f64],
+    /// Whether a tip's law is found with all of its parameters.
+    whole: bool,
+}
+
+/// Those by which jumps are compared.
+const FIRST_REFITS: Refits = Refits { times: 2, steps: &[0.1], whole: false };
+/// Those of the jumps that are named.
+const LAST_REFITS: Refits = Refits { times: 3, steps: &[0.1, 0.03, 0.01], whole: true };
 
 /// The effect that moves a sensor within the time that a seat holds.
 const PERIODIC: &str = "periodic-disturbance";
@@ -369,7 +375,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     if !is_law || !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;
     }
-    let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, LAST_REFITS, &LAST_STEPS);
+    let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS);
     let polished = Pull::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
     let polished = Judged { evidence: polished, form: one.form, law, pull: one.pull, model };
     let one = if polished.evidence.mean() > one.evidence.mean() { &polished } else { one };

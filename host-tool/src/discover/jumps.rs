@@ -46,6 +46,10 @@ pub struct JumpLaw {
     pub landing: f64,
     /// Speed of the pull, per s, from which a tip slides: it follows the pull until that has become a good deal slower.
     pub sliding_speed: f64,
+    /// Share of the pull's way by which a tip that holds gives way: bristles and seals yield before they slide (Dahl, 1968).
+    pub yielding: f64,
+    /// By how much a tip's leap grows with the speed of the pull, s: friction takes time to fall and to build up.
+    pub leap_per_speed_s: f64,
     /// Error, in break-away distances, at which an open valve closes.
     pub closing: f64,
     /// Time constant with which the pressure follows through an open valve, s.
@@ -81,7 +85,14 @@ pub const OF_A_TIP: &[Parameter] = &[
     WANDER,
     FOLLOWING,
     NOISY,
+    linear("yielding", Quantity::Ratio, MOST_YIELDING),
+    Parameter { low: -MOST_LEAP_PER_SPEED_S, ..linear("leap_per_speed", Quantity::Time, MOST_LEAP_PER_SPEED_S) },
 ];
+
+/// More than this share of the pull's way is no holding.
+pub const MOST_YIELDING: f64 = 0.3;
+/// Largest change of a leap with the speed of the pull, s: the time that a leap takes.
+pub const MOST_LEAP_PER_SPEED_S: f64 = 0.05;
 
 /// Parameters of a form whose seat is a valve's pressure.
 pub const OF_A_VALVE: &[Parameter] = &[
@@ -102,6 +113,23 @@ pub const LAG: usize = 5;
 pub const NEVER: f64 = 1e3;
 
 impl JumpLaw {
+    /// The law from which others differ: it holds within nothing, and leaps whole.
+    pub(super) const fn plain(drive: Drive) -> Self {
+        Self {
+            drive,
+            break_away: 0.0,
+            landing: 0.0,
+            sliding_speed: NEVER,
+            yielding: 0.0,
+            leap_per_speed_s: 0.0,
+            closing: 0.0,
+            flow_s: 0.0,
+            scatter: 0.0,
+            wander: 0.0,
+            lag_s: 0.0,
+        }
+    }
+
     /// The law with this break-away distance. A tip keeps its travel, which recordings show far better than where in it the pull is.
     #[must_use]
     pub fn with_break_away(&self, break_away: f64) -> Self {
@@ -125,13 +153,14 @@ impl JumpLaw {
     /// The law with these parameters of a form, and the noise behind it.
     #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
-        let &[break_away, landing, of_kind, scatter, wander, lag_s, noise, ref flow_s @ ..] = parameters else {
-            unreachable!("forms whose seat is seen have {} parameters or more", OF_A_TIP.len());
+        let &[break_away, landing, of_kind, scatter, wander, lag_s, noise, ref others @ ..] = parameters else {
+            unreachable!("forms whose seat is seen have {} parameters or more", OF_A_VALVE.len());
         };
-        let still = Self { drive, break_away, landing, sliding_speed: NEVER, closing: 0.0, scatter, wander, lag_s, flow_s: 0.0 };
+        let other = |index: usize| others.get(index).copied().unwrap_or(0.0);
+        let still = Self { break_away, landing, scatter, wander, lag_s, ..Self::plain(drive) };
         let law = match drive {
-            Drive::Pull => Self { sliding_speed: of_kind, ..still },
-            Drive::Command => Self { closing: of_kind, flow_s: flow_s.first().copied().unwrap_or(0.0), ..still },
+            Drive::Pull => Self { sliding_speed: of_kind, yielding: other(0), leap_per_speed_s: other(1), ..still },
+            Drive::Command => Self { closing: of_kind, flow_s: other(0), ..still },
         };
         (law, noise)
     }
@@ -141,7 +170,7 @@ impl JumpLaw {
     pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
         let of = |of_kind: f64| vec![self.break_away, self.landing, of_kind, self.scatter, self.wander, self.lag_s, noise];
         match self.drive {
-            Drive::Pull => of(self.sliding_speed),
+            Drive::Pull => [of(self.sliding_speed), vec![self.yielding, self.leap_per_speed_s]].concat(),
             Drive::Command => [of(self.closing), vec![self.flow_s]].concat(),
         }
     }
@@ -286,17 +315,7 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
 mod tests {
     use super::*;
 
-    const LAW: JumpLaw = JumpLaw {
-        drive: Drive::Pull,
-        break_away: 0.05,
-        landing: 1.0,
-        sliding_speed: NEVER,
-        closing: 0.0,
-        scatter: 0.1,
-        wander: 0.002,
-        lag_s: 0.0,
-        flow_s: 0.0,
-    };
+    const LAW: JumpLaw = JumpLaw { break_away: 0.05, landing: 1.0, scatter: 0.1, wander: 0.002, ..JumpLaw::plain(Drive::Pull) };
     const NOISE: f64 = 0.005;
 
     /// A slow triangle as the pull, and a tip on it that holds within 0.05 and jumps by 0.1; with a ripple in the place of noise.

@@ -26,6 +26,32 @@ const TRANSITION: f64 = 0.15;
 /// Scatter of a tip that slides, in that of its leaps.
 const SLIDING_SCATTER: f64 = 0.3;
 
+/// Least way of the pull within which something breaks away.
+const LEAST_STEP: f64 = 1e-6;
+/// Points and reach, in deviations, by which moments of a normal deviate between bounds are summed.
+const POINTS: usize = 16;
+const REACH: f64 = 5.0;
+
+/// Mean and variance of a normal deviate with this standard deviation that is known to lie between `low` and `high`.
+fn between(low: f64, high: f64, deviation: f64) -> (f64, f64) {
+    let (low, high) = (low / deviation, high / deviation);
+    // Where it is likeliest, and as far from there as counts: in a tail the density falls the faster the farther out that is.
+    let top = 0.0_f64.clamp(low, high);
+    let reach = REACH / (1.0 + top.abs());
+    let from = low.max(top - if top > 0.0 { 0.0 } else { reach });
+    let to = high.min(top + if top < 0.0 { 0.0 } else { reach });
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    for point in 0..POINTS {
+        let at = from + (to - from) * (point as f64 + 0.5) / POINTS as f64;
+        let weight = (0.5 * (top * top - at * at)).exp();
+        sum += weight;
+        first += weight * at;
+        second += weight * at * at;
+    }
+    let mean = first / sum;
+    (mean * deviation, (second / sum - mean * mean).max(0.0) * deviation * deviation)
+}
+
 /// One history of seats: a filter for the level that it holds at and the wander of the pull.
 #[derive(Clone, Copy, Debug)]
 struct History {
@@ -56,6 +82,7 @@ struct Motion {
     slides: f64,
     /// Chance that what slides goes on.
     goes_on: f64,
+    period_s: f64,
 }
 
 impl Motion {
@@ -64,7 +91,7 @@ impl Motion {
         let break_away = law.break_away / (1.0 + FALL_WITH_RATE * speed);
         let scatter = law.scatter * break_away;
         let (slides, goes_on) = (chance((speed - 1.0) / TRANSITION), chance((speed - STICKS_AT) / TRANSITION));
-        Self { pull, before, break_away, scatter, follows: SLIDING_SCATTER * scatter, slides, goes_on }
+        Self { pull, before, break_away, scatter, follows: SLIDING_SCATTER * scatter, slides, goes_on, period_s }
     }
 
     fn step(&self) -> f64 {
@@ -78,6 +105,11 @@ impl History {
         (motion.pull + self.wander - self.level, (self.level_variance + self.wander_variance - 2.0 * self.covariance).max(0.0))
     }
 
+    /// The largest distance that it has held out, the pull being at this one.
+    fn held_out(&self, stretch: f64, motion: &Motion) -> f64 {
+        if stretch > 0.0 { stretch - (motion.pull - self.highest) } else { -stretch - (self.lowest - motion.pull) }
+    }
+
     /// Chance that it breaks away now by this stretch, after it has held out where the pull has been since it holds.
     fn breaks_away(&self, (stretch, variance): (f64, f64), motion: &Motion) -> f64 {
         let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
@@ -85,8 +117,7 @@ impl History {
         if deviations < CANNOT {
             return 0.0;
         }
-        let held_out = if stretch > 0.0 { stretch - (motion.pull - self.highest) } else { -stretch - (self.lowest - motion.pull) };
-        let before = chance((held_out - motion.break_away) / spread);
+        let before = chance((self.held_out(stretch, motion) - motion.break_away) / spread);
         let now = chance(deviations);
         ((now - before) / (1.0 - before).max(1e-12)).max(0.0)
     }
@@ -105,29 +136,31 @@ impl History {
 
     /// The same one after a leap of the tip.
     ///
-    /// It broke away within this sample, when the distance of the pull was the one that it breaks away by. That is a measurement of level,
-    /// wander and distance together, as good as the sample is short; the tip then lands so far from where it sat.
-    fn leapt(&self, direction: f64, law: &JumpLaw, motion: &Motion) -> Self {
+    /// It held out a distance of `held_out`, and no longer the one that the pull has reached: the distance by which it breaks away lies between
+    /// the two. That is a measurement of level, wander and distance together, as good as the sample is short; the tip then lands so far from
+    /// where it sat.
+    fn leapt(&self, direction: f64, held_out: f64, law: &JumpLaw, motion: &Motion) -> Self {
         let (stretch, variance) = self.stretch(motion);
         let stretch = stretch * direction;
-        let step = (motion.step() * direction).clamp(1e-6, stretch.max(1e-6));
         let of_distance = motion.scatter * motion.scatter;
-        let innovation = motion.break_away - (stretch - 0.5 * step);
-        let whole = variance + of_distance + step * step / 12.0;
+        let whole = (variance + of_distance).max(1e-18);
+        // The error of the stretch less that of the distance.
+        let (error, left) = between(motion.break_away - stretch, motion.break_away - held_out.min(stretch - LEAST_STEP), whole.sqrt());
+        let (gain, sure) = (error / whole, (1.0 - left / whole) / whole);
         let with_level = direction * (self.covariance - self.level_variance);
         let with_wander = direction * (self.wander_variance - self.covariance);
-        let gain = innovation / whole;
         let distance = motion.break_away - of_distance * gain;
         // Landing is the level and the distance after the measurement; the variances are those of their sum. What a fast pull breaks away
-        // by less it lands farther beyond: the travel stays.
-        let beyond = (1.0 + law.landing) * law.break_away - motion.break_away;
+        // by less it lands farther beyond: the travel stays, but for what its law says.
+        let travel = (1.0 + law.landing) * law.break_away + law.leap_per_speed_s * motion.step().abs() / motion.period_s;
+        let beyond = travel - motion.break_away;
         let with_landing = with_level - direction * of_distance;
         Self {
             level: self.level + with_level * gain + direction * (distance + beyond),
-            level_variance: self.level_variance + of_distance - with_landing * with_landing / whole,
+            level_variance: self.level_variance + of_distance - with_landing * with_landing * sure,
             wander: self.wander + with_wander * gain,
-            wander_variance: self.wander_variance - with_wander * with_wander / whole,
-            covariance: self.covariance - with_wander * with_landing / whole,
+            wander_variance: self.wander_variance - with_wander * with_wander * sure,
+            covariance: self.covariance - with_wander * with_landing * sure,
             moving: 0.0,
             ..*self
         }
@@ -187,6 +220,7 @@ impl Histories<'_> {
         let law = self.law;
         let mut leaves = [0.0; HISTORIES];
         let mut stretches = [0.0; HISTORIES];
+        let mut held_out = [0.0; HISTORIES];
         // All that slide are in the same place: one history for them, with the past of the likeliest.
         let (mut sliding, mut slider) = (0.0, self.all[0]);
         let mut most = 0.0;
@@ -202,8 +236,9 @@ impl Histories<'_> {
                 }
                 *history = Self::stuck(*history, goes_on, motion);
             }
+            history.level += law.yielding * motion.step();
             let (stretch, variance) = history.stretch(motion);
-            stretches[at] = stretch;
+            (stretches[at], held_out[at]) = (stretch, history.held_out(stretch, motion));
             leaves[at] = history.weight * history.breaks_away((stretch, variance), motion);
             history.weight -= leaves[at];
             history.lowest = history.lowest.min(motion.pull);
@@ -224,7 +259,9 @@ impl Histories<'_> {
             if left < LOST {
                 break;
             }
-            history = history.leapt(direction, law, motion);
+            // What has just landed has held out no more than where it landed.
+            let before = if leap == 1 { held_out[parent] } else { history.stretch(motion).0 * direction - motion.step().abs() };
+            history = history.leapt(direction, before, law, motion);
             let (stretch, variance) = history.stretch(motion);
             let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
             let again = chance((stretch * direction - motion.break_away) / spread);
@@ -287,19 +324,9 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::jumps::{Drive, NEVER};
+    use crate::discover::jumps::Drive;
 
-    const TIP: JumpLaw = JumpLaw {
-        drive: Drive::Pull,
-        break_away: 0.05,
-        landing: 0.6,
-        sliding_speed: NEVER,
-        closing: 0.0,
-        scatter: 0.05,
-        wander: 0.001,
-        lag_s: 0.0,
-        flow_s: 0.0,
-    };
+    const TIP: JumpLaw = JumpLaw { break_away: 0.05, landing: 0.6, scatter: 0.05, wander: 0.001, ..JumpLaw::plain(Drive::Pull) };
     const PERIOD_S: f64 = 0.02;
 
     /// A tip that sits at zero, sure of it, while the pull has come to `reached`.
@@ -345,10 +372,47 @@ mod tests {
             let [before, pull] = [break_away - half, break_away + half].map(|way| way * direction);
             let motion = Motion::new(&law, pull, before, PERIOD_S);
             assert!((motion.break_away - break_away).abs() < 1e-12);
-            let landed = seated(before).leapt(direction, &law, &motion);
+            let landed = seated(before).leapt(direction, break_away - half, &law, &motion);
             let travel = direction * 1.6 * law.break_away;
             assert!((landed.level - travel).abs() < 1e-9, "{} instead of {travel}", landed.level);
         }
+    }
+
+    #[test]
+    fn moments_between_bounds_are_those_of_the_whole_of_a_slice_and_of_a_tail() {
+        // Without bounds, over a slice that is all but a point, beyond zero (half of a normal deviate) and far in a tail.
+        let close = |(mean, variance): (f64, f64), to: (f64, f64), by: f64| {
+            assert!((mean - to.0).abs() < by && (variance - to.1).abs() < by, "{mean} and {variance} instead of {to:?}");
+        };
+        close(between(-40.0, 40.0, 2.0), (0.0, 4.0), 0.02);
+        close(between(0.3, 0.301, 2.0), (0.3005, 0.0), 1e-6);
+        let half = (2.0 / std::f64::consts::PI).sqrt();
+        close(between(0.0, 40.0, 1.0), (half, 1.0 - half * half), 0.02);
+        close(between(-40.0, 0.0, 1.0), (-half, 1.0 - half * half), 0.02);
+        close(between(10.0, 40.0, 1.0), (10.0981, 0.0094), 0.01);
+    }
+
+    #[test]
+    fn a_leap_tells_no_more_than_that_the_distance_lies_between_what_was_held_out_and_what_was_not() {
+        // The pull went from 0.04 to 0.06 within the sample: where in it the tip broke away is not known, so nothing about the wander is.
+        let motion = Motion::new(&TIP, 0.06, 0.04, PERIOD_S);
+        let held = seated(0.04);
+        let landed = held.leapt(1.0, 0.04, &TIP, &motion);
+        assert!(landed.wander.abs() < 1e-4 && (landed.wander_variance / held.wander_variance - 1.0).abs() < 0.05, "{landed:?}");
+        assert!((landed.level - 0.08).abs() < 1e-3, "{}", landed.level);
+    }
+
+    #[test]
+    fn a_tip_that_yields_creeps_after_the_pull_while_it_holds_and_leaps_by_more_or_less_with_speed() {
+        let law = JumpLaw { yielding: 0.1, ..TIP };
+        let pull: Vec<f64> = (0..200).map(|sample| 1.5e-4 * f64::from(sample)).collect();
+        let measured: Vec<f64> = pull.iter().map(|pull| 0.1 * pull).collect();
+        let found = expected(&law, &pull, &measured);
+        assert!((found[199] - measured[199]).abs() < 2e-4, "{} instead of {}", found[199], measured[199]);
+        let law = JumpLaw { leap_per_speed_s: -0.01, ..TIP };
+        let motion = Motion::new(&law, 0.051, 0.049, PERIOD_S);
+        let landed = seated(0.049).leapt(1.0, 0.049, &law, &motion);
+        assert!((landed.level - (0.08 - 0.01 * 0.002 / PERIOD_S)).abs() < 1e-3, "{}", landed.level);
     }
 
     #[test]
@@ -356,7 +420,7 @@ mod tests {
         let (before, pull) = (0.0595, 0.06);
         let motion = Motion::new(&TIP, pull, before, PERIOD_S);
         let held = seated(before);
-        let landed = held.leapt(1.0, &TIP, &motion);
+        let landed = held.leapt(1.0, before, &TIP, &motion);
         assert!(landed.wander < -5e-4, "{}", landed.wander);
         assert!(landed.wander_variance < held.wander_variance);
         let sure = landed.level_variance * landed.wander_variance;

@@ -207,20 +207,11 @@ fn slopes(seen: &Seen<'_>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::jumps::{Drive, NEVER};
+    use crate::discover::jumps::Drive;
 
     const NOISE: f64 = 0.005;
-    const LAW: JumpLaw = JumpLaw {
-        drive: Drive::Command,
-        break_away: 0.08,
-        landing: 0.0,
-        sliding_speed: NEVER,
-        closing: 0.2,
-        scatter: 0.03,
-        wander: 0.005,
-        lag_s: 0.0,
-        flow_s: 0.02,
-    };
+    const LAW: JumpLaw =
+        JumpLaw { break_away: 0.08, closing: 0.2, flow_s: 0.02, scatter: 0.03, wander: 0.005, ..JumpLaw::plain(Drive::Command) };
 
     /// Strokes of 0.2 Hz, and the pressure behind a valve of [`LAW`] in fine steps; with a ripple in the place of noise.
     fn strokes() -> (Vec<f64>, Vec<f64>) {
