@@ -166,6 +166,13 @@ impl History {
         }
     }
 
+    /// The same one after more leaps than anyone counts: it holds somewhere about the pull.
+    fn landed(&self, weight: f64, motion: &Motion) -> Self {
+        let level_variance = self.wander_variance + motion.break_away * motion.break_away / 3.0;
+        let somewhere = Self { level: motion.pull + self.wander, level_variance, covariance: self.wander_variance, moving: 0.0, ..*self };
+        somewhere.holding(weight, motion.pull)
+    }
+
     /// The same one, beginning to hold where it is while the pull is there.
     const fn holding(self, weight: f64, pull: f64) -> Self {
         Self { weight, lowest: pull, highest: pull, ..self }
@@ -265,9 +272,12 @@ impl Histories<'_> {
             let (stretch, variance) = history.stretch(motion);
             let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
             let again = chance((stretch * direction - motion.break_away) / spread);
-            let again = if leap < LEAPS && again > NO_LEAP { again } else { 0.0 };
+            let again = if again > NO_LEAP { again } else { 0.0 };
             self.add(history.holding(left * (1.0 - again), motion.pull));
             left *= again;
+        }
+        if left > LOST {
+            self.add(history.landed(left, motion));
         }
     }
 
@@ -435,6 +445,17 @@ mod tests {
         measured.extend([0.16; 10]);
         let found = expected(&TIP, &pull, &measured)[100];
         assert!((found - 0.16).abs() < 0.004, "{found} instead of two travels of 0.08");
+    }
+
+    #[test]
+    fn a_step_of_many_leaps_is_followed_at_once() {
+        let mut pull = vec![0.0; 100];
+        pull.extend([0.9; 20]);
+        let mut measured = vec![0.0; 100];
+        measured.extend([0.88; 20]);
+        let found = expected(&TIP, &pull, &measured);
+        assert!((found[100] - 0.9).abs() < 1e-6, "{} at once", found[100]);
+        assert!((found[101] - 0.88).abs() < 2e-3, "{} once it has been seen", found[101]);
     }
 
     #[test]
