@@ -23,6 +23,8 @@ const STICKS_AT: f64 = 0.4;
 const FALL_WITH_RATE: f64 = 0.4;
 /// Width of the transitions between leaps and sliding, in sliding speeds.
 const TRANSITION: f64 = 0.15;
+/// Time within which a light tip stops, s: it runs on so far when the pull does, by no more than friction can hold.
+const STOPS_S: f64 = 1e-3;
 /// Scatter of a tip that slides, in that of its leaps.
 const SLIDING_SCATTER: f64 = 0.3;
 
@@ -83,15 +85,19 @@ struct Motion {
     /// Chance that what slides goes on.
     goes_on: f64,
     period_s: f64,
+    /// How far a tip may run on, or stay behind, for the change of the pull's speed.
+    jolt: f64,
 }
 
 impl Motion {
-    fn new(law: &JumpLaw, pull: f64, before: f64, period_s: f64) -> Self {
+    /// The pull is at `pull`, was at `before` a sample ago, and went by `last_step` in that one.
+    fn new(law: &JumpLaw, pull: f64, before: f64, last_step: f64, period_s: f64) -> Self {
         let speed = (pull - before).abs() / period_s / law.sliding_speed;
         let break_away = law.break_away / (1.0 + FALL_WITH_RATE * speed);
         let scatter = law.scatter * break_away;
+        let jolt = (STOPS_S * ((pull - before) - last_step).abs() / period_s).min(2.0 * law.break_away);
         let (slides, goes_on) = (chance((speed - 1.0) / TRANSITION), chance((speed - STICKS_AT) / TRANSITION));
-        Self { pull, before, break_away, scatter, follows: SLIDING_SCATTER * scatter, slides, goes_on, period_s }
+        Self { pull, before, break_away, scatter, follows: SLIDING_SCATTER * scatter, slides, goes_on, period_s, jolt }
     }
 
     fn step(&self) -> f64 {
@@ -127,7 +133,7 @@ impl History {
         Self {
             weight,
             level: motion.pull + self.wander,
-            level_variance: self.wander_variance + motion.follows * motion.follows,
+            level_variance: self.wander_variance + motion.follows * motion.follows + motion.jolt * motion.jolt,
             covariance: self.wander_variance,
             moving: motion.step().signum(),
             ..*self
@@ -168,7 +174,7 @@ impl History {
 
     /// The same one after more leaps than anyone counts: it holds somewhere about the pull.
     fn landed(&self, weight: f64, motion: &Motion) -> Self {
-        let level_variance = self.wander_variance + motion.break_away * motion.break_away / 3.0;
+        let level_variance = self.wander_variance + motion.break_away * motion.break_away / 3.0 + motion.jolt * motion.jolt;
         let somewhere = Self { level: motion.pull + self.wander, level_variance, covariance: self.wander_variance, moving: 0.0, ..*self };
         somewhere.holding(weight, motion.pull)
     }
@@ -284,7 +290,7 @@ impl Histories<'_> {
     /// What slid until now without the share that goes on: it holds where it was.
     const fn stuck(history: History, goes_on: f64, motion: &Motion) -> History {
         let held = history.holding(history.weight - goes_on, motion.before);
-        History { moving: 0.0, ..held }
+        History { moving: 0.0, level_variance: held.level_variance + motion.jolt * motion.jolt, ..held }
     }
 }
 
@@ -292,7 +298,7 @@ impl Histories<'_> {
 #[must_use]
 pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     let stay = (-seen.period_s / WANDER_S).exp();
-    let mut before = seen.pull[0];
+    let (mut before, mut last_step) = (seen.pull[0], 0.0);
     let first = History {
         weight: 1e-12,
         level: before,
@@ -309,8 +315,8 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     histories.all[0].weight = 1.0;
     let mut expected = Expected::default();
     for sample in 0..seen.measured.len() {
-        let motion = Motion::new(law, seen.pull[sample], before, seen.period_s);
-        before = motion.pull;
+        let motion = Motion::new(law, seen.pull[sample], before, last_step, seen.period_s);
+        (before, last_step) = (motion.pull, motion.step());
         histories.move_on(&motion);
         let all = &mut histories.all;
         let total: f64 = all.iter().map(|history| history.weight).sum();
@@ -362,7 +368,7 @@ mod tests {
     #[test]
     fn what_has_held_out_a_distance_holds_it_out_again() {
         let chance_of = |reached: f64, pull: f64| {
-            let motion = Motion::new(&TIP, pull, reached, PERIOD_S);
+            let motion = Motion::new(&TIP, pull, reached, pull - reached, PERIOD_S);
             let history = seated(reached);
             history.breaks_away(history.stretch(&motion), &motion)
         };
@@ -380,7 +386,7 @@ mod tests {
             let break_away = law.break_away / (1.0 + FALL_WITH_RATE * speed / law.sliding_speed);
             let half = 0.5 * speed * PERIOD_S;
             let [before, pull] = [break_away - half, break_away + half].map(|way| way * direction);
-            let motion = Motion::new(&law, pull, before, PERIOD_S);
+            let motion = Motion::new(&law, pull, before, pull - before, PERIOD_S);
             assert!((motion.break_away - break_away).abs() < 1e-12);
             let landed = seated(before).leapt(direction, break_away - half, &law, &motion);
             let travel = direction * 1.6 * law.break_away;
@@ -405,7 +411,7 @@ mod tests {
     #[test]
     fn a_leap_tells_no_more_than_that_the_distance_lies_between_what_was_held_out_and_what_was_not() {
         // The pull went from 0.04 to 0.06 within the sample: where in it the tip broke away is not known, so nothing about the wander is.
-        let motion = Motion::new(&TIP, 0.06, 0.04, PERIOD_S);
+        let motion = Motion::new(&TIP, 0.06, 0.04, 0.02, PERIOD_S);
         let held = seated(0.04);
         let landed = held.leapt(1.0, 0.04, &TIP, &motion);
         assert!(landed.wander.abs() < 1e-4 && (landed.wander_variance / held.wander_variance - 1.0).abs() < 0.05, "{landed:?}");
@@ -420,7 +426,7 @@ mod tests {
         let found = expected(&law, &pull, &measured);
         assert!((found[199] - measured[199]).abs() < 2e-4, "{} instead of {}", found[199], measured[199]);
         let law = JumpLaw { leap_per_speed_s: -0.01, ..TIP };
-        let motion = Motion::new(&law, 0.051, 0.049, PERIOD_S);
+        let motion = Motion::new(&law, 0.051, 0.049, 0.002, PERIOD_S);
         let landed = seated(0.049).leapt(1.0, 0.049, &law, &motion);
         assert!((landed.level - (0.08 - 0.01 * 0.002 / PERIOD_S)).abs() < 1e-3, "{}", landed.level);
     }
@@ -428,7 +434,7 @@ mod tests {
     #[test]
     fn a_leap_that_comes_late_tells_that_the_pull_is_ahead() {
         let (before, pull) = (0.0595, 0.06);
-        let motion = Motion::new(&TIP, pull, before, PERIOD_S);
+        let motion = Motion::new(&TIP, pull, before, pull - before, PERIOD_S);
         let held = seated(before);
         let landed = held.leapt(1.0, before, &TIP, &motion);
         assert!(landed.wander < -5e-4, "{}", landed.wander);
