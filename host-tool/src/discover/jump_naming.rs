@@ -438,7 +438,7 @@ mod tests {
     use crate::discover::closed_form::deviates;
     use crate::discover::{DiscoverConfig, Discovery, Verdict, discover};
     use crate::recording::{Recording, Signal};
-    use crate::rig::{self, CaseConfig, Generator};
+    use crate::rig::{self, CaseConfig, Excitation, Generator};
 
     /// Twelve decaying sines of a closed-form rig: three play operators, and a tip on a stick band of 0.5 mm that jumps by 0.35 mm. The full
     /// stroke is about 8 mm and the noise 0.5 % of it.
@@ -521,6 +521,19 @@ mod tests {
             names.sort_unstable();
             assert_eq!(names, [beside, "stick-slip"], "{generator:?}: {discovery:?}");
             assert_eq!(discovery.verdict, Verdict::Named, "{generator:?}, {beside}: {discovery:?}");
+        }
+    }
+
+    #[test]
+    fn a_tip_is_named_through_steps_of_many_leaps_and_fast_strokes() {
+        for (generator, seed) in [(Generator::Physics, 572), (Generator::Rival, 573)] {
+            let effects = vec!["stick-slip".to_owned()];
+            let case = CaseConfig { effects, seed, generator, excitation: Excitation::Rich, ..CaseConfig::default() };
+            let discovery = found(&rig::hide(&case).expect("a case").recordings);
+            let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+            assert_eq!(names, ["stick-slip"], "{generator:?}: {discovery:?}");
+            assert_eq!(discovery.verdict, Verdict::Named, "{generator:?}: {discovery:?}");
+            assert!(discovery.gap_closed > 0.6, "{generator:?}: {discovery:?}");
         }
     }
 
