@@ -3,8 +3,9 @@
 //! A history holds at a level until the pull has gone too far from it, or slides with it. What holds breaks away by the distance that
 //! the pull has reached *since it holds*: a seat that has held out a distance holds it out again, so a slow pull is no more dangerous than a
 //! fast one over the same way. A tip leaps from where it sat, by a travel that hardly scatters, and the very moment of a leap tells where it
-//! sat and what the pull is wrong by. The faster it is pulled the more leaps a sample holds, until it slides; it goes on sliding at speeds at
-//! which it would not begin to.
+//! sat and what the pull is wrong by: the distance lies between the one that was held out and the one that was not. The faster it is pulled
+//! the more leaps a sample holds, until it slides; it goes on sliding at speeds at which it would not begin to. Behind a step of the pull,
+//! which holds more leaps than anyone counts and stops at once, it is somewhere about the pull.
 
 use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density, doubt};
 
@@ -38,7 +39,7 @@ const REACH: f64 = 5.0;
 fn between(low: f64, high: f64, deviation: f64) -> (f64, f64) {
     let (low, high) = (low / deviation, high / deviation);
     // Where it is likeliest, and as far from there as counts: in a tail the density falls the faster the farther out that is.
-    let top = 0.0_f64.clamp(low, high);
+    let top = 0.0_f64.max(low).min(high);
     let reach = REACH / (1.0 + top.abs());
     let from = low.max(top - if top > 0.0 { 0.0 } else { reach });
     let to = high.min(top + if top < 0.0 { 0.0 } else { reach });
