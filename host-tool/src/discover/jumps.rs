@@ -154,7 +154,7 @@ impl JumpLaw {
     #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
         let &[break_away, landing, of_kind, scatter, wander, lag_s, noise, ref others @ ..] = parameters else {
-            unreachable!("forms whose seat is seen have {} parameters or more", OF_A_VALVE.len());
+            unreachable!("forms whose seat is seen have seven parameters in common");
         };
         let other = |index: usize| others.get(index).copied().unwrap_or(0.0);
         let still = Self { break_away, landing, scatter, wander, lag_s, ..Self::plain(drive) };
@@ -378,6 +378,12 @@ mod tests {
 
     #[test]
     fn parameters_of_a_form_make_the_law_again() {
-        assert_eq!(JumpLaw::of_parameters(Drive::Pull, &LAW.as_parameters(NOISE)), (LAW, NOISE));
+        let tip = JumpLaw { landing: 0.7, sliding_speed: 0.9, yielding: 0.03, leap_per_speed_s: -0.01, lag_s: 0.004, ..LAW };
+        let valve = JumpLaw { drive: Drive::Command, closing: 0.3, flow_s: 0.02, lag_s: 0.01, ..LAW };
+        for (law, form) in [(tip, OF_A_TIP), (valve, OF_A_VALVE)] {
+            let parameters = law.as_parameters(NOISE);
+            assert_eq!(parameters.len(), form.len());
+            assert_eq!(JumpLaw::of_parameters(law.drive, &parameters), (law, NOISE));
+        }
     }
 }

@@ -11,7 +11,7 @@ use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, densit
 
 /// Histories of seats that are followed side by side.
 const HISTORIES: usize = 4;
-/// Leaps of a tip that one sample may hold.
+/// Leaps of a tip within one sample that are counted one by one.
 const LEAPS: usize = 3;
 /// Deviations of the break-away distance below which nothing breaks away: a chance of one in a thousand million.
 const CANNOT: f64 = -12.0;
@@ -426,6 +426,8 @@ mod tests {
         let measured: Vec<f64> = pull.iter().map(|pull| 0.1 * pull).collect();
         let found = expected(&law, &pull, &measured);
         assert!((found[199] - measured[199]).abs() < 2e-4, "{} instead of {}", found[199], measured[199]);
+        let stiff = expected(&TIP, &pull, &measured)[199];
+        assert!(stiff < measured[199] - 4e-4, "{stiff} without yielding");
         let law = JumpLaw { leap_per_speed_s: -0.01, ..TIP };
         let motion = Motion::new(&law, 0.051, 0.049, 0.002, PERIOD_S);
         let landed = seated(0.049).leapt(1.0, 0.049, &law, &motion);
@@ -444,25 +446,29 @@ mod tests {
         assert!(landed.covariance.powi(2) < sure, "a covariance of {} for variances with a product of {sure}", landed.covariance);
     }
 
+    /// What is expected of a tip that comes from zero to `tip` while the pull steps to `to`; the step is at sample 100.
+    fn behind_a_step(law: &JumpLaw, to: f64, tip: f64) -> Vec<f64> {
+        let stepping = |height: f64| [vec![0.0; 100], vec![height; 20]].concat();
+        expected(law, &stepping(to), &stepping(tip))
+    }
+
     #[test]
     fn a_sample_may_hold_two_leaps() {
-        let mut pull = vec![0.0; 100];
-        pull.extend([0.14; 10]);
-        let mut measured = vec![0.0; 100];
-        measured.extend([0.16; 10]);
-        let found = expected(&TIP, &pull, &measured)[100];
+        let found = behind_a_step(&TIP, 0.14, 0.16)[100];
         assert!((found - 0.16).abs() < 0.004, "{found} instead of two travels of 0.08");
     }
 
     #[test]
     fn a_step_of_many_leaps_is_followed_at_once() {
-        let mut pull = vec![0.0; 100];
-        pull.extend([0.9; 20]);
-        let mut measured = vec![0.0; 100];
-        measured.extend([0.88; 20]);
-        let found = expected(&TIP, &pull, &measured);
+        let found = behind_a_step(&TIP, 0.9, 0.88);
         assert!((found[100] - 0.9).abs() < 1e-6, "{} at once", found[100]);
         assert!((found[101] - 0.88).abs() < 2e-3, "{} once it has been seen", found[101]);
+    }
+
+    #[test]
+    fn a_tip_that_runs_on_when_the_pull_stops_is_found_at_once() {
+        let found = behind_a_step(&JumpLaw { sliding_speed: 1.0, ..TIP }, 0.9, 0.94);
+        assert!((found[101] - 0.94).abs() < 2e-3, "{} once it has been seen", found[101]);
     }
 
     #[test]
