@@ -5,13 +5,14 @@
 //! forms that are not quite the rig's. So where one of the two was found, the other is fitted in its place. Within that price the answer
 //! is both: the recordings that took no part in the fit decide which of them comes first, and a parameter more or less has no say.
 
+use super::effects::rate_dependent_hysteresis;
 use super::find::{POLISH, leaders};
 use super::rounds::{self, Bench, Judged, PRICE};
 
 /// The two.
 const PAIR: [&str; 2] = ["pneumatic-lag", "rate-dependent-hysteresis"];
 /// Blocked deviations by which the dearer of the two must fit better to come first.
-const LEAST_DEVIATIONS: f64 = 3.0;
+const LEAST_DEVIATIONS: f64 = 2.0;
 
 /// What came of fitting the other of the two.
 pub struct Alike {
@@ -34,7 +35,13 @@ pub fn compare(bench: &Bench<'_>, standing: Judged, owned: &[&str]) -> Alike {
     let forms = bench.forms.iter().copied().filter(|form| form.name() == other).collect();
     let of_other = Bench { session: bench.session, forms, threads: bench.threads };
     let tried = if owned.contains(&here) { Vec::new() } else { of_other.round(&standing.model.without(slot), rounds::LEAST_GAIN) };
-    let Some(rival) = bench.polished(&leaders(&tried), POLISH).into_iter().next() else { return Alike { first: standing, second: None } };
+    let mut begins = leaders(&tried);
+    if here == PAIR[0] && !tried.is_empty() {
+        let (form, parameters) = rate_dependent_hysteresis::like_a_lag(standing.model.slots[slot].parameters[0]);
+        begins.push(standing.model.without(slot).with(form, parameters));
+    }
+    let rival = bench.polished(&begins, POLISH).into_iter().min_by(|x, y| x.select.total_cmp(&y.select));
+    let Some(rival) = rival else { return Alike { first: standing, second: None } };
     if rival.judgement() < standing.judgement() - PRICE {
         return Alike { first: rival, second: None };
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::catalogue::Form;
 use super::model::{Model, Scope};
-use super::session::{Role, Session};
+use super::session::{Role, Run, Session};
 use super::{effects, rounds, search, tail};
 
 /// A share of the loop's area with its 95 % interval.
@@ -65,7 +65,7 @@ pub struct Residual {
 /// Examines a residual.
 #[must_use]
 pub fn examine(session: &Session, residual: &[Vec<f64>]) -> Residual {
-    let count: f64 = session.runs.iter().map(|run| run.keep.iter().filter(|keep| **keep).count() as f64).sum();
+    let count: f64 = session.runs.iter().map(|run| (0..run.keep.len()).filter(|&sample| run.counts(sample)).count() as f64).sum();
     let centred: Vec<Vec<f64>> = centred(session, residual.to_vec());
     let neighbours = own_correlation(&centred);
     let rates = session.runs.iter().map(|run| {
@@ -88,15 +88,15 @@ pub fn examine(session: &Session, residual: &[Vec<f64>]) -> Residual {
 fn centred(session: &Session, mut signal: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let (mut sum, mut count) = (0.0, 0.0_f64);
     for (run, values) in session.runs.iter().zip(&signal) {
-        for (value, _) in values.iter().zip(&run.keep).filter(|(_, keep)| **keep) {
+        for (_, value) in values.iter().enumerate().filter(|(sample, _)| run.counts(*sample)) {
             sum += value;
             count += 1.0;
         }
     }
     let mean = sum / count.max(1.0);
     for (run, values) in session.runs.iter().zip(&mut signal) {
-        for (value, keep) in values.iter_mut().zip(&run.keep) {
-            *value = if *keep { *value - mean } else { 0.0 };
+        for (sample, value) in values.iter_mut().enumerate() {
+            *value = if run.counts(sample) { *value - mean } else { 0.0 };
         }
     }
     signal
@@ -229,7 +229,7 @@ fn profile(session: &Session, fitted: &Model, [delay_at, lag_at]: [usize; 2], th
 
 /// Area of the loops that a model draws, over all recordings but those kept out.
 fn area_of(session: &Session, model: &Model) -> f64 {
-    let outputs = model.outputs(session, |run| run.role.iter().any(|role| *role != Role::Kept));
+    let outputs = model.outputs(session, Run::is_worked_with);
     let signed: f64 = session
         .runs
         .iter()

@@ -22,6 +22,7 @@ mod grid;
 mod jump_evidence;
 mod jump_naming;
 pub mod jumps;
+mod late_steps;
 mod least_squares;
 mod line;
 mod mask;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::mask::fast_noise;
-use super::session::{Role, Run, Session};
+use super::session::{Run, Session};
 
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
@@ -57,7 +57,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mean_length = lengths / count_of_stretches;
     let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
     let white_lost = 2.0 / mean_length;
-    let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample] != Role::Kept);
+    let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample].is_worked_with());
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     let most = (MOST_OVER_FAST * fast_part(session, residual)).powi(2);
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.

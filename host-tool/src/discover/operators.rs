@@ -189,20 +189,21 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
     let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
     let fading = period_s.map_or(0.0, |period_s| -(-period_s / habit.rate_memory_s).exp_m1());
     let mut faded = 0.0;
-    let mut turns = turns.iter().map(|turn| turn.0).peekable();
-    let mut turned = false;
+    let mut turns = turns.iter().peekable();
+    let mut turned = None;
     let gap = |(index, &value): (usize, &f64)| {
-        let turned_before = std::mem::replace(&mut turned, turns.next_if_eq(&(index + 1)).is_some());
+        let turned_before = std::mem::replace(&mut turned, turns.next_if(|turn| turn.0 == index + 1).map(|turn| turn.1));
         let rate = match period_s {
             Some(period_s) if with_rate && habit.rate_memory_s > 0.0 => {
-                let step = (value - path[index.saturating_sub(1)]).abs() / period_s;
-                faded += (step - faded) * fading;
+                let from = path[index.saturating_sub(1)];
+                let way = turned_before.map_or((value - from).abs(), |turn| (turn - from).abs() + (value - turn).abs());
+                faded += (way / period_s - faded) * fading;
                 faded
             }
             Some(period_s) if with_rate => {
                 // Not across a turn: the mean of both strokes' rates would be next to nothing.
-                let before = if turned_before { index } else { index.saturating_sub(1) };
-                let after = if turned { index } else { (index + 1).min(last) };
+                let before = if turned_before.is_some() { index } else { index.saturating_sub(1) };
+                let after = if turned.is_some() { index } else { (index + 1).min(last) };
                 let rate = (path[after] - path[before]).abs() / ((after - before).max(1) as f64 * period_s);
                 if habit.rate_power == 1.0 { rate } else { rate.powf(habit.rate_power) }
             }

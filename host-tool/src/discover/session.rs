@@ -1,12 +1,13 @@
 //! Recordings made ready for discovery: common scales, rest, roles, outliers.
 //!
-//! Terms. *Role*: what a sample is used for: fitting, selecting between effects, or neither until the figures at the end (kept out).
+//! Terms. *Role*: what a sample is used for: fitting, selecting between effects, neither until the figures at the end (kept out), or nothing.
 //! *Rest*: a stretch at least 0.6 s long in which the input does not move. *Mask*: samples taken out as outliers.
 
 use std::sync::Arc;
 
 use crate::recording::Recording;
 
+use super::late_steps;
 use super::turning::remember;
 
 /// What a sample is used for.
@@ -18,6 +19,16 @@ pub enum Role {
     Select,
     /// Nobody looks at it until the end.
     Kept,
+    /// Nothing: when in it the command stepped, nobody has recorded.
+    Nothing,
+}
+
+impl Role {
+    /// Whether it is fitted to or chosen by.
+    #[must_use]
+    pub fn is_worked_with(self) -> bool {
+        matches!(self, Self::Fit | Self::Select)
+    }
 }
 
 /// One recording, normalised.
@@ -129,7 +140,13 @@ impl Run {
     /// Whether any of it is fitted to or chosen by.
     #[must_use]
     pub fn is_worked_with(&self) -> bool {
-        self.role.iter().any(|role| *role != Role::Kept)
+        self.role.iter().any(|role| role.is_worked_with())
+    }
+
+    /// Whether a sample counts in any figure.
+    #[must_use]
+    pub fn counts(&self, sample: usize) -> bool {
+        self.keep[sample] && self.role[sample] != Role::Nothing
     }
 }
 
@@ -247,6 +264,11 @@ impl Session {
             fastest_per_s,
         };
         session.assign_roles(kept.is_empty());
+        for run in &mut session.runs {
+            for sample in late_steps::on_either_side(run) {
+                run.role[sample] = Role::Nothing;
+            }
+        }
         Ok(session)
     }
 

@@ -35,7 +35,7 @@ fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
 /// Mean square on the samples that a model was found with; masked samples count if `all`.
 fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
-        residual.iter().enumerate().filter(move |&(at, _)| run.role[at] != Role::Kept && (all || run.keep[at])).map(|(_, value)| value)
+        residual.iter().enumerate().filter(move |&(at, _)| run.role[at].is_worked_with() && (all || run.keep[at])).map(|(_, value)| value)
     });
     let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
     sum / count.max(1.0)
@@ -110,7 +110,7 @@ fn rmse(session: &Session, residual: &[Vec<f64>], in_a_gap: &[bool], all: bool) 
     let mut count = 0.0_f64;
     for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
         for (sample, value) in residual.iter().enumerate() {
-            let counts = if any_kept { reports(index, sample) } else { run.role[sample] != Role::Kept };
+            let counts = if any_kept { reports(index, sample) } else { run.role[sample].is_worked_with() };
             if counts && (all || run.keep[sample]) {
                 sum += value * value;
                 count += 1.0;

@@ -67,9 +67,10 @@ pub fn disagreements(session: &Session, residual: &[Vec<f64>], seed: u64) -> Vec
     let mut blocks = 0;
     for (run, residual) in session.runs.iter().zip(residual) {
         let length = (BLOCK_S / run.period_s).round().max(4.0) as usize;
-        for (sample, (value, &keep)) in residual.iter().zip(&run.keep).enumerate() {
-            energy.push(if keep { value * value } else { 0.0 });
-            kept.push(if keep { 1.0 } else { 0.0 });
+        for (sample, value) in residual.iter().enumerate() {
+            let counts = run.counts(sample);
+            energy.push(if counts { value * value } else { 0.0 });
+            kept.push(if counts { 1.0 } else { 0.0 });
             block_of.push(blocks + sample / length);
         }
         blocks += residual.len().div_ceil(length);
@@ -305,7 +306,7 @@ pub fn map(session: &Session, residual: &[Vec<f64>]) -> (Vec<f64>, Vec<(String, 
     }
     let mut sums = vec![[(0.0, 0.0_f64); LEVELS]; RATES.len() + 1];
     for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
-        for (sample, value) in residual.iter().enumerate().filter(|&(sample, _)| run.keep[sample]) {
+        for (sample, value) in residual.iter().enumerate().filter(|&(sample, _)| run.counts(sample)) {
             let row = RATES.partition_point(|edge| edge * session.fastest_per_s <= rate(session, index, sample));
             let column = ((run.input[sample] - low) / (high - low) * LEVELS as f64) as usize;
             let cell = &mut sums[row][column.min(LEVELS - 1)];

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::noise;
-use crate::discover::session::{Role, Run, Session};
+use crate::discover::session::{Run, Session};
 
 use super::session_curve::{Drifts, SessionCurve};
 
@@ -84,7 +84,7 @@ impl Form for Own {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // Whatever a model lacks goes a little with the output in each recording, beside much else; a gain leaves nothing else.
-        let worked = |run: &&Run| run.role.iter().any(|&role| role != Role::Kept);
+        let worked = |run: &&Run| run.is_worked_with();
         let (mut of_gains, mut whole, mut count) = (0.0, 0.0, 1e-30);
         for run in session.runs.iter().filter(worked) {
             let residual = &residual[run.index];

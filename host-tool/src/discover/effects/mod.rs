@@ -27,6 +27,7 @@ pub mod supply_saturation;
 pub mod valve_dead_band;
 
 use super::columns::Filter;
+use super::turning::between_samples;
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 #[inline(always)]
@@ -81,18 +82,36 @@ fn lag_of_held(signal: &mut [f64], time_constant_s: f64, period_s: f64) {
     }
 }
 
-/// Delays `signal` by `delay(index)` samples, which may be negative or fractional; a cubic that does not overshoot its neighbours.
+/// Delays `signal` by `delay(index)` samples, which may be negative or fractional; what comes of it does not overshoot its neighbours, but
+/// for turns between two samples.
+///
+/// Of the parabolas through three samples on either side the straighter one has more weight; where both bend alike the two make the cubic of
+/// Catmull and Rom. So a ramp is a ramp up to the sample where it ends, and a corner between two samples stays one.
 fn shift(signal: &mut [f64], scratch: &[f64], delay: impl Fn(usize) -> f64) {
+    /// Bends of less than a hundredth of a percent of the span are as good as straight.
+    const STRAIGHT: f64 = 1e-8;
     let last = scratch.len() - 1;
     let at = |index: isize| scratch[index.clamp(0, last as isize) as usize];
+    let turns = between_samples(scratch);
     for (index, value) in signal.iter_mut().enumerate() {
         let place = index as f64 - delay(index);
         let floor = place.floor();
         let share = place - floor;
         let floor = floor as isize;
         let (a, b, c, d) = (at(floor - 1), at(floor), at(floor + 1), at(floor + 2));
-        let cubic = b + 0.5 * share * (c - a + share * (2.0 * a - 5.0 * b + 4.0 * c - d + share * (3.0 * (b - c) + d - a)));
-        *value = cubic.clamp(b.min(c), b.max(c));
+        if let Ok(turn) = turns.binary_search_by_key(&(floor + 1), |turn| turn.0 as isize) {
+            let onward = |last: f64, step: f64, bend: f64, share: f64| last + share * step + 0.5 * share * (share + 1.0) * bend;
+            let (z, e) = (at(floor - 2), at(floor + 3));
+            let (left, right) = (onward(b, b - a, b - 2.0 * a + z, share), onward(c, c - d, c - 2.0 * d + e, 1.0 - share));
+            let top = turns[turn].1;
+            *value = if top > b { left.min(right).clamp(b.min(c), top) } else { left.max(right).clamp(top, b.max(c)) };
+            continue;
+        }
+        let (bend_before, bend_behind) = (a - 2.0 * b + c, b - 2.0 * c + d);
+        let weight = |bend: f64| 1.0 / (STRAIGHT + bend * bend).powi(2);
+        let (before, behind) = ((1.0 - share) * weight(bend_before), share * weight(bend_behind));
+        let bend = (before * bend_before + behind * bend_behind) / (before + behind);
+        *value = (b + share * (c - b) - 0.5 * share * (1.0 - share) * bend).clamp(b.min(c), b.max(c));
     }
 }
 
@@ -135,5 +154,19 @@ mod tests {
             assert!((after[sample as usize] - exact).abs() < 1e-10, "sample {sample}");
         }
         assert_eq!(after[0], before[0]);
+    }
+
+    #[test]
+    fn a_triangle_and_a_ramp_that_ends_are_shifted_exactly() {
+        // Corners of the triangle lie anywhere between samples, those of the staircase on them.
+        let triangle = |sample: f64| 1.0 - (2.0 * (sample / 13.37).fract() - 1.0).abs();
+        let stairs = |sample: f64| (sample / 40.0).floor() + (sample / 10.0 - 4.0 * (sample / 40.0).floor()).min(1.0);
+        for (name, wave) in [("triangle", &triangle as &dyn Fn(f64) -> f64), ("stairs", &stairs)] {
+            let before: Vec<f64> = (0..400).map(|sample| wave(f64::from(sample))).collect();
+            let mut after = before.clone();
+            shift(&mut after, &before, |_| 2.3);
+            let largest = (10..390).map(|sample| (after[sample] - wave(sample as f64 - 2.3)).abs()).fold(0.0, f64::max);
+            assert!(largest < 1e-6, "{name}: off by {largest}");
+        }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
 use crate::discover::noise;
-use crate::discover::session::{Role, Run, Session};
+use crate::discover::session::{Run, Session};
 
 use super::session_curve::{Drifts, SessionCurve};
 
@@ -86,7 +86,7 @@ impl Form for Own {
         let kept = |run: &Run| -> Vec<f64> {
             residual[run.index].iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| *value).collect()
         };
-        let worked = |run: &&Run| run.role.iter().any(|&role| role != Role::Kept);
+        let worked = |run: &&Run| run.is_worked_with();
         let (mut of_zeros, mut whole, mut count) = (0.0, 0.0, 1e-30);
         for values in session.runs.iter().filter(worked).map(kept) {
             of_zeros += values.iter().sum::<f64>().powi(2) / values.len().max(1) as f64;

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::session::{Role, Run, Session};
+use crate::discover::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT, &Pump];
@@ -44,12 +44,12 @@ impl<'a> Line<'a> {
     fn new(run: &'a Run, residual: &'a [f64]) -> Self {
         let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
         let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
-        let residual = residual.iter().zip(&run.role).map(|(value, role)| if *role == Role::Kept { 0.0 } else { *value }).collect();
+        let residual = residual.iter().zip(&run.role).map(|(value, role)| if role.is_worked_with() { *value } else { 0.0 }).collect();
         Self { run, residual, own_hz: crossings as f64 / 2.0 / (run.input.len() as f64 * run.period_s) }
     }
 
     fn all(session: &'a Session, residual: &'a [Vec<f64>]) -> Vec<Self> {
-        let worked = |run: &Run| run.role.iter().any(|role| *role != Role::Kept);
+        let worked = Run::is_worked_with;
         session.runs.iter().zip(residual).filter(|(run, _)| worked(run)).map(|(run, residual)| Self::new(run, residual)).collect()
     }
 

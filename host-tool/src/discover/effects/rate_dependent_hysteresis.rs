@@ -218,6 +218,13 @@ impl Form for Stiffening {
     }
 }
 
+/// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
+#[must_use]
+pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
+    let parameters = AdditiveFading.parameters().iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
+    (&AdditiveFading, parameters)
+}
+
 /// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
 impl Form for Weights {
     fn name(&self) -> &'static str {

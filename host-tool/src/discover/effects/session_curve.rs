@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::session::{Role, Run, Session};
+use crate::discover::session::{Run, Session};
 
 /// What drifts along the curve.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -68,7 +68,7 @@ impl Form for SessionCurve {
 
 /// When the last recording ended that is not kept out, s of the session.
 fn worked_until_s(session: &Session) -> f64 {
-    let worked = session.runs.iter().filter(|run| run.role.iter().any(|&role| role != Role::Kept));
+    let worked = session.runs.iter().filter(|run| run.is_worked_with());
     worked.filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max)
 }
 

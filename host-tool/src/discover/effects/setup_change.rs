@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::discover::catalogue::{Columns, Form, Parameter, Place, Quantity};
-use crate::discover::session::{Role, Run, Session};
+use crate::discover::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Step, &Twice];
@@ -132,7 +132,7 @@ fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
 fn line_sums(run: &Run, residual: &[f64]) -> [f64; 6] {
     let mut sums = [0.0; 6];
     for ((&output, &r), (&role, &keep)) in run.output.iter().zip(residual).zip(run.role.iter().zip(&run.keep)) {
-        if keep && role != Role::Kept {
+        if keep && role.is_worked_with() {
             let x = output - r;
             for (sum, value) in sums.iter_mut().zip([1.0, x, x * x, r, x * r, r * r]) {
                 *sum += value;
