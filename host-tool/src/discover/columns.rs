@@ -155,6 +155,19 @@ pub struct Columns {
     pub command: Vec<f64>,
     /// What the sensor's effects add to the output by their last weights.
     pub at_sensor: Vec<f64>,
+    /// The operators and nothing else, where a valve's own pressure may be led through them.
+    pub bank: Option<Bank>,
+}
+
+/// Play operators with their weights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bank {
+    /// Their sum where all of them are zero.
+    pub constant: f64,
+    /// Thresholds and weights.
+    pub operators: Vec<(f64, f64)>,
+    /// Turning points before the recording, oldest first.
+    pub history: Vec<f64>,
 }
 
 impl Columns {
@@ -236,6 +249,19 @@ impl Columns {
         let stride = self.operators.stride.max(1);
         for (row, own) in self.filtered.values.chunks_exact_mut(stride).zip(self.operators.values.chunks_exact(stride)) {
             row[OUTPUT] = own[OUTPUT];
+        }
+    }
+
+    /// Replaces the operators by those that `write` puts into the columns behind the first `AHEAD`, as in [`Self::begin`].
+    pub fn lead_anew(&mut self, write: impl FnOnce(&mut Rows)) {
+        self.filtered.clone_from(&self.operators);
+        self.is_filtered = true;
+        write(&mut self.filtered);
+        let Rows { stride, count, .. } = self.operators;
+        for (row, own) in self.filtered.values.chunks_exact_mut(stride).zip(self.operators.values.chunks_exact(stride)) {
+            row[CONSTANT] = own[CONSTANT];
+            row[OUTPUT] = own[OUTPUT];
+            row[count..].fill(0.0);
         }
     }
 

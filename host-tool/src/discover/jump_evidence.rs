@@ -92,6 +92,16 @@ impl<'a> Pull<'a> {
         self.tips[run.index].seen(run, self.noise)
     }
 
+    /// The recordings.
+    pub fn session(&self) -> &'a Session {
+        self.session
+    }
+
+    /// Whether operators alone make it.
+    pub fn is_of_a_bank(&self) -> bool {
+        self.tips.iter().all(|tip| tip.bank.is_some())
+    }
+
     /// Sum of the evidence on the fitted samples, of the screening recordings only unless `all`.
     fn fitted(&self, all: bool, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> f64 {
         let runs = self.session.runs.iter().filter(|run| (all || run.screens) && run.role.contains(&Role::Fit));
@@ -170,7 +180,8 @@ impl<'a> Pull<'a> {
         const OF_A_TIP: [(f64, f64); 8] =
             [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
         // Error at which it closes, and time constant of its flow, s.
-        const OF_A_VALVE: [(f64, f64); 7] = [(0.0, 0.002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
+        const OF_A_VALVE: [(f64, f64); 7] =
+            [(0.02, 0.0002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
         let still = self.still(drive, lag_s);
         let kinds: Vec<JumpLaw> = match drive {
             Drive::Pull => OF_A_TIP.map(|(landing, sliding_speed)| JumpLaw { landing, sliding_speed, ..still }).into(),

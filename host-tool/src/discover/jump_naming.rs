@@ -172,20 +172,33 @@ fn jumps(
 
 /// The model with its weights fitted beside the jumps, and the law of these found again on it, as often as `refits` says at most, and only as
 /// long as it helps. The weights were fitted as if what jumps were noise; what it is expected to depart by is known now.
-fn refitted(
-    session: &Session,
-    form: &'static dyn Form,
-    noise: f64,
-    mut model: Model,
-    mut law: JumpLaw,
-    refits: &Refits,
-) -> (Model, JumpLaw) {
+fn refitted(session: &Session, form: &'static dyn Form, noise: f64, model: Model, law: JumpLaw, refits: &Refits) -> (Model, JumpLaw) {
     let (drive, lag_s) = (law.drive, law.lag_s);
     let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor());
-    let mut value = on(&model).fitting(&law);
+    let value = on(&model).fitting(&law);
+    if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
+        let led = JumpLaw { landing: 0.0, ..law };
+        let begun = without_mean_error(&model, law.landing * law.break_away);
+        let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
+        if led.2 > value {
+            return (led.0, led.1);
+        }
+    }
+    let (model, law, _) = refits_of(&on, form, noise, (model, law, value), refits);
+    (model, law)
+}
+
+/// As [`refitted`], from a model, a law and the evidence for them on; with the last evidence.
+fn refits_of<'a>(
+    on: &dyn Fn(&Model) -> Pull<'a>,
+    form: &'static dyn Form,
+    noise: f64,
+    (mut model, mut law, mut value): (Model, JumpLaw, f64),
+    refits: &Refits,
+) -> (Model, JumpLaw, f64) {
     for _ in 0..refits.times {
         let mut with = model.with(form, law.as_parameters(noise));
-        with.fit(session, Scope::Both);
+        with.fit(on(&model).session(), Scope::Both);
         let slot = with.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0);
         let without = with.without(slot);
         let pull = on(&without);
@@ -196,7 +209,22 @@ fn refitted(
         }
         (model, law, value) = (without, again, better);
     }
-    (model, law)
+    (model, law, value)
+}
+
+/// The model with its thresholds smaller by the mean error of a valve that they have taken for hysteresis, on the same grid.
+fn without_mean_error(model: &Model, mean_error: f64) -> Model {
+    let mut nearer = model.clone();
+    nearer.base[1..].fill(0.0);
+    for (&threshold, &weight) in model.thresholds.iter().zip(&model.base[1..]) {
+        let wanted = (threshold - mean_error).max(0.0);
+        let above = model.thresholds.partition_point(|other| *other <= wanted).min(model.thresholds.len() - 1).max(1);
+        let (low, high) = (model.thresholds[above - 1], model.thresholds[above]);
+        let share = ((wanted - low) / (high - low)).clamp(0.0, 1.0);
+        nearer.base[above] += (1.0 - share) * weight;
+        nearer.base[above + 1] += share * weight;
+    }
+    nearer
 }
 
 /// Evidence per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
@@ -308,7 +336,7 @@ pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool 
     if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
         return false;
     }
-    let leaves = |scatter: f64| verdict::Leaves::beside(session, base, &outcome.model, scatter).stands_out;
+    let leaves = |scatter: f64| verdict::Leaves::beside(session, base, &outcome.model, scatter).more_than_mistimed_jumps();
     outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
 }
 

@@ -13,8 +13,10 @@
 //! it breaks away within the next sample grows with the distance of the drive from the seat (a hidden semi-Markov model, of which the
 //! likeliest histories are kept).
 
-use super::catalogue::{Columns, Parameter, Quantity};
+use super::catalogue::{Columns, Habit, Parameter, Quantity};
+use super::columns::Bank;
 use super::effects::lag;
+use super::operators::{self, Lead};
 use super::session::Run;
 use super::{tip_jumps, valve_jumps};
 
@@ -42,7 +44,7 @@ pub struct JumpLaw {
     /// Distance of drive and seat at which it breaks away.
     pub break_away: f64,
     /// How far beyond the drive it lands, in break-away distances. Of a valve: where in its band the pull stands, for weights that were
-    /// fitted without it have taken the mean error for hysteresis.
+    /// fitted without it have taken the mean error for hysteresis; zero for weights of the muscle alone, which is led by the pressure.
     pub landing: f64,
     /// Speed of the pull, per s, from which a tip slides: it follows the pull until that has become a good deal slower.
     pub sliding_speed: f64,
@@ -106,6 +108,9 @@ pub const OF_A_VALVE: &[Parameter] = &[
     linear("flow_time_constant", Quantity::Time, 0.3),
 ];
 
+/// Least share of its band by which the mean error of a valve may be in the weights, if it is there at all.
+const LEAST_LANDING: f64 = 0.01;
+
 /// Which of them is the lag.
 pub const LAG: usize = 5;
 
@@ -130,6 +135,12 @@ impl JumpLaw {
         }
     }
 
+    /// Whether the operators are those of the muscle behind a valve, and have taken nothing of the valve for hysteresis of theirs.
+    #[must_use]
+    pub fn leads_the_muscle(&self) -> bool {
+        self.drive == Drive::Command && self.landing == 0.0
+    }
+
     /// The law with this break-away distance. A tip keeps its travel, which recordings show far better than where in it the pull is.
     #[must_use]
     pub fn with_break_away(&self, break_away: f64) -> Self {
@@ -143,11 +154,12 @@ impl JumpLaw {
     /// The law with its landing moved by this: a share of a tip's travel, and of a valve's break-away distance.
     #[must_use]
     pub fn with_landing(&self, by: f64) -> Self {
-        let moved = match self.drive {
-            Drive::Pull => (1.0 + self.landing) * by,
-            Drive::Command => by,
+        let landing = match self.drive {
+            Drive::Pull => (self.landing + (1.0 + self.landing) * by).clamp(0.0, 1.0),
+            Drive::Command if self.leads_the_muscle() => 0.0,
+            Drive::Command => (self.landing + by).clamp(LEAST_LANDING, 1.0),
         };
-        Self { landing: (self.landing + moved).clamp(0.0, 1.0), ..*self }
+        Self { landing, ..*self }
     }
 
     /// The law with these parameters of a form, and the noise behind it.
@@ -177,17 +189,37 @@ impl JumpLaw {
 }
 
 /// Adds a column with what the output is expected to depart from `sum` by, for what was measured before each sample. Where nothing was
-/// measured (a simulation) the column is zero: over all seats the mean of what sticks is the pull.
+/// measured (a simulation) the column is zero: over all seats the mean of what sticks is the pull. Operators that are the muscle's own are led
+/// by the pressure behind the valve instead of the command.
 pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+    let (law, noise) = JumpLaw::of_parameters(drive, parameters);
     if run.output.iter().all(|value| *value == 0.0) {
+        if law.leads_the_muscle() {
+            let seat = valve_jumps::foretold(&columns.command, &law, run.period_s);
+            lead_by_the_seat(&law, &seat, run, columns);
+        }
         columns.push(false, |_| 0.0);
         return;
     }
-    let (law, noise) = JumpLaw::of_parameters(drive, parameters);
     let follows_s = if drive == Drive::Command { law.lag_s } else { 0.0 };
     let tip = Tip::new(run, columns, sum, feels, follows_s);
     let expected = observe(&tip.seen(run, noise), &law);
-    columns.push(false, |sample| expected.mean[sample] - tip.pull[sample]);
+    let pull = lead_by_the_seat(&law, &expected.seat, run, columns).unwrap_or(tip.pull);
+    columns.push(false, |sample| expected.mean[sample] - pull[sample]);
+}
+
+/// Leads the operators by the pressure behind a valve, where they are the muscle's own: what they make of it by their last weights.
+fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Columns) -> Option<Vec<f64>> {
+    let bank = columns.bank.take().filter(|_| law.leads_the_muscle())?;
+    let (thresholds, mut weights): (Vec<f64>, Vec<f64>) = bank.operators.iter().copied().unzip();
+    let habit = Habit { rate_power: 1.0, ..Habit::default() };
+    let lead = Lead { history: &bank.history, path: seat, habit: &habit, period_s: run.period_s };
+    columns.lead_anew(|rows| operators::write(&thresholds, &lead, rows));
+    weights.insert(0, bank.constant);
+    let mut pull = vec![0.0; seat.len()];
+    columns.weigh(&weights, 0, &mut pull);
+    columns.bank = Some(bank);
+    Some(pull)
 }
 
 /// One recording at the tip: what the sensor's effects add by the model is off where a seat does not feel them.
@@ -199,6 +231,8 @@ pub struct Tip {
     /// The pull, normalised.
     pub pull: Vec<f64>,
     measured: Vec<f64>,
+    /// What makes the pull of that pressure, where nothing else does.
+    pub bank: Option<Bank>,
 }
 
 impl Tip {
@@ -211,7 +245,13 @@ impl Tip {
         if follows_s > 0.0 {
             lag(&mut followed, follows_s, run.period_s);
         }
-        Self { command: columns.command.clone(), followed, pull: without(output), measured: without(&run.output) }
+        Self {
+            command: columns.command.clone(),
+            followed,
+            pull: without(output),
+            measured: without(&run.output),
+            bank: columns.bank.clone(),
+        }
     }
 
     /// What the observers see of it.
@@ -225,6 +265,7 @@ impl Tip {
             keep: &run.keep,
             period_s: run.period_s,
             noise,
+            bank: self.bank.as_ref(),
         }
     }
 }
@@ -246,6 +287,8 @@ pub struct Seen<'a> {
     pub period_s: f64,
     /// Standard deviation of the noise.
     pub noise: f64,
+    /// What makes the pull of the pressure, where nothing else does.
+    pub bank: Option<&'a Bank>,
 }
 
 /// What an observer expected of every sample before it was seen.
@@ -257,6 +300,8 @@ pub struct Expected {
     pub variance: Vec<f64>,
     /// Logarithm of the likelihood.
     pub evidence: Vec<f64>,
+    /// Mean of a valve's pressure; empty for a tip.
+    pub seat: Vec<f64>,
 }
 
 /// Normal distribution function, by the logistic one (largest error 0.01).
@@ -336,7 +381,7 @@ mod tests {
 
     fn evidence(measured: &[f64], pull: &[f64]) -> (f64, f64) {
         let keep = vec![true; pull.len()];
-        let seen = Seen { command: pull, followed: pull, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen = Seen { command: pull, followed: pull, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE, bank: None };
         let smooth_sum = [0.002, 0.02, 0.04].map(|wander| smooth(&seen, wander, 0.1).iter().sum::<f64>());
         (observe(&seen, &LAW).evidence.iter().sum(), smooth_sum.into_iter().fold(f64::MIN, f64::max))
     }
@@ -355,7 +400,8 @@ mod tests {
         let (pull, mut tip, _) = slow_triangle();
         let keep = vec![true; pull.len()];
         let of = |tip: &[f64]| {
-            let seen = Seen { command: &pull, followed: &pull, pull: &pull, measured: tip, keep: &keep, period_s: 0.02, noise: NOISE };
+            let seen =
+                Seen { command: &pull, followed: &pull, pull: &pull, measured: tip, keep: &keep, period_s: 0.02, noise: NOISE, bank: None };
             observe(&seen, &LAW).mean
         };
         let before = of(&tip);

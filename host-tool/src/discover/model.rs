@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use super::catalogue::{Columns, Form, Habit, Place};
-use super::columns::AHEAD;
+use super::columns::{AHEAD, Bank};
+use super::effects::seated::NEVER_SHUT;
 use super::grid;
+use super::jumps::Drive;
 use super::operators::{self, Lead};
 use super::past::Past;
 use super::paths::Paths;
@@ -173,6 +175,7 @@ impl Model {
     pub(super) fn operators(&self, run: &Run, history: &[f64], path: &[f64], columns: &mut Columns) {
         let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
         self.before_operators().for_each(|slot| slot.form.habit(&slot.parameters, &mut habit));
+        columns.bank = self.is_a_bank().then(|| Bank { history: history.to_vec(), ..Bank::default() });
         columns.begin(self.thresholds.len(), &run.output, |rows| {
             operators::write(&self.thresholds, &Lead { history, path, habit: &habit, period_s: run.period_s }, rows);
             if self.stops {
@@ -184,9 +187,19 @@ impl Model {
         });
     }
 
+    /// Whether it is nothing but play operators, behind a valve maybe.
+    fn is_a_bank(&self) -> bool {
+        let is_a_valve = |slot: &Slot| slot.form.jumps() == Some(Drive::Command) || slot.form.form() == NEVER_SHUT.form();
+        !self.stops && self.slots.iter().all(is_a_valve)
+    }
+
     /// What the effects make of the operators' columns, and those that they add.
     pub(super) fn add_effects(&self, run: &Run, columns: &mut Columns) {
         columns.forget_added();
+        if let Some(bank) = &mut columns.bank {
+            bank.constant = self.base[0];
+            bank.operators = self.thresholds.iter().copied().zip(self.base[1..].iter().copied()).collect();
+        }
         let samples = run.input.len();
         let mut weights = self.base.clone();
         let mut sum = Vec::new();

@@ -264,10 +264,8 @@ impl Session {
             fastest_per_s,
         };
         session.assign_roles(kept.is_empty());
-        for run in &mut session.runs {
-            for sample in late_steps::on_either_side(run) {
-                run.role[sample] = Role::Nothing;
-            }
+        for (run, sample) in late_steps::on_either_side(&session.runs) {
+            session.runs[run].role[sample] = Role::Nothing;
         }
         Ok(session)
     }

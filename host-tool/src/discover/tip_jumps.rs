@@ -363,7 +363,8 @@ mod tests {
 
     fn expected(law: &JumpLaw, pull: &[f64], measured: &[f64]) -> Vec<f64> {
         let keep = vec![true; pull.len()];
-        observe(&Seen { command: pull, followed: pull, pull, measured, keep: &keep, period_s: PERIOD_S, noise: 0.002 }, law).mean
+        observe(&Seen { command: pull, followed: pull, pull, measured, keep: &keep, period_s: PERIOD_S, noise: 0.002, bank: None }, law)
+            .mean
     }
 
     #[test]

@@ -6,13 +6,14 @@
 //! earlier or later than foretold makes a history of its own, so an error of the law does not add up from one jump to the next.
 //! The terms are those of [`super::jumps`]; the *seat* is the pressure.
 
+use super::columns::Bank;
 use super::jumps::{Expected, JumpLaw, LOST, Seen, WANDER_S, WILD, chance, density, doubt};
 
 /// Histories of the valve that are followed side by side.
 const HISTORIES: usize = 6;
 
 /// One history of the valve: the pressure that it holds, with a filter for the level of the output there and the wander of the pull.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct History {
     weight: f64,
     /// Pressure, in the units of the command.
@@ -56,12 +57,16 @@ impl History {
         }
     }
 
-    /// The level that a pressure which has just moved makes: beside the pull, by how far its error from the pressure that the pull is made by is
-    /// from the middle of the band.
-    fn land(&mut self, law: &JumpLaw, pull: f64, followed: f64, gain: f64, direction: f64, moved: f64) {
-        let error = followed - self.seat;
-        self.level = pull + self.wander + gain * (direction * law.landing * law.break_away - error);
-        let scatter = self.seat_variance + (MOMENT * moved).powi(2);
+    /// The level that a pressure which has just moved makes: what the muscle makes of it, or where something else makes the pull, too, the pull
+    /// and how far the error from the pressure that it is made by is from the middle of the band.
+    fn land(&mut self, law: &JumpLaw, muscle: Option<&mut Muscle>, (pull, followed): (f64, f64), gain: f64, direction: f64, moved: f64) {
+        let made = match muscle {
+            Some(muscle) => muscle.at(self.seat),
+            None => pull + gain * (direction * law.landing * law.break_away - (followed - self.seat)),
+        };
+        self.level = made + self.wander;
+        // One that has closed again did so where its law says, whenever it opened.
+        let scatter = self.seat_variance + if self.open { (MOMENT * moved).powi(2) } else { 0.0 };
         self.seat_variance = scatter;
         self.with_seat = gain * scatter;
         self.with_wander = self.wander_variance;
@@ -88,6 +93,37 @@ impl History {
         self.wander_variance += unsure;
         self.with_wander += unsure;
         ours + WILD
+    }
+}
+
+/// The muscle behind a valve, as one history has it.
+#[derive(Clone, Debug)]
+struct Muscle {
+    constant: f64,
+    /// Thresholds, weights and states.
+    operators: Vec<[f64; 3]>,
+}
+
+impl Muscle {
+    /// The muscle when a recording begins at this pressure.
+    fn new(bank: &Bank, law: &JumpLaw, pressure: f64) -> Self {
+        let weighty = bank.operators.iter().filter(|(_, weight)| *weight != 0.0);
+        let mean_error = law.landing * law.break_away;
+        let operators = weighty.map(|&(threshold, weight)| [(threshold - mean_error).max(0.0), weight, 0.0]).collect();
+        let mut muscle = Self { constant: bank.constant, operators };
+        for &turn in bank.history.iter().chain([&pressure]) {
+            muscle.at(turn);
+        }
+        muscle
+    }
+
+    /// What it makes of a pressure.
+    fn at(&mut self, pressure: f64) -> f64 {
+        let of = |[threshold, weight, state]: &mut [f64; 3]| {
+            *state = state.max(pressure - *threshold).min(pressure + *threshold);
+            *weight * *state
+        };
+        self.constant + self.operators.iter_mut().map(of).sum::<f64>()
     }
 }
 
@@ -118,6 +154,8 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
     };
     let mut histories = [History { weight: 1e-12, ..first }; HISTORIES];
     histories[0].weight = 1.0;
+    let mut muscles: Option<[Muscle; HISTORIES]> =
+        seen.bank.map(|bank| Muscle::new(bank, law, seen.command[0])).map(|muscle| std::array::from_fn(|_| muscle.clone()));
     let scatter = law.scatter * law.break_away;
     let mut expected = Expected::default();
     let mut before = seen.command[0];
@@ -132,7 +170,8 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
                 let was = history.seat;
                 let direction = (before - was).signum();
                 history.follow(law, before, command, seen.period_s);
-                history.land(law, pull, followed, gain, direction, 0.5 * (history.seat - was).abs());
+                let muscle = muscles.as_mut().map(|muscles| &mut muscles[at]);
+                history.land(law, muscle, (pull, followed), gain, direction, 0.5 * (history.seat - was).abs());
             } else {
                 let spread = (scatter * scatter + history.seat_variance.max(0.0)).sqrt().max(1e-9);
                 let beyond = |command: f64| ((command - history.seat).abs() - law.break_away) / spread;
@@ -143,27 +182,30 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         let leaving: f64 = leaves.iter().sum();
         let parent = (0..HISTORIES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
         let mut landed = History { weight: leaving, open: true, ..histories[parent] };
+        let mut muscle = muscles.as_ref().filter(|_| leaving > LOST).map(|muscles| muscles[parent].clone());
         if leaving > LOST {
             let was = landed.seat;
             let (error_before, error) = (before - was, command - was);
             let direction = error.signum();
-            // The moment at which the error passed the band, on a straight line between the samples.
-            let rise = error.abs() - (error_before * direction);
-            let share = if rise > 1e-9 { ((law.break_away - error_before * direction) / rise).clamp(0.0, 1.0) } else { 0.0 };
+            let share = share_until_it_opens(law, error_before, error);
             landed.seat_variance = landed.seat_variance.max(0.0).min(scatter * scatter);
             landed.follow(law, before + (command - before) * share, command, (1.0 - share) * seen.period_s);
-            landed.land(law, pull, followed, gain, direction, landed.seat - was);
+            landed.land(law, muscle.as_mut(), (pull, followed), gain, direction, landed.seat - was);
         }
         for (history, left) in histories.iter_mut().zip(leaves) {
             history.weight -= left;
         }
         let weakest = (0..HISTORIES).min_by(|&x, &y| histories[x].weight.total_cmp(&histories[y].weight)).unwrap_or(0);
         histories[weakest] = landed;
+        if let (Some(muscles), Some(muscle)) = (&mut muscles, muscle) {
+            muscles[weakest] = muscle;
+        }
         before = command;
         let total: f64 = histories.iter().map(|history| history.weight).sum();
         let mean = histories.iter().map(|history| history.weight * history.level).sum::<f64>() / total;
         let spread = |history: &History| history.weight * (history.level_variance + (history.level - mean).powi(2));
         expected.mean.push(mean);
+        expected.seat.push(histories.iter().map(|history| history.weight * history.seat).sum::<f64>() / total);
         expected.variance.push(histories.iter().map(spread).sum::<f64>() / total);
         if !seen.keep[sample] {
             expected.evidence.push(0.0);
@@ -184,6 +226,31 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
         }
     }
     expected
+}
+
+/// The pressure behind a valve of this law, of which nothing is seen.
+#[must_use]
+pub fn foretold(command: &[f64], law: &JumpLaw, period_s: f64) -> Vec<f64> {
+    let mut valve = History { seat: command[0], ..History::default() };
+    let mut before = command[0];
+    let step = |&command: &f64| {
+        if valve.open {
+            valve.follow(law, before, command, period_s);
+        } else if (command - valve.seat).abs() > law.break_away {
+            let share = share_until_it_opens(law, before - valve.seat, command - valve.seat);
+            valve.follow(law, before + (command - before) * share, command, (1.0 - share) * period_s);
+        }
+        before = command;
+        valve.seat
+    };
+    command.iter().map(step).collect()
+}
+
+/// The share of a sample after which the error passes the band, on a straight line between the samples.
+fn share_until_it_opens(law: &JumpLaw, error_before: f64, error: f64) -> f64 {
+    let direction = error.signum();
+    let rise = error.abs() - error_before * direction;
+    if rise > 1e-9 { ((law.break_away - error_before * direction) / rise).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// How much the pull moves with the pressure that it is made by, sample by sample; while that rests, as before.
@@ -237,8 +304,16 @@ mod tests {
     fn observed(law: &JumpLaw) -> (f64, f64) {
         let (command, measured) = strokes();
         let keep = vec![true; command.len()];
-        let seen =
-            Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen = Seen {
+            command: &command,
+            followed: &command,
+            pull: &command,
+            measured: &measured,
+            keep: &keep,
+            period_s: 0.02,
+            noise: NOISE,
+            bank: None,
+        };
         let expected = observe(&seen, law);
         let square = expected.mean.iter().zip(&measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
         ((square / measured.len() as f64).sqrt(), expected.evidence.iter().sum())
@@ -268,8 +343,16 @@ mod tests {
         measured[400..].iter_mut().for_each(|value| *value += 20.0 * NOISE);
         measured[200..206].iter_mut().for_each(|value| *value = 3.0);
         let keep = vec![true; command.len()];
-        let seen =
-            Seen { command: &command, followed: &command, pull: &command, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE };
+        let seen = Seen {
+            command: &command,
+            followed: &command,
+            pull: &command,
+            measured: &measured,
+            keep: &keep,
+            period_s: 0.02,
+            noise: NOISE,
+            bank: None,
+        };
         let expected = observe(&seen, &LAW);
         let miss = |from: usize, to: usize| {
             let square = (from..to).map(|at| (expected.mean[at] - measured[at]).powi(2)).sum::<f64>();

@@ -61,6 +61,9 @@ impl Left {
 /// Most that a simulated valve leaves when it meets its jumps, of what was there.
 const MOST_OF_MET_JUMPS: f64 = 0.03;
 
+/// Most that jumps leave that are expected a sample early or late, of what was there.
+const MOST_OF_MISTIMED_JUMPS: f64 = 0.08;
+
 /// What a model leaves of what another missed, on the samples that both were found with.
 pub struct Leaves {
     /// Whether it stands out of the noise.
@@ -80,6 +83,11 @@ impl Leaves {
         let floor = noise::floor(session, &after).powi(2);
         let Left { stands_out, share } = Left::new(worked(session, &before, false), worked(session, &after, false) - scatter, floor);
         Self { stands_out, share }
+    }
+
+    /// Whether that is more than jumps leave that an observer expects a sample early or late, more often than its law's scatter says.
+    pub fn more_than_mistimed_jumps(&self) -> bool {
+        self.stands_out && self.share > MOST_OF_MISTIMED_JUMPS
     }
 
     /// Whether that is more than a simulated valve leaves that meets its jumps: each that it misses is missed on kept-out recordings, too.
