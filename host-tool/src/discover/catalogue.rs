@@ -97,6 +97,12 @@ impl Habit {
     pub fn is_plain(&self) -> bool {
         *self == Self { rate_power: self.rate_power, opening_power: self.opening_power, ..Self::default() }
     }
+
+    /// Whether the operators' states hang on how fast they went: turning points do not tell them.
+    #[must_use]
+    pub fn hangs_on_rates(&self) -> bool {
+        self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
+    }
 }
 
 /// Where in the chain a form acts, in the order of the signal.

@@ -301,6 +301,12 @@ mod tests {
         columns
     }
 
+    impl Columns {
+        fn clone_of_all(&self) -> Vec<Vec<f64>> {
+            (0..self.free.len()).map(|weight| self.column(weight)).collect()
+        }
+    }
+
     /// Half of the value and half of the last one.
     struct Mean;
 
@@ -336,6 +342,19 @@ mod tests {
                 assert!((sum - wanted).abs() < 1e-9, "from {first} on: {sum} instead of {wanted}");
             }
         }
+    }
+
+    #[test]
+    fn operators_led_anew_leave_the_constant_the_measured_output_and_what_effects_add() {
+        let mut columns = columns();
+        let before = columns.clone_of_all();
+        columns.lead_anew(|rows| rows.values.fill(7.0));
+        let after = columns.clone_of_all();
+        assert_eq!((&after[0], &after[11..]), (&before[0], &before[11..]));
+        assert!(after[1..11].iter().flatten().all(|value| *value == 7.0));
+        let (rows, _) = columns.operators();
+        assert!(rows.values.chunks_exact(rows.stride).zip(1000..).all(|(row, output)| row[OUTPUT] == f64::from(output)));
+        assert!(rows.values.chunks_exact(rows.stride).all(|row| row[12..].iter().all(|value| *value == 0.0)));
     }
 
     #[test]

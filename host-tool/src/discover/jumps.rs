@@ -16,7 +16,7 @@
 use super::catalogue::{Columns, Habit, Parameter, Quantity};
 use super::columns::Bank;
 use super::effects::lag;
-use super::operators::{self, Lead};
+use super::operators::{self, Begin, Lead};
 use super::session::Run;
 use super::{tip_jumps, valve_jumps};
 
@@ -213,7 +213,7 @@ fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Column
     let bank = columns.bank.take().filter(|_| law.leads_the_muscle())?;
     let (thresholds, mut weights): (Vec<f64>, Vec<f64>) = bank.operators.iter().copied().unzip();
     let habit = Habit { rate_power: 1.0, ..Habit::default() };
-    let lead = Lead { history: &bank.history, path: seat, habit: &habit, period_s: run.period_s };
+    let lead = Lead { begin: Begin::After(&bank.history), path: seat, habit: &habit, period_s: run.period_s };
     columns.lead_anew(|rows| operators::write(&thresholds, &lead, rows));
     weights.insert(0, bank.constant);
     let mut pull = vec![0.0; seat.len()];

@@ -7,7 +7,7 @@ use super::columns::{AHEAD, Bank};
 use super::effects::seated::NEVER_SHUT;
 use super::grid;
 use super::jumps::Drive;
-use super::operators::{self, Lead};
+use super::operators::{self, Begin, Lead, States};
 use super::past::Past;
 use super::paths::Paths;
 use super::session::{Run, Session};
@@ -162,7 +162,7 @@ impl Model {
                 columns.command.clone_from(&path);
             }
         }
-        self.operators(run, &self.history(run), &path, columns);
+        self.operators(run, Begin::After(&self.history(run)), &path, columns);
         self.add_effects(run, columns);
     }
 
@@ -171,13 +171,22 @@ impl Model {
         self.slots.iter().filter(|slot| slot.form.leads_operators())
     }
 
-    /// Begins the columns with the operators, led along `path` after the turning points of `history`.
-    pub(super) fn operators(&self, run: &Run, history: &[f64], path: &[f64], columns: &mut Columns) {
+    /// How the operators deviate from plain ones.
+    fn habit(&self) -> Habit {
         let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
         self.before_operators().for_each(|slot| slot.form.habit(&slot.parameters, &mut habit));
-        columns.bank = self.is_a_bank().then(|| Bank { history: history.to_vec(), ..Bank::default() });
+        habit
+    }
+
+    /// Begins the columns with the operators, led along `path`.
+    pub(super) fn operators(&self, run: &Run, begin: Begin<'_>, path: &[f64], columns: &mut Columns) {
+        let habit = self.habit();
+        columns.bank = match begin {
+            Begin::After(history) if self.is_a_bank() => Some(Bank { history: history.to_vec(), ..Bank::default() }),
+            _ => None,
+        };
         columns.begin(self.thresholds.len(), &run.output, |rows| {
-            operators::write(&self.thresholds, &Lead { history, path, habit: &habit, period_s: run.period_s }, rows);
+            operators::write(&self.thresholds, &Lead { begin, path, habit: &habit, period_s: run.period_s }, rows);
             if self.stops {
                 // The first operator has no threshold: its play is the path itself, the spring beside the sliders.
                 for (row, input) in rows.values.chunks_exact_mut(rows.stride).zip(path) {
@@ -236,7 +245,8 @@ impl Model {
         wanted: impl Fn(&Run) -> bool,
         mut each: impl FnMut(&Run, &Columns, Vec<f64>),
     ) {
-        let follows = self.follows_history();
+        let mut states = self.states();
+        let follows = self.follows_history() || states.is_some();
         let end = session.runs.iter().rposition(&wanted).map_or(0, |last| last + 1);
         let runs = &session.runs[..end];
         paths.lead(self, runs, (0..end).filter(|&run| follows || wanted(&runs[run])).collect());
@@ -248,17 +258,35 @@ impl Model {
             if wanted(run) {
                 columns.command.clear();
                 columns.command.extend_from_slice(paths.command(run));
-                let history = if follows { &followed } else { &self.history(run) };
-                self.operators(run, history, path, &mut columns);
+                let own;
+                let begin = match &states {
+                    Some(states) => states.begin(),
+                    None if follows => Begin::After(&followed),
+                    None => {
+                        own = self.history(run);
+                        Begin::After(&own)
+                    }
+                };
+                self.operators(run, begin, path, &mut columns);
                 self.add_effects(run, &mut columns);
                 let mut sum = vec![0.0; run.input.len()];
                 columns.weigh(&weights, 0, &mut sum);
                 each(run, &columns, sum);
             }
-            if follows {
+            if let Some(states) = &mut states {
+                states.lead(path, run.period_s);
+            } else if follows {
                 remember(&mut followed, path);
             }
         }
+    }
+
+    /// States of the operators before the session, where each recording begins with what the one before has left, and turning points do not
+    /// tell what that is.
+    pub(super) fn states(&self) -> Option<States<'_>> {
+        let habit = self.habit();
+        let carries = self.past.is_carried() && !self.stops && habit.hangs_on_rates();
+        carries.then(|| States::new(&self.thresholds, &self.past.before_the_session(), habit))
     }
 
     /// Weights of the last fit: the constant, the operators, what effects add.

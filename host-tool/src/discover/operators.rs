@@ -3,13 +3,22 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::catalogue::Habit;
-use super::columns::{AHEAD, Rows};
+use super::columns::{AHEAD, Rows, SIDE};
 use super::turning::between_samples;
+
+/// What operators know when a recording begins.
+#[derive(Clone, Copy, Debug)]
+pub enum Begin<'a> {
+    /// Turning points before the recording, oldest first.
+    After(&'a [f64]),
+    /// Their states.
+    From(&'a [f64]),
+}
 
 /// What a bank of operators is led along.
 pub struct Lead<'a> {
-    /// Turning points before the recording, oldest first.
-    pub history: &'a [f64],
+    /// What the operators begin with.
+    pub begin: Begin<'a>,
     /// The input as the operators see it.
     pub path: &'a [f64],
     /// How the operators deviate from plain ones.
@@ -25,19 +34,67 @@ type Gap = [f64; 3];
 /// whatever else is in the rows is overwritten.
 pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     let turns = between_samples(lead.path);
+    let (history, states): (&[f64], &[f64]) = match lead.begin {
+        Begin::After(history) => (history, &[]),
+        Begin::From(states) => (&[], states),
+    };
     let (before, now) = if lead.habit.is_plain() {
         (Vec::new(), Vec::new())
     } else {
-        (gaps(lead.history, lead.habit, None, &[]), gaps(lead.path, lead.habit, Some(lead.period_s), &turns))
+        (gaps(history, lead.habit, None, &[]), gaps(lead.path, lead.habit, Some(lead.period_s), &turns))
     };
     let mut padded = vec![0.0; rows.stride];
     padded[AHEAD..AHEAD + thresholds.len()].copy_from_slice(thresholds);
-    Arch::new().dispatch(Writing { thresholds: &padded, lead, turns: &turns, before: &before, now: &now, rows });
+    let mut begun = vec![0.0; rows.stride];
+    begun[AHEAD..AHEAD + states.len()].copy_from_slice(states);
+    Arch::new().dispatch(Writing { thresholds: &padded, begun: &begun, history, lead, turns: &turns, before: &before, now: &now, rows });
+}
+
+/// States of operators from one recording to the next.
+pub struct States<'a> {
+    thresholds: &'a [f64],
+    habit: Habit,
+    states: Vec<f64>,
+    rows: Rows,
+}
+
+impl<'a> States<'a> {
+    /// The states behind these turning points.
+    pub fn new(thresholds: &'a [f64], history: &[f64], habit: Habit) -> Self {
+        let mut begun = Self { thresholds, habit, states: vec![0.0; thresholds.len()], rows: Rows::default() };
+        if let Some((&last, before)) = history.split_last() {
+            begun.lead_from(Begin::After(before), &[last], 1.0);
+        }
+        begun
+    }
+
+    /// What a recording begins with now.
+    #[must_use]
+    pub fn begin(&self) -> Begin<'_> {
+        Begin::From(&self.states)
+    }
+
+    /// Leads the operators through a recording.
+    pub fn lead(&mut self, path: &[f64], period_s: f64) {
+        let states = std::mem::take(&mut self.states);
+        self.lead_from(Begin::From(&states), path, period_s);
+    }
+
+    fn lead_from(&mut self, begin: Begin<'_>, path: &[f64], period_s: f64) {
+        let count = AHEAD + self.thresholds.len();
+        self.rows.shape(path.len(), count, count.next_multiple_of(SIDE));
+        write(self.thresholds, &Lead { begin, path, habit: &self.habit, period_s }, &mut self.rows);
+        let last = self.rows.values.len() - self.rows.stride;
+        self.states = self.rows.values[last + AHEAD..last + count].to_vec();
+    }
 }
 
 /// Writes a bank; the thresholds are as many as there are places in a row.
 struct Writing<'a> {
     thresholds: &'a [f64],
+    /// States before the turning points of `history`.
+    begun: &'a [f64],
+    history: &'a [f64],
     lead: &'a Lead<'a>,
     turns: &'a [(usize, f64)],
     /// Gaps at the turning points before the recording; empty for plain operators.
@@ -73,11 +130,12 @@ impl Writing<'_> {
     /// Writes `N` vectors of operators.
     #[inline(always)]
     fn side<S: Simd, const N: usize>(&mut self, simd: S, first: usize) {
-        let Lead { history, path, habit, .. } = *self.lead;
+        let Lead { path, habit, .. } = *self.lead;
         let (thresholds, _) = S::as_simd_f64s(self.thresholds);
+        let (begun, _) = S::as_simd_f64s(self.begun);
         let side = Side { simd, lead: self.lead, thresholds: std::array::from_fn::<_, N, _>(|at| thresholds[first + at]) };
-        let mut state = [simd.splat_f64s(0.0); N];
-        for (at, &value) in history.iter().enumerate() {
+        let mut state: [S::f64s; N] = std::array::from_fn(|at| begun[first + at]);
+        for (at, &value) in self.history.iter().enumerate() {
             side.play(&mut state, value, self.before.get(at));
         }
         let stride = self.rows.stride;
@@ -215,4 +273,39 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
         [factor, habit.envelope_bend * value * (1.0 - value) + opening + habit.extra_per_rate * rate, unloading]
     };
     path.iter().enumerate().map(gap).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn operators_that_hang_on_rates_go_on_in_the_next_recording_where_the_last_one_left_them() {
+        const PERIOD_S: f64 = 0.02;
+        let thresholds = [0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7];
+        let habit = Habit { growth_per_rate: 0.6, rate_memory_s: 0.02, rate_power: 1.0, ..Habit::default() };
+        // Fast strokes, then slow ones half as wide; each recording begins and ends at rest.
+        let stroke = |sample: usize, frequency_hz: f64, size: f64| {
+            let time_s = (sample.clamp(25, 175) - 25) as f64 * PERIOD_S;
+            0.5 * size * (1.0 - (std::f64::consts::TAU * frequency_hz * time_s).cos())
+        };
+        let fast: Vec<f64> = (0..200).map(|sample| stroke(sample, 2.0, 1.0)).collect();
+        let slow: Vec<f64> = (0..200).map(|sample| stroke(sample, 1.0, 0.5)).collect();
+        let written = |begin: Begin<'_>, path: &[f64]| {
+            let mut rows = Rows::default();
+            rows.shape(path.len(), AHEAD + thresholds.len(), (AHEAD + thresholds.len()).next_multiple_of(SIDE));
+            write(&thresholds, &Lead { begin, path, habit: &habit, period_s: PERIOD_S }, &mut rows);
+            rows.values.chunks_exact(rows.stride).map(|row| row[AHEAD..AHEAD + thresholds.len()].to_vec()).collect::<Vec<_>>()
+        };
+        let mut states = States::new(&thresholds, &[], habit);
+        states.lead(&fast, PERIOD_S);
+        let in_two = written(states.begin(), &slow);
+        let in_one = written(Begin::After(&[]), &[fast, slow.clone()].concat());
+        let most = |one: &[Vec<f64>], other: &[Vec<f64>]| {
+            one.iter().flatten().zip(other.iter().flatten()).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+        };
+        assert!(most(&in_two, &in_one[200..]) < 1e-9);
+        // Turning points take every stroke for a slow one.
+        assert!(most(&written(Begin::After(&[0.0, 1.0, 0.0]), &slow), &in_two) > 0.01);
+    }
 }

@@ -9,6 +9,7 @@ use super::catalogue::Columns;
 use super::columns::{OUTPUT, place};
 use super::least_squares::{Gram, add_products, add_squares};
 use super::model::{Model, Scope};
+use super::operators::Begin;
 use super::past::Past;
 use super::paths::Paths;
 use super::session::{Role, Run, Session};
@@ -97,7 +98,8 @@ impl<'a> Workspace<'a> {
         let end = runs.iter().rposition(looked_at).map_or(0, |last| last + 1);
         let missing = runs[..end].iter().zip(&self.kept).any(|(run, kept)| looked_at(run) && kept.is_none());
         // Operators that remember are led through the recordings between those that are looked at as well.
-        let follows = model.follows_history() && missing;
+        let mut states = model.states().filter(|_| missing);
+        let follows = (model.follows_history() && missing) || states.is_some();
         if missing {
             self.paths.lead(model, runs, (0..end).filter(|&run| follows || looked_at(&runs[run])).collect());
         }
@@ -115,12 +117,22 @@ impl<'a> Workspace<'a> {
                         prepared.columns.command.clear();
                         prepared.columns.command.extend_from_slice(self.paths.command(run));
                     }
-                    let before = if follows { &history } else { &model.history(run) };
-                    model.operators(run, before, path, &mut prepared.columns);
+                    let own;
+                    let begin = match &states {
+                        Some(states) => states.begin(),
+                        None if follows => Begin::After(&history),
+                        None => {
+                            own = model.history(run);
+                            Begin::After(&own)
+                        }
+                    };
+                    model.operators(run, begin, path, &mut prepared.columns);
                     prepared.fit.clear();
                     prepared.select.clear();
                 }
-                if follows {
+                if let Some(states) = &mut states {
+                    states.lead(path, run.period_s);
+                } else if follows {
                     remember(&mut history, path);
                 }
             }
