@@ -26,12 +26,22 @@ pub fn fast_noise(values: &[f64]) -> f64 {
     median(&mut differences) / 0.6745 / 6.0_f64.sqrt()
 }
 
-/// Masks outliers in `residual` (all recordings); returns how many samples are masked. Unless the residual is that of a model
-/// (`modelled`), only jumps out and back, rows of equal readings and bursts that scatter count.
+/// What a residual is that outliers are looked for in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Residual {
+    /// The output itself: only jumps out and back, rows of equal readings and bursts that scatter count.
+    Output,
+    /// What a model leaves.
+    OfModel,
+    /// What a model leaves that jumps: a jump that it expects a sample early or late is no mistake of the sensor.
+    OfJumps,
+}
+
+/// Masks outliers in `residual` (all recordings); returns how many samples are masked.
 ///
 /// A burst counts when the residual jumps out by more than seven deviations of the noise and back by as much within [`LONGEST`] samples,
 /// and the output itself does the same: a model's mistake in a fast motion does not return at once.
-pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) -> usize {
+pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) -> usize {
     // What the readings show by themselves, whatever the model.
     let mut masked = frozen::stopped(session);
     // A reading between two steps of the sensor flickers by one.
@@ -43,7 +53,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) ->
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
         // the model misses everywhere.
         let mut sizes: Vec<f64> = residual.iter().map(|value| value.abs()).collect();
-        let usual = if modelled { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
+        let usual = if kind != Residual::Output { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
         let threshold = (7.0 * noise).max(0.02).max(usual).max(flicker);
         let output = run.output.clone();
         let samples = output.len();
@@ -87,7 +97,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], modelled: bool) ->
             }
             sample += 1;
         }
-        if modelled {
+        if kind == Residual::OfModel {
             masked += lonely(run, residual, threshold) + frozen::off_the_model(run, residual, threshold);
         }
     }
@@ -151,7 +161,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    use super::outliers;
+    use super::{Residual, outliers};
     use crate::discover::session::Session;
     use crate::recording::{Recording, Signal};
 
@@ -181,7 +191,7 @@ mod tests {
             let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
             let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
             residual[400] += 0.4 / session.output_scale;
-            assert_eq!(outliers(&mut session, &[residual], true), masked);
+            assert_eq!(outliers(&mut session, &[residual], Residual::OfModel), masked);
         }
     }
 
@@ -193,13 +203,13 @@ mod tests {
         for (share_of_last, first, noise) in [(0.0, 400, 0.02), (1.0, 399, 0.02), (0.0, 400, 0.0), (1.0, 399, 0.0)] {
             let mut session = session(|last| share_of_last * last, noise);
             let residual = left(&session);
-            assert_eq!(outliers(&mut session, &residual, true), 411 - first);
+            assert_eq!(outliers(&mut session, &residual, Residual::OfModel), 411 - first);
             assert!(session.runs[0].keep.iter().enumerate().all(|(at, keep)| *keep != (first..411).contains(&at)));
         }
         // Readings without noise that repeat themselves where the model says the same are right.
         let mut right = session(|last| last, 0.0);
         let mut residual = left(&right);
         residual[0][400..411].fill(0.0);
-        assert_eq!(outliers(&mut right, &residual, true), 0);
+        assert_eq!(outliers(&mut right, &residual, Residual::OfModel), 0);
     }
 }

@@ -243,7 +243,8 @@ pub fn discover_from(
         run.keep.fill(true);
     }
     let residual = after.residuals(&session);
-    mask::outliers(&mut session, &residual, true);
+    let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
+    mask::outliers(&mut session, &residual, kind);
     after.fit_all(&session);
     before.fit_all(&session);
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
@@ -281,11 +282,11 @@ pub fn discover_from(
 /// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.
 fn prepare(session: &mut Session) -> Model {
     let zero: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
-    mask::outliers(session, &zero, false);
+    mask::outliers(session, &zero, mask::Residual::Output);
     let mut before = baseline(session);
     for _ in 0..2 {
         let residual = before.residuals(session);
-        mask::outliers(session, &residual, true);
+        mask::outliers(session, &residual, mask::Residual::OfModel);
         before.fit(session, model::Scope::Fit);
     }
     before.fit(session, model::Scope::Both);

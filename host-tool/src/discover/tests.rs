@@ -247,7 +247,7 @@ fn masks_spikes_and_leaves_a_true_step_alone() {
     }
     let mut session = Session::new(&case.recordings, &[]).expect("a session");
     let outputs: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
-    assert_eq!(mask::outliers(&mut session, &outputs, false), spiked.len());
+    assert_eq!(mask::outliers(&mut session, &outputs, mask::Residual::Output), spiked.len());
     assert!(spiked.iter().all(|&at| !session.runs[2].keep[at]));
     // A step of the output that stays is a step, not an outlier.
     for value in &mut case.recordings[3].output[600..] {
@@ -255,7 +255,7 @@ fn masks_spikes_and_leaves_a_true_step_alone() {
     }
     let mut session = Session::new(&case.recordings, &[]).expect("a session");
     let outputs: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
-    mask::outliers(&mut session, &outputs, false);
+    mask::outliers(&mut session, &outputs, mask::Residual::Output);
     assert!(session.runs[3].keep.iter().all(|keep| *keep));
 }
 

@@ -50,6 +50,10 @@ impl Form for Restriction {
     fn parameters(&self) -> &'static [Parameter] {
         self.parameters
     }
+    // That a converter holds the command is an assumption of its own: a short lag behind one is nearly a dead time.
+    fn cost(&self) -> usize {
+        self.parameters.len() + usize::from(self.held)
+    }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.parameters.len() == 1 {
             return ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect();
