@@ -210,7 +210,7 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
 
 /// Leads the operators by the pressure behind a valve, where they are the muscle's own: what they make of it by their last weights.
 fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Columns) -> Option<Vec<f64>> {
-    let bank = columns.bank.take().filter(|_| law.leads_the_muscle())?;
+    let bank = columns.bank.clone().filter(|_| law.leads_the_muscle())?;
     let (thresholds, mut weights): (Vec<f64>, Vec<f64>) = bank.operators.iter().copied().unzip();
     let habit = Habit { rate_power: 1.0, ..Habit::default() };
     let lead = Lead { begin: Begin::After(&bank.history), path: seat, habit: &habit, period_s: run.period_s };
@@ -218,7 +218,6 @@ fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Column
     weights.insert(0, bank.constant);
     let mut pull = vec![0.0; seat.len()];
     columns.weigh(&weights, 0, &mut pull);
-    columns.bank = Some(bank);
     Some(pull)
 }
 

@@ -280,6 +280,11 @@ mod tests {
     const LAW: JumpLaw =
         JumpLaw { break_away: 0.08, closing: 0.2, flow_s: 0.02, scatter: 0.03, wander: 0.005, ..JumpLaw::plain(Drive::Command) };
 
+    /// What stands in the place of noise.
+    fn ripple(sample: usize) -> f64 {
+        NOISE * (2.4 * sample as f64 + 0.3 * (0.7 * sample as f64).sin()).sin()
+    }
+
     /// Strokes of 0.2 Hz, and the pressure behind a valve of [`LAW`] in fine steps; with a ripple in the place of noise.
     fn strokes() -> (Vec<f64>, Vec<f64>) {
         strokes_from(0.03)
@@ -288,7 +293,6 @@ mod tests {
     /// The same from another pressure on.
     fn strokes_from(mut pressure: f64) -> (Vec<f64>, Vec<f64>) {
         let command = |time_s: f64| 0.5 - 0.5 * (0.4 * std::f64::consts::PI * time_s).cos();
-        let ripple = |sample: usize| NOISE * (2.4 * sample as f64 + 0.3 * (0.7 * sample as f64).sin()).sin();
         let mut open = false;
         let (mut commands, mut measured) = (Vec::new(), Vec::new());
         for step in 0..1000 * 200_usize {
@@ -306,20 +310,15 @@ mod tests {
         (commands, measured)
     }
 
+    /// A recording whose pull is the command.
+    fn seen<'a>(command: &'a [f64], measured: &'a [f64], keep: &'a [bool]) -> Seen<'a> {
+        Seen { command, followed: command, pull: command, measured, keep, period_s: 0.02, noise: NOISE, bank: None }
+    }
+
     fn observed(law: &JumpLaw) -> (f64, f64) {
         let (command, measured) = strokes();
         let keep = vec![true; command.len()];
-        let seen = Seen {
-            command: &command,
-            followed: &command,
-            pull: &command,
-            measured: &measured,
-            keep: &keep,
-            period_s: 0.02,
-            noise: NOISE,
-            bank: None,
-        };
-        let expected = observe(&seen, law);
+        let expected = observe(&seen(&command, &measured, &keep), law);
         let square = expected.mean.iter().zip(&measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
         ((square / measured.len() as f64).sqrt(), expected.evidence.iter().sum())
     }
@@ -359,16 +358,13 @@ mod tests {
             let mut muscle = Muscle::new(&bank, &LAW, path[0]);
             path.iter().map(|&value| muscle.at(value)).collect()
         };
-        let ripple = |sample: usize| NOISE * (2.4 * sample as f64 + 0.3 * (0.7 * sample as f64).sin()).sin();
         let quiet: Vec<f64> = pressure.iter().enumerate().map(|(sample, value)| value - ripple(sample)).collect();
         let measured: Vec<f64> = through(&quiet).into_iter().enumerate().map(|(sample, value)| value + ripple(sample)).collect();
         let pull = through(&command);
         let keep = vec![true; command.len()];
         let miss = |bank: Option<&Bank>| {
-            let (command, pull, measured) = (&command, &pull, &measured);
-            let seen = Seen { command, followed: command, pull, measured, keep: &keep, period_s: 0.02, noise: NOISE, bank };
-            let expected = observe(&seen, &LAW);
-            let square = expected.mean.iter().zip(measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
+            let expected = observe(&Seen { pull: &pull, bank, ..seen(&command, &measured, &keep) }, &LAW);
+            let square = expected.mean.iter().zip(&measured).map(|(mean, measured)| (mean - measured).powi(2)).sum::<f64>();
             ((square / measured.len() as f64).sqrt(), expected.seat)
         };
         let ((led, seat), (not_led, _)) = (miss(Some(&bank)), miss(None));
@@ -384,17 +380,7 @@ mod tests {
         measured[400..].iter_mut().for_each(|value| *value += 20.0 * NOISE);
         measured[200..206].iter_mut().for_each(|value| *value = 3.0);
         let keep = vec![true; command.len()];
-        let seen = Seen {
-            command: &command,
-            followed: &command,
-            pull: &command,
-            measured: &measured,
-            keep: &keep,
-            period_s: 0.02,
-            noise: NOISE,
-            bank: None,
-        };
-        let expected = observe(&seen, &LAW);
+        let expected = observe(&seen(&command, &measured, &keep), &LAW);
         let miss = |from: usize, to: usize| {
             let square = (from..to).map(|at| (expected.mean[at] - measured[at]).powi(2)).sum::<f64>();
             (square / (to - from) as f64).sqrt()
