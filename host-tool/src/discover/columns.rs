@@ -265,6 +265,24 @@ impl Columns {
         }
     }
 
+    /// Puts other values in the place of the measured output, and multiplies each sample by its share.
+    pub fn tell(&mut self, value_and_share: impl Fn(usize) -> (f64, f64)) {
+        if !self.is_filtered {
+            self.filtered.clone_from(&self.operators);
+            self.is_filtered = true;
+        }
+        let own = self.filtered.stride.max(1);
+        for (sample, row) in self.filtered.values.chunks_exact_mut(own).enumerate() {
+            row[OUTPUT] = value_and_share(sample).0;
+        }
+        for rows in [&mut self.filtered, &mut self.added] {
+            for (sample, row) in rows.values.chunks_exact_mut(rows.stride.max(1)).enumerate() {
+                let (_, share) = value_and_share(sample);
+                row.iter_mut().for_each(|value| *value *= share);
+            }
+        }
+    }
+
     /// Adds the columns from `first` on, each by its weight, to `sum`.
     pub fn weigh(&self, weights: &[f64], first: usize, sum: &mut [f64]) {
         let (operators, count) = (self.operators().0, self.of_operators());
@@ -355,6 +373,26 @@ mod tests {
         let (rows, _) = columns.operators();
         assert!(rows.values.chunks_exact(rows.stride).zip(1000..).all(|(row, output)| row[OUTPUT] == f64::from(output)));
         assert!(rows.values.chunks_exact(rows.stride).all(|row| row[12..].iter().all(|value| *value == 0.0)));
+    }
+
+    #[test]
+    fn what_is_told_takes_the_place_of_the_measured_output_and_every_sample_counts_by_its_share() {
+        let mut columns = columns();
+        let before = columns.clone_of_all();
+        let share = |sample: usize| 0.5 + 0.1 * sample as f64;
+        columns.tell(|sample| (3.0 + sample as f64, share(sample)));
+        for (weight, before) in before.iter().enumerate() {
+            for (sample, (got, before)) in columns.column(weight).into_iter().zip(before).enumerate() {
+                assert!((got - share(sample) * before).abs() < 1e-12, "column {weight}, sample {sample}");
+            }
+        }
+        let (rows, is_filtered) = columns.operators();
+        assert!(is_filtered, "the operators themselves stay");
+        for (sample, row) in rows.values.chunks_exact(rows.stride).enumerate() {
+            assert!((row[OUTPUT] - share(sample) * (3.0 + sample as f64)).abs() < 1e-12);
+        }
+        columns.forget_added();
+        assert_eq!(columns.column(1), before[1]);
     }
 
     #[test]

@@ -202,6 +202,7 @@ impl DiscoveredModel {
             slots,
             base,
             ease: Arc::default(),
+            settled: false,
         })
     }
 

@@ -36,6 +36,22 @@ impl Model {
         model
     }
 
+    /// This model with all operators of the fine grid besides its own; those that it had not have no weight until the next fit.
+    #[must_use]
+    pub fn regrown(&self) -> Self {
+        let mut model = self.clone();
+        let coarse = coarse();
+        let between = coarse.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+        for threshold in coarse.iter().copied().chain(between) {
+            let at = model.thresholds.partition_point(|other| *other < threshold);
+            if model.thresholds.get(at) != Some(&threshold) {
+                model.thresholds.insert(at, threshold);
+                model.base.insert(at + 1, 0.0);
+            }
+        }
+        model
+    }
+
     /// This model without the operators that have no weight: it predicts the same. The first operator stays: with stops it is the
     /// spring beside them.
     #[must_use]
@@ -73,6 +89,25 @@ mod tests {
             }
         }
         [on_coarse.sqrt(), on_fine.sqrt()]
+    }
+
+    #[test]
+    fn a_model_that_is_regrown_stands_on_the_fine_grid_and_predicts_the_same() {
+        let case = rig::hide(&CaseConfig { seed: 546, ..CaseConfig::default() }).expect("a case");
+        let session = Session::new(&case.recordings[..4], &[]).expect("a session");
+        let mut fine = Model::baseline(Past::SESSION, false).refined();
+        fine.fit(&session, Scope::Both);
+        let regrown = fine.pruned().regrown();
+        assert_eq!(regrown.thresholds, fine.thresholds);
+        assert_eq!(regrown.base, fine.base);
+        // One that a valve's mean error has moved off the grid keeps its place.
+        let mut off = fine.pruned();
+        off.thresholds[1] += 1e-3;
+        let grown = off.regrown();
+        assert_eq!(grown.thresholds.len(), fine.thresholds.len() + 1);
+        assert!(grown.thresholds.is_sorted());
+        let (of_off, of_grown) = (off.predict(&session.runs[0]), grown.predict(&session.runs[0]));
+        assert!(of_off.iter().zip(of_grown).all(|(x, y)| (x - y).abs() < 1e-12));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The evidence for a law of jumps, and the best law: what the observers of [`super::jumps`] make of all recordings.
 
-use super::jumps::{self, Drive, JumpLaw, MOST_LEAP_PER_SPEED_S, MOST_YIELDING, NEVER, Seen, Tip};
+use super::jumps::{self, Drive, JumpLaw, MOST_BEHIND, MOST_FALL, MOST_LEAP_PER_SPEED_S, MOST_LEAP_S, MOST_YIELDING, NEVER, Seen, Tip};
 use super::model::Model;
 use super::paths::Paths;
 use super::session::{Role, Run, Session};
@@ -158,6 +158,20 @@ impl<'a> Pull<'a> {
         (self.smoothest().0 / count, jumping.fold(f64::MIN, f64::max) / count)
     }
 
+    /// The law of a tip that begins where those of the fitted recordings do in the mean: it is seen while the pull rests at first.
+    pub fn with_own_begin(&self, law: JumpLaw) -> JumpLaw {
+        let (mut sum, mut count) = (0.0, 1e-30);
+        for run in self.session.runs.iter().filter(|run| run.role.first() == Some(&Role::Fit)) {
+            let seen = self.seen(run);
+            let rest = seen.pull.iter().take_while(|pull| **pull == seen.pull[0]).count();
+            for at in (0..rest).filter(|&at| seen.keep[at]) {
+                sum += seen.measured[at] - seen.pull[at];
+                count += 1.0;
+            }
+        }
+        JumpLaw { begins: sum / count, ..law }
+    }
+
     /// Evidence of jumps by `law` on the fitted samples.
     pub fn fitting(&self, law: &JumpLaw) -> f64 {
         self.fitted(true, |seen| jumps::observe(seen, law).evidence)
@@ -279,7 +293,10 @@ fn moves_of(law: &JumpLaw, whole: bool) -> Vec<Move> {
         |law, by| JumpLaw { flow_s: law.flow_s * (1.0 + 3.0 * by), ..law },
     ];
     const OF_A_SLIDER: [Move; 1] = [|law, by| JumpLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law }];
-    const OF_A_WHOLE_TIP: [Move; 2] = [
+    const OF_A_WHOLE_TIP: [Move; 5] = [
+        |law, by| JumpLaw { leap_s: (law.leap_s + 0.1 * by).clamp(0.0, MOST_LEAP_S), ..law },
+        |law, by| JumpLaw { fall: (law.fall + 2.0 * by).clamp(0.0, MOST_FALL), ..law },
+        |law, by| JumpLaw { behind: (law.behind + by).clamp(-MOST_BEHIND, MOST_BEHIND), ..law },
         |law, by| JumpLaw { yielding: (law.yielding + 0.3 * by).clamp(0.0, MOST_YIELDING), ..law },
         |law, by| JumpLaw {
             leap_per_speed_s: (law.leap_per_speed_s + 0.04 * by).clamp(-MOST_LEAP_PER_SPEED_S, MOST_LEAP_PER_SPEED_S),

@@ -6,6 +6,7 @@
 //! must then pay beside the jumps, for jumps alone may look like an effect of the muscle.
 
 use super::catalogue::Form;
+use super::effects::seated::pull_as_told;
 use super::find::Outcome;
 use super::jump_evidence::{Evidence, Pull, lags};
 use super::jumps::{Drive, JumpLaw};
@@ -178,14 +179,46 @@ fn refitted(session: &Session, form: &'static dyn Form, noise: f64, model: Model
     let value = on(&model).fitting(&law);
     if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
         let led = JumpLaw { landing: 0.0, ..law };
-        let begun = without_mean_error(&model, law.landing * law.break_away);
+        let begun = without_mean_error(&model.regrown(), law.landing * law.break_away);
         let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
         if led.2 > value {
             return (led.0, led.1);
         }
     }
-    let (model, law, _) = refits_of(&on, form, noise, (model, law, value), refits);
+    let begun = if drive == Drive::Pull && refits.whole { told(&on, form, noise, &model, law) } else { None };
+    let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
     (model, law)
+}
+
+/// How far short of the pull a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
+const SHORT: [f64; 3] = [0.0, 0.15, 0.35];
+
+/// The model as the leaps of a tip tell its pull, the law on it and the evidence for them.
+fn told<'a>(
+    on: &dyn Fn(&Model) -> Pull<'a>,
+    form: &'static dyn Form,
+    noise: f64,
+    model: &Model,
+    law: JumpLaw,
+) -> Option<(Model, JumpLaw, f64)> {
+    let session = on(model).session();
+    let travel = (1.0 + law.landing) * law.break_away;
+    let landing = SHORT.map(|short| {
+        let farther = travel / (1.0 - short) - law.break_away;
+        let mut told = model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat());
+        told.fit_once(session, Scope::Both);
+        let model = without_jumps(&told).pruned();
+        let pull = on(&model);
+        let law = pull.tuned(pull.with_own_begin(law.of_a_pull_farther(farther)), &FIRST_STEPS_TOLD, true);
+        let value = pull.fitting(&law);
+        (model, law, value)
+    });
+    landing.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
+}
+
+/// The model without what jumps in it.
+fn without_jumps(model: &Model) -> Model {
+    model.without(model.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0))
 }
 
 /// As [`refitted`], from a model, a law and the evidence for them on; with the last evidence.
@@ -197,12 +230,18 @@ fn refits_of<'a>(
     refits: &Refits,
 ) -> (Model, JumpLaw, f64) {
     for _ in 0..refits.times {
-        let mut with = model.with(form, law.as_parameters(noise));
+        let is_told = law.drive == Drive::Pull && refits.whole;
+        let mut with = if is_told {
+            model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![0.0]].concat())
+        } else {
+            model.with(form, law.as_parameters(noise))
+        };
         with.fit(on(&model).session(), Scope::Both);
-        let slot = with.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0);
-        let without = with.without(slot);
+        let without = without_jumps(&with);
+        let without = if is_told { without.pruned() } else { without };
         let pull = on(&without);
-        let again = pull.tuned(law, refits.steps, refits.whole);
+        let begun = if is_told { pull.with_own_begin(law) } else { law };
+        let again = pull.tuned(begun, refits.steps, refits.whole);
         let better = pull.fitting(&again);
         if better <= value {
             break;
@@ -244,7 +283,9 @@ struct Refits {
 /// Those by which jumps are compared.
 const FIRST_REFITS: Refits = Refits { times: 2, steps: &[0.1], whole: false };
 /// Those of the jumps that are named.
-const LAST_REFITS: Refits = Refits { times: 3, steps: &[0.1, 0.03, 0.01], whole: true };
+const LAST_REFITS: Refits = Refits { times: 5, steps: &[0.1, 0.03, 0.01, 0.003], whole: true };
+/// Those by which pulls that a tip tells are compared.
+const FIRST_STEPS_TOLD: [f64; 2] = [0.1, 0.03];
 
 /// The effect that moves a sensor within the time that a seat holds.
 const PERIODIC: &str = "periodic-disturbance";
@@ -406,14 +447,17 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS);
     let polished = Pull::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
     let polished = Judged { evidence: polished, form: one.form, law, pull: one.pull, model };
-    let one = if polished.evidence.mean() > one.evidence.mean() { &polished } else { one };
+    let is_polished = polished.evidence.mean() > one.evidence.mean();
+    let one = if is_polished { &polished } else { one };
     let first_select = base.clone().fit(session, Scope::Both).1;
-    let with_jumps = |one: &Judged| {
+    let with_jumps = |one: &Judged, is_polished: bool| {
         let mut model = one.model.with(one.form, one.law.as_parameters(noise));
+        // What the leaps of the last refits told is not for a fit to the output to change.
+        model.settled = is_polished && one.law.drive == Drive::Pull;
         let (_, select) = model.fit(session, Scope::Both);
         (model, select)
     };
-    let (model, select) = with_jumps(one);
+    let (model, select) = with_jumps(one, is_polished);
     let name = one.form.name();
     let beside = &explanations[one.pull];
     // What comes second is the other kind of jumps, or as many other smooth effects beside the same kind.
@@ -434,7 +478,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         let new = explanations[other.pull].names().find(|name| beside.names().all(|ours| ours != *name));
         let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
         outcome.found.runner_up = Some(RunnerUp { name: second.to_owned(), separable });
-        outcome.second = Some(with_jumps(other).0);
+        outcome.second = Some(with_jumps(other, false).0);
     }
     outcome.found.jump_scatter =
         Some(Pull::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));

@@ -43,7 +43,7 @@ pub struct JumpLaw {
     pub drive: Drive,
     /// Distance of drive and seat at which it breaks away.
     pub break_away: f64,
-    /// How far beyond the drive it lands, in break-away distances. Of a valve: where in its band the pull stands, for weights that were
+    /// How far beyond the drive it lands, in break-away distances; a tip may land short of it. Of a valve: where in its band the pull stands, for weights that were
     /// fitted without it have taken the mean error for hysteresis; zero for weights of the muscle alone, which is led by the pressure.
     pub landing: f64,
     /// Speed of the pull, per s, from which a tip slides: it follows the pull until that has become a good deal slower.
@@ -52,6 +52,15 @@ pub struct JumpLaw {
     pub yielding: f64,
     /// By how much a tip's leap grows with the speed of the pull, s: friction takes time to fall and to build up.
     pub leap_per_speed_s: f64,
+    /// How much a tip's break-away distance falls with the speed of the pull, at the sliding speed: static friction takes time to build up
+    /// (Johannes, Green and Brockley, 1973; Richardson and Nolle, 1976).
+    pub fall: f64,
+    /// How far behind the pull a tip slides, in break-away distances.
+    pub behind: f64,
+    /// How long a tip's leap takes, s.
+    pub leap_s: f64,
+    /// Where a tip sits when a recording begins, from the pull, in spans of the output.
+    pub begins: f64,
     /// Error, in break-away distances, at which an open valve closes.
     pub closing: f64,
     /// Time constant with which the pressure follows through an open valve, s.
@@ -73,6 +82,7 @@ const fn distance(quantity: Quantity) -> Parameter {
 }
 
 const LANDING: Parameter = linear("landing", Quantity::Ratio, 1.0);
+const LANDING_OF_A_TIP: Parameter = Parameter { low: LEAST_LANDING_OF_A_TIP, ..LANDING };
 const SCATTER: Parameter = linear("scatter", Quantity::Ratio, 1.0);
 const WANDER: Parameter = linear("pull_wander", Quantity::Output, 0.5);
 const FOLLOWING: Parameter = linear("lag", Quantity::Time, 0.3);
@@ -81,7 +91,7 @@ const NOISY: Parameter = linear("noise", Quantity::Output, 0.5);
 /// Parameters of a form whose seat is that of a tip.
 pub const OF_A_TIP: &[Parameter] = &[
     distance(Quantity::Output),
-    LANDING,
+    LANDING_OF_A_TIP,
     Parameter { name: "sliding_speed", quantity: Quantity::OutputRate, low: 1e-2, high: NEVER, logarithmic: true },
     SCATTER,
     WANDER,
@@ -89,12 +99,25 @@ pub const OF_A_TIP: &[Parameter] = &[
     NOISY,
     linear("yielding", Quantity::Ratio, MOST_YIELDING),
     Parameter { low: -MOST_LEAP_PER_SPEED_S, ..linear("leap_per_speed", Quantity::Time, MOST_LEAP_PER_SPEED_S) },
+    linear("fall_with_rate", Quantity::Ratio, MOST_FALL),
+    Parameter { low: -MOST_BEHIND, ..linear("slides_behind", Quantity::Ratio, MOST_BEHIND) },
+    linear("leap_time", Quantity::Time, MOST_LEAP_S),
+    Parameter { low: -0.5, ..linear("seat_at_first", Quantity::Output, 0.5) },
 ];
 
 /// More than this share of the pull's way is no holding.
 pub const MOST_YIELDING: f64 = 0.3;
 /// Largest change of a leap with the speed of the pull, s: the time that a leap takes.
 pub const MOST_LEAP_PER_SPEED_S: f64 = 0.05;
+
+/// Largest fall of a tip's break-away distance with the speed of the pull.
+pub const MOST_FALL: f64 = 1.5;
+/// Farthest that a tip slides behind the pull, or before one that has taken the mean of that for hysteresis, in break-away distances.
+pub const MOST_BEHIND: f64 = 1.0;
+/// Longest leap, s.
+pub const MOST_LEAP_S: f64 = 0.05;
+/// Shortest leap of a tip: less than a third of what it breaks away by is hardly one.
+const LEAST_LANDING_OF_A_TIP: f64 = -0.7;
 
 /// Parameters of a form whose seat is a valve's pressure.
 pub const OF_A_VALVE: &[Parameter] = &[
@@ -127,6 +150,10 @@ impl JumpLaw {
             sliding_speed: NEVER,
             yielding: 0.0,
             leap_per_speed_s: 0.0,
+            fall: 0.4,
+            behind: 0.0,
+            leap_s: 0.0,
+            begins: 0.0,
             closing: 0.0,
             flow_s: 0.0,
             scatter: 0.0,
@@ -145,17 +172,27 @@ impl JumpLaw {
     #[must_use]
     pub fn with_break_away(&self, break_away: f64) -> Self {
         let landing = match self.drive {
-            Drive::Pull => ((1.0 + self.landing) * self.break_away / break_away - 1.0).clamp(0.0, 1.0),
+            Drive::Pull => ((1.0 + self.landing) * self.break_away / break_away - 1.0).clamp(LEAST_LANDING_OF_A_TIP, 1.0),
             Drive::Command => self.landing,
         };
         Self { break_away, landing, ..*self }
+    }
+
+    /// A tip's law for a pull that is farther from the seat by this on every way: it moves as before.
+    #[must_use]
+    pub fn of_a_pull_farther(&self, by: f64) -> Self {
+        let break_away = self.break_away + by;
+        let share = self.break_away / break_away;
+        let landing = (1.0 + self.landing) * share - 1.0;
+        let behind = ((self.behind * self.break_away + by) / break_away).min(MOST_BEHIND);
+        Self { break_away, landing, behind, scatter: self.scatter * share, fall: self.fall * share, ..*self }
     }
 
     /// The law with its landing moved by this: a share of a tip's travel, and of a valve's break-away distance.
     #[must_use]
     pub fn with_landing(&self, by: f64) -> Self {
         let landing = match self.drive {
-            Drive::Pull => (self.landing + (1.0 + self.landing) * by).clamp(0.0, 1.0),
+            Drive::Pull => (self.landing + (1.0 + self.landing) * by).clamp(LEAST_LANDING_OF_A_TIP, 1.0),
             Drive::Command if self.leads_the_muscle() => 0.0,
             Drive::Command => (self.landing + by).clamp(LEAST_LANDING, 1.0),
         };
@@ -171,7 +208,16 @@ impl JumpLaw {
         let other = |index: usize| others.get(index).copied().unwrap_or(0.0);
         let still = Self { break_away, landing, scatter, wander, lag_s, ..Self::plain(drive) };
         let law = match drive {
-            Drive::Pull => Self { sliding_speed: of_kind, yielding: other(0), leap_per_speed_s: other(1), ..still },
+            Drive::Pull => Self {
+                sliding_speed: of_kind,
+                yielding: other(0),
+                leap_per_speed_s: other(1),
+                fall: other(2),
+                behind: other(3),
+                leap_s: other(4),
+                begins: other(5),
+                ..still
+            },
             Drive::Command => Self { closing: of_kind, flow_s: other(0), ..still },
         };
         (law, noise)
@@ -182,7 +228,10 @@ impl JumpLaw {
     pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
         let of = |of_kind: f64| vec![self.break_away, self.landing, of_kind, self.scatter, self.wander, self.lag_s, noise];
         match self.drive {
-            Drive::Pull => [of(self.sliding_speed), vec![self.yielding, self.leap_per_speed_s]].concat(),
+            Drive::Pull => {
+                let of_a_tip = vec![self.yielding, self.leap_per_speed_s, self.fall, self.behind, self.leap_s, self.begins];
+                [of(self.sliding_speed), of_a_tip].concat()
+            }
             Drive::Command => [of(self.closing), vec![self.flow_s]].concat(),
         }
     }
@@ -301,7 +350,45 @@ pub struct Expected {
     pub evidence: Vec<f64>,
     /// Mean of a valve's pressure; empty for a tip.
     pub seat: Vec<f64>,
+    /// What a tip tells of its pull; empty for a valve.
+    pub told: Vec<Told>,
 }
+
+/// What the moment of a leap, or sliding, tells of the pull.
+#[derive(Clone, Copy, Debug)]
+pub struct Told {
+    /// At this sample.
+    pub sample: usize,
+    /// The side of the seat on which the pull is: 1 or -1.
+    pub direction: f64,
+    /// The pull, normalised.
+    pub pull: f64,
+    /// Its variance.
+    pub variance: f64,
+}
+
+/// Puts what a tip tells of its pull in the place of the measured output, each sample by how sure that is. The last of the parameters, behind
+/// those of a tip, is by how much farther from the seat the pull is to be than the observer takes it to be.
+///
+/// A pull is known where the tip leaps or slides; elsewhere it follows from its operators. Fitted to the output instead, as it is with the mean
+/// error of a tip for noise, it is drawn to the seats where the tip holds, most of all about turning points.
+pub fn tell_pull(feels: bool, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+    let (law, noise) = JumpLaw::of_parameters(Drive::Pull, parameters);
+    let farther = parameters[OF_A_TIP.len()];
+    let tip = Tip::new(run, columns, sum, feels, 0.0);
+    let at_sensor = |sample: usize| run.output[sample] - tip.measured[sample];
+    let mut told: Vec<(f64, f64)> = (0..run.output.len()).map(|sample| (sum[sample], UNTOLD)).collect();
+    for Told { sample, direction, pull, variance } in observe(&tip.seen(run, noise), &law).told {
+        let share = noise / (variance + SUREST * noise * noise).sqrt();
+        told[sample] = (pull + direction * farther + at_sensor(sample), share);
+    }
+    columns.tell(|sample| told[sample]);
+}
+
+/// Weight of a sample at which nothing is told: the pull stays, where nothing speaks against it.
+const UNTOLD: f64 = 0.01;
+/// What is told most surely, in variances of the noise: laws are no better than that.
+const SUREST: f64 = 0.25;
 
 /// Normal distribution function, by the logistic one (largest error 0.01).
 pub(super) fn chance(deviations: f64) -> f64 {
@@ -422,8 +509,33 @@ mod tests {
     }
 
     #[test]
+    fn a_pull_that_is_farther_on_every_way_moves_the_tip_as_before() {
+        // A straight way, along which the pull is farther by a constant.
+        let near: Vec<f64> = (0..300).map(|sample| 0.002 * f64::from(sample)).collect();
+        let far: Vec<f64> = near.iter().map(|pull| pull + 0.02).collect();
+        let law = JumpLaw { landing: 0.5, sliding_speed: 0.5, behind: 0.1, leap_s: 0.01, yielding: 0.02, ..LAW };
+        let of = |pull: &[f64], law: &JumpLaw| {
+            let keep = vec![true; pull.len()];
+            let measured: Vec<f64> = near.iter().map(|near| (near / 0.075).floor() * 0.075).collect();
+            let seen =
+                Seen { command: pull, followed: pull, pull, measured: &measured, keep: &keep, period_s: 0.02, noise: NOISE, bank: None };
+            observe(&seen, law).mean
+        };
+        let farther = JumpLaw { begins: -0.02, ..law.of_a_pull_farther(0.02) };
+        assert!(farther.landing < law.landing && farther.break_away > law.break_away, "{farther:?}");
+        let wanted = of(&near, &law);
+        for (sample, (near, far)) in wanted.iter().zip(of(&far, &farther)).enumerate().skip(30) {
+            // What a distance falls by with speed is not quite the same share of a longer one.
+            assert!((near - far).abs() < 6e-3, "{far} instead of {near} at {sample}");
+        }
+        let as_before = of(&far, &law);
+        assert!(wanted.iter().zip(as_before).skip(30).any(|(near, far)| (near - far).abs() > 2e-2), "any law would do");
+    }
+
+    #[test]
     fn parameters_of_a_form_make_the_law_again() {
-        let tip = JumpLaw { landing: 0.7, sliding_speed: 0.9, yielding: 0.03, leap_per_speed_s: -0.01, lag_s: 0.004, ..LAW };
+        let tip = JumpLaw { landing: -0.2, sliding_speed: 0.9, yielding: 0.03, leap_per_speed_s: -0.01, lag_s: 0.004, ..LAW };
+        let tip = JumpLaw { fall: 0.3, behind: 0.4, leap_s: 0.012, begins: -0.01, ..tip };
         let valve = JumpLaw { drive: Drive::Command, closing: 0.3, flow_s: 0.02, lag_s: 0.01, ..LAW };
         for (law, form) in [(tip, OF_A_TIP), (valve, OF_A_VALVE)] {
             let parameters = law.as_parameters(NOISE);

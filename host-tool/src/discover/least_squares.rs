@@ -59,6 +59,14 @@ impl Gram {
         sum.max(0.0) / self.samples.max(1.0)
     }
 
+    /// The weight of one column that leaves least beside `others`, in which its own is zero.
+    #[must_use]
+    pub fn weight_beside(&self, column: usize, others: &[f64]) -> f64 {
+        let line = &self.products[column * self.columns..(column + 1) * self.columns];
+        let taken: f64 = line.iter().zip(others).map(|(x, y)| x * y).sum();
+        (self.target[column] - taken) / line[column].max(1e-30)
+    }
+
     /// Weights of the smallest residual; those with `free[i] == false` are not negative. The search for those that are not zero begins with
     /// those that were not in `last`.
     #[must_use]
@@ -337,6 +345,14 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         }
+    }
+
+    #[test]
+    fn a_weight_beside_others_is_what_they_leave_of_its_column() {
+        // Columns (1, 1, 1) and (1, 2, 3), and the measured output 4 + 0.5 t.
+        let gram = Gram { columns: 2, products: vec![3.0, 6.0, 6.0, 14.0], target: vec![15.0, 31.0], energy: 0.0, samples: 3.0 };
+        assert!((gram.weight_beside(1, &[4.0, 0.0]) - 0.5).abs() < 1e-12);
+        assert!((gram.weight_beside(0, &[0.0, 0.5]) - 4.0).abs() < 1e-12);
     }
 
     #[test]

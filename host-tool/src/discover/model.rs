@@ -7,6 +7,7 @@ use super::columns::{AHEAD, Bank};
 use super::effects::seated::NEVER_SHUT;
 use super::grid;
 use super::jumps::Drive;
+use super::least_squares::Gram;
 use super::operators::{self, Begin, Lead, States};
 use super::past::Past;
 use super::paths::Paths;
@@ -40,6 +41,8 @@ pub struct Model {
     pub base: Vec<f64>,
     /// Further columns of free weight for each recording, which belong to no effect and have no say in predictions; none outside a search.
     pub ease: Arc<Vec<Vec<Vec<f64>>>>,
+    /// Whether a fit leaves the weights as they are, but for that of what jumps: its leaps have told them. Another effect unsettles them.
+    pub settled: bool,
 }
 
 /// In which order two effects on the same side of the operators follow each other.
@@ -67,7 +70,7 @@ impl Model {
     #[must_use]
     pub fn baseline(past: Past, stops: bool) -> Self {
         let thresholds = grid::coarse();
-        Self { base: vec![0.0; thresholds.len() + 1], thresholds, past, stops, slots: Vec::new(), ease: Arc::default() }
+        Self { base: vec![0.0; thresholds.len() + 1], thresholds, past, stops, slots: Vec::new(), ease: Arc::default(), settled: false }
     }
 
     /// This model with one more effect, in its place in the chain.
@@ -79,7 +82,7 @@ impl Model {
     /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there.
     #[must_use]
     pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
-        let mut model = self.clone();
+        let mut model = self.unsettled();
         let usual = self.place_of(form);
         let at = match self.neighbour_of(form) {
             Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
@@ -112,7 +115,7 @@ impl Model {
     /// This model without one effect.
     #[must_use]
     pub fn without(&self, slot: usize) -> Self {
-        let mut model = self.clone();
+        let mut model = self.unsettled();
         model.slots.remove(slot);
         model
     }
@@ -124,9 +127,14 @@ impl Model {
         if side(self.slots[slot].form) != side(form) {
             return self.without(slot).with(form, parameters);
         }
-        let mut model = self.clone();
+        let mut model = self.unsettled();
         model.slots[slot] = Slot { form, parameters, weights: Vec::new() };
         model
+    }
+
+    /// This model, to be fitted anew.
+    fn unsettled(&self) -> Self {
+        Self { settled: false, ..self.clone() }
     }
 
     /// Names of the effects, in the order of the signal.
@@ -342,6 +350,10 @@ impl Model {
     /// As [`Self::fit`].
     pub(super) fn fit_in(&mut self, workspace: &mut Workspace<'_>, scope: Scope) -> (f64, f64) {
         let mut sums = workspace.sums(self, scope);
+        if self.settled {
+            let weights = self.weigh_jumps(&sums.fit);
+            return (sums.fit.mean_square(&weights), sums.select.mean_square(&weights));
+        }
         let mut weights = sums.fit.solve(&sums.free, &self.weights());
         self.take(&weights);
         if self.needs_sum() {
@@ -355,15 +367,32 @@ impl Model {
         (sums.fit.mean_square(&weights), sums.select.mean_square(&weights))
     }
 
+    /// One pass of a fit to the fitted samples, by what effects make of the weights so far.
+    pub(super) fn fit_once(&mut self, session: &Session, scope: Scope) {
+        let sums = Workspace::new(session).sums(self, scope);
+        let weights = sums.fit.solve(&sums.free, &self.weights());
+        self.take(&weights);
+    }
+
+    /// Fits the weight of what jumps beside all others as they are; the weights then.
+    fn weigh_jumps(&mut self, sums: &Gram) -> Vec<f64> {
+        let Some(slot) = self.slots.iter().position(|slot| slot.form.jumps().is_some()) else { return self.weights() };
+        let before = self.slots[..slot].iter().map(|slot| slot.weights.len()).sum::<usize>();
+        self.slots[slot].weights = vec![0.0];
+        let others = self.weights();
+        self.slots[slot].weights = vec![sums.weight_beside(self.base.len() + before, &others).max(0.0)];
+        self.weights()
+    }
+
     /// Fits the weights to fitted and selecting samples together.
     pub fn fit_all(&mut self, session: &Session) -> f64 {
-        let passes = if self.needs_sum() { 1 + PASSES } else { 1 };
+        let passes = if self.needs_sum() && !self.settled { 1 + PASSES } else { 1 };
         let mut workspace = Workspace::new(session);
         let mut result = f64::MAX;
         for _ in 0..passes {
             let mut sums = workspace.sums(self, Scope::Both);
             sums.fit.add(&sums.select);
-            let weights = sums.fit.solve(&sums.free, &self.weights());
+            let weights = if self.settled { self.weigh_jumps(&sums.fit) } else { sums.fit.solve(&sums.free, &self.weights()) };
             result = sums.fit.mean_square(&weights);
             self.take(&weights);
         }

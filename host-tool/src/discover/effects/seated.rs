@@ -71,6 +71,48 @@ impl Form for Seated {
     }
 }
 
+/// The pull of a tip as its leaps tell it: no effect of its own, but what weights are fitted to.
+struct Pull {
+    feels: bool,
+}
+
+static PULL: Pull = Pull { feels: false };
+static FELT_PULL: Pull = Pull { feels: true };
+
+/// What the weights behind a tip are fitted to, with the parameters of [`jumps::tell_pull`]; whether the seat feels what the sensor's effects add.
+pub fn pull_as_told(feels: bool) -> &'static dyn Form {
+    if feels { &FELT_PULL } else { &PULL }
+}
+
+impl Form for Pull {
+    fn name(&self) -> &'static str {
+        "stick-slip"
+    }
+    fn form(&self) -> &'static str {
+        "the pull that its leaps tell"
+    }
+    fn place(&self) -> Place {
+        Place::Reading
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        jumps::OF_A_TIP
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if parameters[jumps::LAG] > 0.0 {
+            super::lag(path, parameters[jumps::LAG], run.period_s);
+        }
+    }
+    fn jumps(&self) -> Option<Drive> {
+        Some(Drive::Pull)
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        jumps::tell_pull(self.feels, parameters, run, sum, columns);
+    }
+}
+
 /// The pressure behind a valve that is never shut: no effect of its own, but what the errors of one that shuts are counted from. The drive of its
 /// seat is the command before.
 struct NeverShut;
