@@ -3,6 +3,7 @@
 use super::jumps::{self, Drive, JumpLaw, MOST_BEHIND, MOST_FALL, MOST_LEAP_PER_SPEED_S, MOST_LEAP_S, MOST_YIELDING, NEVER, Seen, Tip};
 use super::model::Model;
 use super::paths::Paths;
+use super::rounds;
 use super::session::{Role, Run, Session};
 
 /// Largest wander of the pull, in break-away distances: with more, holding says nothing.
@@ -60,6 +61,8 @@ pub struct Pull<'a> {
     noise: f64,
     /// Root mean square of what the pull misses beyond the noise.
     excess: f64,
+    /// Worker threads; results do not hang on them.
+    threads: usize,
 }
 
 impl<'a> Pull<'a> {
@@ -85,7 +88,12 @@ impl<'a> Pull<'a> {
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
         let all = || session.runs.iter().flat_map(|run| &run.output).copied();
         let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
-        Self { session, tips, low, high, noise, excess }
+        Self { session, tips, low, high, noise, excess, threads: 1 }
+    }
+
+    /// The same, whose recordings are observed by so many threads.
+    pub fn by(self, threads: usize) -> Self {
+        Self { threads, ..self }
     }
 
     fn seen<'b>(&'b self, run: &'b Run) -> Seen<'b> {
@@ -103,13 +111,13 @@ impl<'a> Pull<'a> {
     }
 
     /// Sum of the evidence on the fitted samples, of the screening recordings only unless `all`.
-    fn fitted(&self, all: bool, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> f64 {
-        let runs = self.session.runs.iter().filter(|run| (all || run.screens) && run.role.contains(&Role::Fit));
-        runs.map(|run| {
+    fn fitted(&self, all: bool, evidence: impl Fn(&Seen<'_>) -> Vec<f64> + Sync) -> f64 {
+        let runs: Vec<&Run> = self.session.runs.iter().filter(|run| (all || run.screens) && run.role.contains(&Role::Fit)).collect();
+        let of_run = |run: &&Run| {
             let of = evidence(&self.seen(run));
             of.iter().zip(&run.role).filter(|(_, role)| **role == Role::Fit).map(|(value, _)| value).sum::<f64>()
-        })
-        .sum()
+        };
+        if self.threads > 1 { rounds::in_parallel(&runs, self.threads, of_run).iter().sum() } else { runs.iter().map(of_run).sum() }
     }
 
     /// Evidence on the selecting samples.

@@ -164,7 +164,7 @@ fn jumps(
     for (place, (_, pull, mut law, mut model)) in begun.into_iter().enumerate() {
         if place < LEADERS || pull == first {
             law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05], false);
-            (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS);
+            (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS, 1);
         }
         judged.push(Judged { evidence: on(&model, law.lag_s).jumping(&law), form, law, pull, model });
     }
@@ -173,16 +173,24 @@ fn jumps(
 
 /// The model with its weights fitted beside the jumps, and the law of these found again on it, as often as `refits` says at most, and only as
 /// long as it helps. The weights were fitted as if what jumps were noise; what it is expected to depart by is known now.
-fn refitted(session: &Session, form: &'static dyn Form, noise: f64, model: Model, law: JumpLaw, refits: &Refits) -> (Model, JumpLaw) {
+fn refitted(
+    session: &Session,
+    form: &'static dyn Form,
+    noise: f64,
+    model: Model,
+    law: JumpLaw,
+    refits: &Refits,
+    threads: usize,
+) -> (Model, JumpLaw) {
     let (drive, lag_s) = (law.drive, law.lag_s);
-    let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor());
+    let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
     let value = on(&model).fitting(&law);
     if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
         let led = JumpLaw { landing: 0.0, ..law };
         let begun = without_mean_error(&model.regrown(), law.landing * law.break_away);
         let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
         if led.2 > value {
-            return (led.0, led.1);
+            return (led.0.pruned(), led.1);
         }
     }
     let begun = if drive == Drive::Pull && refits.whole { told(&on, form, noise, &model, law) } else { None };
@@ -444,7 +452,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     if !is_law || !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
         return outcome;
     }
-    let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS);
+    let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
     let polished = Pull::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
     let polished = Judged { evidence: polished, form: one.form, law, pull: one.pull, model };
     let is_polished = polished.evidence.mean() > one.evidence.mean();
