@@ -263,12 +263,29 @@ impl<'a> Pull<'a> {
     /// The best law about this one, its parameters moved one after the other by each of `steps`; what a tip does besides holding and leaping
     /// only when its law is to be `whole`.
     pub fn tuned(&self, law: JumpLaw, steps: &[f64], whole: bool) -> JumpLaw {
-        let Some(mut best) = self.best(vec![law], true) else { return law };
+        self.tuned_by(law, steps, whole, |law| self.fitting(law))
+    }
+
+    /// As [`Self::tuned`], by how little the observer misses instead of how likely that is.
+    pub fn tuned_to_miss_least(&self, law: JumpLaw, steps: &[f64], whole: bool) -> JumpLaw {
+        let squares = |seen: &Seen<'_>, law: &JumpLaw| -> Vec<f64> {
+            let mean = jumps::observe(seen, law).mean;
+            let of = |((measured, mean), keep): ((&f64, f64), &bool)| if *keep { -(measured - mean).powi(2) } else { 0.0 };
+            seen.measured.iter().zip(mean).zip(seen.keep).map(of).collect()
+        };
+        self.tuned_by(law, steps, whole, |law| self.fitted(true, |seen| squares(seen, law)))
+    }
+
+    fn tuned_by(&self, law: JumpLaw, steps: &[f64], whole: bool, worth: impl Fn(&JumpLaw) -> f64) -> JumpLaw {
+        let Some(law) = self.believed(law) else { return law };
+        let mut best = (worth(&law), law);
         for &size in steps {
             for sign in [-size, size] {
                 for moved in moves_of(&best.1, whole) {
-                    if let Some(other) = self.best(vec![moved(best.1, sign)], true).filter(|other| other.0 > best.0) {
-                        best = other;
+                    let Some(other) = self.believed(moved(best.1, sign)) else { continue };
+                    let worth = worth(&other);
+                    if worth > best.0 {
+                        best = (worth, other);
                     }
                 }
             }

@@ -194,9 +194,15 @@ fn refitted(
         }
     }
     let begun = if drive == Drive::Pull && refits.whole { told(&on, form, noise, &model, law) } else { None };
-    let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
+    let (model, mut law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
+    if drive == Drive::Pull && refits.whole {
+        law = on(&model).tuned_to_miss_least(law, &LAST_STEPS, true);
+    }
     (model, law)
 }
+
+/// Steps of the last look for a tip's law, by what it misses: recordings that are kept out are judged by that.
+const LAST_STEPS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
 
 /// How far short of the pull a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
 const SHORT: [f64; 3] = [0.0, 0.15, 0.35];
