@@ -236,12 +236,17 @@ impl Columns {
         self.free.push(free);
     }
 
-    /// Replaces every column by what `filter` makes of it.
-    pub fn filter<const STATES: usize>(&mut self, filter: &impl Filter<STATES>) {
+    /// Makes a copy of the operators to be changed, where there is none yet.
+    fn set_apart(&mut self) {
         if !self.is_filtered {
             self.filtered.clone_from(&self.operators);
             self.is_filtered = true;
         }
+    }
+
+    /// Replaces every column by what `filter` makes of it.
+    pub fn filter<const STATES: usize>(&mut self, filter: &impl Filter<STATES>) {
+        self.set_apart();
         for rows in [&mut self.filtered, &mut self.added] {
             Arch::new().dispatch(Filtering { rows, filter });
         }
@@ -267,10 +272,7 @@ impl Columns {
 
     /// Puts other values in the place of the measured output, and multiplies each sample by its share.
     pub fn tell(&mut self, value_and_share: impl Fn(usize) -> (f64, f64)) {
-        if !self.is_filtered {
-            self.filtered.clone_from(&self.operators);
-            self.is_filtered = true;
-        }
+        self.set_apart();
         let own = self.filtered.stride.max(1);
         for (sample, row) in self.filtered.values.chunks_exact_mut(own).enumerate() {
             row[OUTPUT] = value_and_share(sample).0;

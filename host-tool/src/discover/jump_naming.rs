@@ -193,11 +193,10 @@ fn refitted(
             return (led.0.pruned(), led.1);
         }
     }
-    let begun = if drive == Drive::Pull && refits.whole { told(&on, form, noise, &model, law) } else { None };
-    let (model, mut law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
-    if drive == Drive::Pull && refits.whole {
-        law = on(&model).tuned_to_miss_least(law, &LAST_STEPS, true);
-    }
+    let is_told = drive == Drive::Pull && refits.whole;
+    let begun = if is_told { told(&on, form, noise, &model, law) } else { None };
+    let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
+    let law = if is_told { on(&model).tuned_to_miss_least(law, &LAST_STEPS, true) } else { law };
     (model, law)
 }
 
@@ -219,7 +218,7 @@ fn told<'a>(
     let travel = (1.0 + law.landing) * law.break_away;
     let landing = SHORT.map(|short| {
         let farther = travel / (1.0 - short) - law.break_away;
-        let mut told = model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat());
+        let mut told = to_be_told(model, form, noise, law, farther);
         told.fit_once(session, Scope::Both);
         let model = without_jumps(&told).pruned();
         let pull = on(&model);
@@ -228,6 +227,11 @@ fn told<'a>(
         (model, law, value)
     });
     landing.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
+}
+
+/// The model on the whole grid, to be fitted to the pull that a tip tells, this much farther from the seat.
+fn to_be_told(model: &Model, form: &'static dyn Form, noise: f64, law: JumpLaw, farther: f64) -> Model {
+    model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
 }
 
 /// The model without what jumps in it.
@@ -245,11 +249,7 @@ fn refits_of<'a>(
 ) -> (Model, JumpLaw, f64) {
     for _ in 0..refits.times {
         let is_told = law.drive == Drive::Pull && refits.whole;
-        let mut with = if is_told {
-            model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![0.0]].concat())
-        } else {
-            model.with(form, law.as_parameters(noise))
-        };
+        let mut with = if is_told { to_be_told(&model, form, noise, law, 0.0) } else { model.with(form, law.as_parameters(noise)) };
         with.fit(on(&model).session(), Scope::Both);
         let without = without_jumps(&with);
         let without = if is_told { without.pruned() } else { without };

@@ -49,9 +49,7 @@ impl Form for Seated {
         true
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if parameters[jumps::LAG] > 0.0 {
-            super::lag(path, parameters[jumps::LAG], run.period_s);
-        }
+        follow(parameters, run, path);
     }
     fn jumps(&self) -> Option<Drive> {
         Some(self.drive)
@@ -68,6 +66,13 @@ impl Form for Seated {
             Drive::Command => (&session.input_unit, session.input_scale, 1.0 - parameters[2]),
         };
         BTreeMap::from([(format!("travel_{unit}"), parameters[0] * share * scale)])
+    }
+}
+
+/// What moves follows with a lag of its own.
+fn follow(parameters: &[f64], run: &Run, path: &mut [f64]) {
+    if parameters[jumps::LAG] > 0.0 {
+        super::lag(path, parameters[jumps::LAG], run.period_s);
     }
 }
 
@@ -101,9 +106,7 @@ impl Form for Pull {
         true
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if parameters[jumps::LAG] > 0.0 {
-            super::lag(path, parameters[jumps::LAG], run.period_s);
-        }
+        follow(parameters, run, path);
     }
     fn jumps(&self) -> Option<Drive> {
         Some(Drive::Pull)
