@@ -12,10 +12,10 @@
 mod bank;
 mod curve;
 mod intervals;
-pub mod linear;
 mod model;
-pub mod nnls;
 mod thresholds;
+
+pub use identification::{linear, nnls};
 
 pub use bank::{Family, Run, input_path, linear_problem};
 pub use curve::{Bent, Rows, fit as fit_curve};

@@ -2,7 +2,7 @@
 //! active-set method on it (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23).
 //!
 //! The rows are folded into an upper triangle by Householder reflections, block by block: memory does not grow with the data, and
-//! the condition number is not squared as it is in the normal equations of [`super::nnls`].
+//! the condition number is not squared as it is in the normal equations of [`crate::nnls`].
 
 /// Rows folded at a time.
 const BLOCK_ROWS: usize = 64;
@@ -52,7 +52,7 @@ impl Compressed {
     }
 
     /// The rows of the folded triangle, right side last.
-    pub(super) fn into_rows(mut self) -> Vec<Vec<f64>> {
+    pub fn into_rows(mut self) -> Vec<Vec<f64>> {
         self.fold();
         self.triangle.chunks(self.columns + 1).map(<[f64]>::to_vec).collect()
     }
@@ -118,7 +118,7 @@ pub struct Solution {
 }
 
 /// Lawson and Hanson's method; the columns that are `free` in sign never leave the passive set.
-pub(super) fn active_set(triangle: &[f64], columns: usize, free: &[bool]) -> Solution {
+pub fn active_set(triangle: &[f64], columns: usize, free: &[bool]) -> Solution {
     let width = columns + 1;
     let entry = |row: usize, column: usize| triangle[row * width + column];
     let norms: Vec<f64> = (0..columns).map(|column| (0..width).map(|row| entry(row, column).powi(2)).sum::<f64>().sqrt()).collect();
@@ -252,6 +252,43 @@ impl Subset {
     }
 }
 
+/// Solves a symmetric positive definite system, row-major, by Cholesky factorisation; `None` when it is not positive definite.
+#[must_use]
+pub fn cholesky(mut matrix: Vec<f64>, mut right: Vec<f64>) -> Option<Vec<f64>> {
+    let n = right.len();
+    for row in 0..n {
+        for column in 0..=row {
+            let (above, below) = matrix.split_at_mut(row * n);
+            let (factor, current) = if column < row { (&above[column * n..][..column], &mut *below) } else { (&[][..], &mut *below) };
+            if column < row {
+                let sum: f64 = factor.iter().zip(&current[..column]).map(|(a, b)| a * b).sum();
+                let diagonal = above[column * n + column];
+                current[column] = (current[column] - sum) / diagonal;
+            } else {
+                let sum: f64 = current[..row].iter().map(|value| value * value).sum();
+                let pivot = current[row] - sum;
+                // Not below rounding of the diagonal, and not NaN.
+                if !(pivot > 1e-13 * current[row]) {
+                    return None;
+                }
+                current[row] = pivot.sqrt();
+            }
+        }
+    }
+    for row in 0..n {
+        let sum: f64 = matrix[row * n..][..row].iter().zip(&right).map(|(factor, value)| factor * value).sum();
+        right[row] = (right[row] - sum) / matrix[row * n + row];
+    }
+    for row in (0..n).rev() {
+        let value = right[row] / matrix[row * n + row];
+        right[row] = value;
+        for above in 0..row {
+            right[above] -= matrix[row * n + above] * value;
+        }
+    }
+    Some(right)
+}
+
 fn dot(first: &[f64], second: &[f64]) -> f64 {
     first.iter().zip(second).map(|(a, b)| a * b).sum()
 }
@@ -292,7 +329,7 @@ mod tests {
             let product: Vec<f64> = (0..9).map(|k| matrix.iter().zip(&right).map(|(row, right)| row[k] * right).sum()).collect();
             let mut constrained = compressed.clone();
             let wanted = constrained.solve(&[false; 9]).coefficients;
-            for (got, wanted) in crate::identify::nnls::solve(&gram, &product, &[true; 9]).iter().zip(&wanted) {
+            for (got, wanted) in crate::nnls::solve(&gram, &product, &[true; 9]).iter().zip(&wanted) {
                 assert!((got - wanted).abs() < 1e-10, "seed {seed}");
             }
         }
@@ -339,5 +376,17 @@ mod tests {
                 assert!((product - f64::from(u8::from(row == column))).abs() < 1e-12);
             }
         }
+    }
+
+    #[test]
+    fn cholesky_solves_and_refuses() {
+        let matrix = vec![4.0, 2.0, 0.5, 2.0, 5.0, 1.0, 0.5, 1.0, 3.0];
+        let wanted = [1.0, -2.0, 0.25];
+        let right = (0..3).map(|row| (0..3).map(|column| matrix[row * 3 + column] * wanted[column]).sum()).collect();
+        for (got, wanted) in cholesky(matrix, right).expect("positive definite").iter().zip(wanted) {
+            assert!((got - wanted).abs() < 1e-14);
+        }
+        assert!(cholesky(vec![1.0, 1.0, 1.0, 1.0], vec![1.0, 1.0]).is_none());
+        assert!(cholesky(vec![f64::NAN], vec![1.0]).is_none());
     }
 }

@@ -1,0 +1,144 @@
+//! Which rung is shipped: the simplest that is as good as the best, and an average of those that are nearly as good as one more rung.
+//!
+//! The errors of two rungs on the same units rise and fall together, so what is compared is the mean of `ln(error / best's error)`
+//! over units with its standard error (the one-standard-error rule of L. Breiman et al., Classification and Regression Trees, 1984,
+//! section 3.4.3, on paired differences).
+
+use crate::search::errors;
+use crate::{Partition, Series, SplitKind};
+
+/// Seconds of data in fewer than three recordings below which only rungs of one addition take part: blocks of so little data are near
+/// copies of each other, and reward whatever fits most.
+pub const SMALL_S: f64 = 120.0;
+/// Rungs within this factor of the best error take part in the average.
+const NEAR: f64 = 1.3;
+/// A simpler rung is as good within this relative error, whatever the standard error.
+const MATERIAL: f64 = 0.02;
+/// However uncertain the comparison, no rung is taken that is worse than the best by more than this relative error.
+const MOST: f64 = 0.03;
+
+/// What a choice needs to know of a rung.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Short name.
+    pub name: String,
+    /// Error on each unit by a model and settings that it took no part in.
+    pub errors: Vec<f64>,
+    /// Predictions by those models, one list a recording.
+    pub predictions: Vec<Vec<f64>>,
+    /// Whether it may be chosen, or take part in an average, on these data.
+    pub eligible: bool,
+}
+
+/// How much the data can decide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Evidence {
+    /// Whole recordings were left out: every rung takes part.
+    Recordings,
+    /// Blocks of one or two long recordings: rungs whose weights are bound in sign take part.
+    Blocks,
+    /// Blocks of little data: of those, rungs of one addition.
+    Little,
+}
+
+impl Evidence {
+    /// Of a partition of so many seconds of data.
+    #[must_use]
+    pub fn of(partition: &Partition, duration_s: f64) -> Self {
+        match partition.kind() {
+            SplitKind::Groups | SplitKind::Recordings => Self::Recordings,
+            SplitKind::Blocks if duration_s < SMALL_S => Self::Little,
+            SplitKind::Blocks => Self::Blocks,
+        }
+    }
+
+    /// Whether a rung takes part.
+    #[must_use]
+    pub fn admits(self, rung: &crate::Rung) -> bool {
+        match self {
+            Self::Recordings => true,
+            Self::Blocks => rung.bound,
+            Self::Little => rung.bound && rung.small,
+        }
+    }
+}
+
+/// Mean logarithmic error; infinite when one is not finite. `floor` is what the rig itself repeats: below it nobody can tell two models
+/// apart.
+fn level(errors: &[f64], floor: f64) -> f64 {
+    let sum: f64 = errors.iter().map(|error| error.max(floor).max(f64::MIN_POSITIVE).ln()).sum();
+    let mean = sum / errors.len().max(1) as f64;
+    if mean.is_finite() && errors.iter().all(|error| error.is_finite()) { mean } else { f64::INFINITY }
+}
+
+/// The rungs whose mean is worth a try, by index, and that mean's predictions and errors; `None` when fewer than two are near the best.
+#[must_use]
+pub fn average(entries: &[Entry], series: &[Series], partition: &Partition) -> Option<(Vec<usize>, Entry)> {
+    let best = entries.iter().filter(|entry| entry.eligible).map(|entry| level(&entry.errors, 0.0)).fold(f64::INFINITY, f64::min);
+    let near = |index: &usize| entries[*index].eligible && level(&entries[*index].errors, 0.0) <= best + NEAR.ln();
+    let members: Vec<usize> = (0..entries.len()).filter(near).collect();
+    if members.len() < 2 || !best.is_finite() {
+        return None;
+    }
+    let share = 1.0 / members.len() as f64;
+    let mean = |recording: usize| -> Vec<f64> {
+        (0..series[recording].len())
+            .map(|sample| members.iter().map(|&member| share * entries[member].predictions[recording][sample]).sum())
+            .collect()
+    };
+    let predictions: Vec<Vec<f64>> = (0..series.len()).map(mean).collect();
+    let errors = errors(&predictions, series, partition);
+    Some((members, Entry { name: "average".to_owned(), errors, predictions, eligible: true }))
+}
+
+/// The index of the rung to ship: of the `entries`, simplest first, the first that is as good as the best.
+#[must_use]
+pub fn simplest(entries: &[Entry], floor: f64) -> Option<usize> {
+    let levels: Vec<f64> = entries.iter().map(|entry| if entry.eligible { level(&entry.errors, floor) } else { f64::INFINITY }).collect();
+    let best = (0..levels.len()).filter(|&index| levels[index].is_finite()).min_by(|&a, &b| levels[a].total_cmp(&levels[b]))?;
+    (0..entries.len()).filter(|&index| levels[index].is_finite()).find(|&index| {
+        let log = |error: &f64| error.max(floor).max(f64::MIN_POSITIVE).ln();
+        let differences: Vec<f64> =
+            entries[index].errors.iter().zip(&entries[best].errors).map(|(one, best)| log(one) - log(best)).collect();
+        levels[index] - levels[best] <= standard_error(&differences).clamp(MATERIAL.ln_1p(), MOST.ln_1p())
+    })
+}
+
+fn standard_error(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    if values.len() < 2 {
+        return f64::INFINITY;
+    }
+    let mean = values.iter().sum::<f64>() / n;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(errors: &[f64]) -> Entry {
+        Entry { name: String::new(), errors: errors.to_vec(), predictions: Vec::new(), eligible: true }
+    }
+
+    #[test]
+    fn a_tie_goes_to_the_simpler_and_a_clear_gain_does_not() {
+        let simple = entry(&[1.0, 1.1, 0.9, 1.02]);
+        let tied = entry(&[1.01, 1.08, 0.9, 1.0]);
+        let better = entry(&[0.5, 0.55, 0.45, 0.5]);
+        assert_eq!(simplest(&[simple.clone(), tied], 0.0), Some(0));
+        assert_eq!(simplest(&[simple.clone(), better.clone()], 0.0), Some(1));
+        assert_eq!(simplest(&[simple.clone(), better.clone()], 2.0), Some(0), "below what the rig repeats");
+        assert_eq!(simplest(&[simple.clone(), Entry { eligible: false, ..better }], 0.0), Some(0));
+        assert_eq!(simplest(&[entry(&[f64::NAN]), entry(&[1.0])], 0.0), Some(1));
+        assert_eq!(simplest(&[], 0.0), None);
+    }
+
+    #[test]
+    fn however_noisy_the_comparison_a_clearly_worse_mean_is_not_taken() {
+        let noisy = entry(&[2.0, 0.6, 1.9, 0.7]);
+        let steady = entry(&[1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(simplest(&[noisy, steady], 0.0), Some(1));
+    }
+}

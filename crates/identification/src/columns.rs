@@ -1,0 +1,406 @@
+//! Columns: signals computed from the inputs alone, which a model weighs and adds.
+//!
+//! With `u_i` the inputs, `T` the sample period and every state at the equilibrium of the first sample of a stretch:
+//!
+//! ```text
+//! v_i : v_i(k) += (1 - exp(-T/lag)) (u_i(k T - dead_time) - v_i(k-1))         input path
+//! x_i = (v_i - centre_i) / half_i                                             scaled to -1..1 over the data
+//! b   = T_n(x_i) | ramp(x_i) | play(x_i, r) | x_i x_j | tanh(a . z + c)                   basis
+//! c   = b, or b behind one or more first-order lags                           filter
+//! ```
+//!
+//! `T_n` are Chebyshev polynomials of the first kind; those above the first are held at the ends of the data, where they would run
+//! away. The play operator is eq. (2) of the paper. The output path filters the sum of all columns, which is the same as filtering each.
+
+use std::ops::Range;
+
+use hysteresis::play;
+use serde::{Deserialize, Serialize};
+
+use crate::series::segments;
+
+/// Centre and half range of an input over the data that a model was made from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scaling {
+    /// Value that maps to zero.
+    pub centre: f64,
+    /// Distance from there that maps to one; positive.
+    pub half: f64,
+}
+
+impl Scaling {
+    /// Over the range of some values; a signal that never moves maps to zero.
+    #[must_use]
+    pub fn of(values: impl Iterator<Item = f64>) -> Self {
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let half = 0.5 * (high - low);
+        Self { centre: low + half, half: if half > 0.0 { half } else { 1.0 } }
+    }
+
+    /// The scaled value.
+    #[must_use]
+    pub fn apply(&self, value: f64) -> f64 {
+        (value - self.centre) / self.half
+    }
+}
+
+/// First-order lags in a row.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lag {
+    /// Time constant of each in s.
+    pub time_constant_s: f64,
+    /// How many.
+    pub order: u8,
+}
+
+/// A memoryless or hysteretic function of the inputs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Basis {
+    /// Chebyshev polynomial of one scaled input.
+    Polynomial {
+        /// Which input.
+        input: usize,
+        /// Degree, 1 or more.
+        degree: usize,
+    },
+    /// `(x - from) / (to - from)`, held at 0 below and 1 above; at the ends of -1..1 it goes on. Ramps with weights of one sign add up to a
+    /// monotone curve.
+    Ramp {
+        /// Which input.
+        input: usize,
+        /// Where it begins, in scaled input.
+        from: f64,
+        /// Where it ends, above `from`.
+        to: f64,
+    },
+    /// Play operator on one scaled input.
+    Play {
+        /// Which input.
+        input: usize,
+        /// Threshold in scaled input.
+        threshold: f64,
+    },
+    /// Product of two scaled inputs.
+    Product {
+        /// First input.
+        first: usize,
+        /// Second input.
+        second: usize,
+    },
+    /// `tanh(sum_k gains_k column_k + bias)` of columns further up.
+    Sigmoid {
+        /// Indices of the columns.
+        columns: Vec<usize>,
+        /// Their gains.
+        gains: Vec<f64>,
+        /// Constant.
+        bias: f64,
+    },
+}
+
+/// A basis function, perhaps behind lags.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Column {
+    /// The function.
+    pub basis: Basis,
+    /// The lags.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lag: Option<Lag>,
+}
+
+/// A filter on the whole sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OutputPath {
+    /// None.
+    #[default]
+    Direct,
+    /// `y'' + 2 damping w y' + w^2 y = w^2 s` with `w = 2 pi frequency_hz`.
+    Oscillator {
+        /// Undamped natural frequency in Hz.
+        frequency_hz: f64,
+        /// Damping ratio.
+        damping: f64,
+    },
+    /// A first-order lag.
+    Lag {
+        /// Time constant in s.
+        time_constant_s: f64,
+    },
+}
+
+/// Everything that turns inputs into columns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Structure {
+    /// Time between samples in s.
+    pub sample_period_s: f64,
+    /// Dead time of the inputs in s.
+    pub dead_time_s: f64,
+    /// Time constant of a first-order lag of the inputs in s; 0 is none.
+    pub lag_s: f64,
+    /// Scaling of each input.
+    pub scalings: Vec<Scaling>,
+    /// Where play operators rest before the first sample, in scaled input; absent: at the first sample.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<Vec<f64>>,
+    /// The filter of the sum.
+    #[serde(default)]
+    pub output_path: OutputPath,
+    /// The columns.
+    pub columns: Vec<Column>,
+}
+
+impl Structure {
+    /// Calls `each` with the index and the samples of every column, in order.
+    ///
+    /// `inputs` has one slice an input, all of one length; states start anew at every index in `gaps`.
+    ///
+    /// # Panics
+    /// When there are fewer inputs than the structure names.
+    pub fn for_each_column(&self, inputs: &[&[f64]], gaps: &[usize], mut each: impl FnMut(usize, &[f64])) {
+        let length = inputs.first().map_or(0, |input| input.len());
+        let segments = segments(length, gaps);
+        let scaled: Vec<Vec<f64>> = inputs
+            .iter()
+            .zip(&self.scalings)
+            .map(|(input, scaling)| {
+                let mut path = vec![0.0; length];
+                for segment in &segments {
+                    self.input_path(&input[segment.clone()], &mut path[segment.clone()]);
+                }
+                path.iter_mut().for_each(|value| *value = scaling.apply(*value));
+                path
+            })
+            .collect();
+        let rests = |input: usize, first: f64| self.rest.as_ref().and_then(|rest| rest.get(input)).copied().unwrap_or(first);
+        // Columns that a sigmoid looks at are kept.
+        let kept = self.kept();
+        let mut store: Vec<Vec<f64>> = vec![Vec::new(); self.columns.len()];
+        let mut values = vec![0.0; length];
+        for (index, column) in self.columns.iter().enumerate() {
+            match &column.basis {
+                Basis::Polynomial { input, degree } => {
+                    values.iter_mut().zip(&scaled[*input]).for_each(|(value, &x)| *value = chebyshev(*degree, x));
+                }
+                Basis::Ramp { input, from, to } => {
+                    let low = if *from <= -1.0 { f64::NEG_INFINITY } else { 0.0 };
+                    let high = if *to >= 1.0 { f64::INFINITY } else { 1.0 };
+                    let ramp = |x: f64| ((x - from) / (to - from)).max(low).min(high);
+                    values.iter_mut().zip(&scaled[*input]).for_each(|(value, &x)| *value = ramp(x));
+                }
+                Basis::Product { first, second } => {
+                    let pairs = scaled[*first].iter().zip(&scaled[*second]);
+                    values.iter_mut().zip(pairs).for_each(|(value, (&a, &b))| *value = a.clamp(-1.0, 1.0) * b.clamp(-1.0, 1.0));
+                }
+                Basis::Play { input, threshold } => {
+                    let x = &scaled[*input];
+                    for segment in &segments {
+                        let mut state = rests(*input, x[segment.start]);
+                        for sample in segment.clone() {
+                            state = play::step(*threshold, x[sample], state);
+                            values[sample] = state;
+                        }
+                    }
+                }
+                Basis::Sigmoid { columns, gains, bias } => {
+                    values.fill(*bias);
+                    for (&column, &gain) in columns.iter().zip(gains) {
+                        values.iter_mut().zip(&store[column]).for_each(|(value, &other)| *value += gain * other);
+                    }
+                    values.iter_mut().for_each(|value| *value = value.tanh());
+                }
+            }
+            if let Some(lag) = column.lag {
+                for _ in 0..lag.order {
+                    self.low_pass(&mut values, &segments, lag.time_constant_s);
+                }
+            }
+            if kept[index] {
+                store[index].clone_from(&values);
+            }
+            match self.output_path {
+                OutputPath::Direct => each(index, &values),
+                path => {
+                    let mut filtered = values.clone();
+                    self.filter_output(path, &mut filtered, &segments);
+                    each(index, &filtered);
+                }
+            }
+        }
+    }
+
+    /// Which columns a sigmoid looks at.
+    fn kept(&self) -> Vec<bool> {
+        let mut kept = vec![false; self.columns.len()];
+        for column in &self.columns {
+            if let Basis::Sigmoid { columns, .. } = &column.basis {
+                columns.iter().for_each(|&column| kept[column] = true);
+            }
+        }
+        kept
+    }
+
+    /// Dead time with linear interpolation between samples, then the lag; both at the equilibrium of the first sample.
+    fn input_path(&self, input: &[f64], path: &mut [f64]) {
+        let dead_time = self.dead_time_s / self.sample_period_s;
+        let (whole, part) = (dead_time.floor(), dead_time.fract());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of samples, checked not negative")]
+        let whole = whole as usize;
+        let ago = |index: usize, samples: usize| input[index.saturating_sub(samples)];
+        let coefficient = coefficient(self.sample_period_s, self.lag_s);
+        let mut state = input[0];
+        for (index, value) in path.iter_mut().enumerate() {
+            let delayed = if part == 0.0 { ago(index, whole) } else { (1.0 - part) * ago(index, whole) + part * ago(index, whole + 1) };
+            state += coefficient * (delayed - state);
+            *value = state;
+        }
+    }
+
+    fn low_pass(&self, values: &mut [f64], segments: &[Range<usize>], time_constant_s: f64) {
+        let coefficient = coefficient(self.sample_period_s, time_constant_s);
+        for segment in segments {
+            let mut state = values[segment.start];
+            for value in &mut values[segment.clone()] {
+                state += coefficient * (*value - state);
+                *value = state;
+            }
+        }
+    }
+
+    fn filter_output(&self, path: OutputPath, values: &mut [f64], segments: &[Range<usize>]) {
+        match path {
+            OutputPath::Direct => {}
+            OutputPath::Lag { time_constant_s } => self.low_pass(values, segments, time_constant_s),
+            OutputPath::Oscillator { frequency_hz, damping } => {
+                let oscillator = Oscillator::new(std::f64::consts::TAU * frequency_hz * self.sample_period_s, damping);
+                for segment in segments {
+                    oscillator.run(&mut values[segment.clone()]);
+                }
+            }
+        }
+    }
+}
+
+/// A second-order filter by the bilinear transformation, which keeps it stable at any step.
+struct Oscillator {
+    /// `b0 = b2`, `b1 = 2 b0`.
+    gain: f64,
+    first: f64,
+    second: f64,
+}
+
+impl Oscillator {
+    /// `angle` is the natural angular frequency times the sample period.
+    fn new(angle: f64, damping: f64) -> Self {
+        // Pre-warped, so that the natural frequency is met; held below the Nyquist frequency.
+        let k = (0.5 * angle.min(3.0)).tan();
+        let scale = 1.0 + 2.0 * damping * k + k * k;
+        Self { gain: k * k / scale, first: 2.0 * (k * k - 1.0) / scale, second: (1.0 - 2.0 * damping * k + k * k) / scale }
+    }
+
+    /// Filters in place from the equilibrium of the first value.
+    fn run(&self, values: &mut [f64]) {
+        let Some(&start) = values.first() else { return };
+        let (mut x1, mut x2, mut y1, mut y2) = (start, start, start, start);
+        for value in values {
+            let x = *value;
+            let y = self.gain * (x + 2.0 * x1 + x2) - self.first * y1 - self.second * y2;
+            (x2, x1, y2, y1) = (x1, x, y1, y);
+            *value = y;
+        }
+    }
+}
+
+/// The coefficient of a first-order filter for a time constant; 1 (no filter) for none.
+pub(crate) fn coefficient(sample_period_s: f64, time_constant_s: f64) -> f64 {
+    if time_constant_s > 0.0 { -(-sample_period_s / time_constant_s).exp_m1() } else { 1.0 }
+}
+
+/// Chebyshev polynomial of the first kind; beyond -1..1 the first goes on and the others hold.
+fn chebyshev(degree: usize, x: f64) -> f64 {
+    if degree == 1 {
+        return x;
+    }
+    let x = x.clamp(-1.0, 1.0);
+    let (mut before, mut value) = (1.0, x);
+    for _ in 1..degree {
+        (before, value) = (value, 2.0 * x * value - before);
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn structure(columns: Vec<Column>) -> Structure {
+        Structure {
+            sample_period_s: 0.01,
+            dead_time_s: 0.0,
+            lag_s: 0.0,
+            scalings: vec![Scaling { centre: 0.0, half: 1.0 }; 2],
+            rest: None,
+            output_path: OutputPath::Direct,
+            columns,
+        }
+    }
+
+    fn plain(basis: Basis) -> Column {
+        Column { basis, lag: None }
+    }
+
+    #[test]
+    fn columns_are_their_closed_forms() {
+        let x: Vec<f64> = (0..100).map(|k| (f64::from(k) * 0.1).sin()).collect();
+        let y: Vec<f64> = (0..100).map(|k| (f64::from(k) * 0.03).cos()).collect();
+        let columns = vec![
+            plain(Basis::Polynomial { input: 0, degree: 4 }),
+            plain(Basis::Product { first: 0, second: 1 }),
+            plain(Basis::Sigmoid { columns: vec![0, 1], gains: vec![2.0, -1.0], bias: 0.3 }),
+        ];
+        let mut made = Vec::new();
+        structure(columns).for_each_column(&[&x, &y], &[], |_, values| made.push(values.to_vec()));
+        for k in 0..100 {
+            let four = (4.0 * x[k].acos()).cos();
+            assert!((made[0][k] - four).abs() < 1e-12);
+            assert!((made[1][k] - x[k] * y[k]).abs() < 1e-15);
+            assert!((made[2][k] - (2.0 * four - x[k] * y[k] + 0.3).tanh()).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_step_meets_lag_and_oscillator_as_it_should() {
+        let step: Vec<f64> = (0..2000).map(|k| f64::from(u8::from(k > 0))).collect();
+        let base = structure(vec![plain(Basis::Polynomial { input: 0, degree: 1 })]);
+        let lagged = Structure { output_path: OutputPath::Lag { time_constant_s: 0.5 }, ..base.clone() };
+        lagged.for_each_column(&[&step, &step], &[], |_, values| {
+            for k in (10..2000).step_by(100) {
+                assert!((values[k] - (1.0 - (-(k as f64) * 0.01 / 0.5).exp())).abs() < 1e-9);
+            }
+        });
+        let (frequency_hz, damping) = (0.8, 0.3);
+        let swinging = Structure { output_path: OutputPath::Oscillator { frequency_hz, damping }, ..base };
+        swinging.for_each_column(&[&step, &step], &[], |_, values| {
+            let w = std::f64::consts::TAU * frequency_hz;
+            let wd = w * (1.0_f64 - damping * damping).sqrt();
+            for k in (50..2000).step_by(50) {
+                // The step comes half a sample before sample 1 for a trapezoidal rule.
+                let t = (k as f64 - 0.5) * 0.01;
+                let exact = 1.0 - (-damping * w * t).exp() * ((wd * t).cos() + damping * w / wd * (wd * t).sin());
+                assert!((values[k] - exact).abs() < 1e-3, "{k}: {} {exact}", values[k]);
+            }
+        });
+    }
+
+    #[test]
+    fn a_gap_starts_memory_anew() {
+        let x: Vec<f64> = (0..60).map(|k| (f64::from(k) * 0.2).sin()).collect();
+        let columns = vec![Column { basis: Basis::Play { input: 0, threshold: 0.4 }, lag: Some(Lag { time_constant_s: 0.1, order: 2 }) }];
+        let (mut whole, mut part) = (Vec::new(), Vec::new());
+        let structure = structure(columns);
+        structure.for_each_column(&[&x, &x], &[25], |_, values| whole = values.to_vec());
+        structure.for_each_column(&[&x[25..], &x[25..]], &[], |_, values| part = values.to_vec());
+        assert_eq!(whole[25..], part[..]);
+    }
+}

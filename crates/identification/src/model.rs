@@ -1,0 +1,170 @@
+//! A fitted model: structure, constant and weights; run on inputs, and read from and written to a file by whoever owns files.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Structure, Weights};
+
+/// A weighted sum of columns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearModel {
+    /// Constant, in the output's unit.
+    pub constant: f64,
+    /// One weight a column, in the output's unit.
+    pub weights: Vec<f64>,
+    /// The output is held between these, in its unit: a little beyond the data, where nothing is known.
+    pub limits: [f64; 2],
+    /// What makes the columns.
+    pub structure: Structure,
+}
+
+/// How far beyond the fitted output's range a model may go, as a share of that range.
+const BEYOND: f64 = 0.1;
+
+/// Why a model cannot be run.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ModelFault {
+    /// A number of it is not finite or out of its domain.
+    #[error("{0}")]
+    Value(String),
+}
+
+impl LinearModel {
+    /// From fitted weights; `origin` is what was taken off the output before the fit, `range` the smallest and largest fitted output.
+    #[must_use]
+    pub fn new(structure: Structure, weights: &Weights, origin: f64, range: (f64, f64)) -> Self {
+        let beyond = BEYOND * (range.1 - range.0);
+        let limits = [range.0 - beyond, range.1 + beyond];
+        Self { constant: weights.constant + origin, weights: weights.columns.clone(), limits, structure }
+    }
+
+    /// The output for inputs of one length, free running from the equilibrium of the first sample; memory starts anew at every index in
+    /// `gaps`.
+    ///
+    /// # Panics
+    /// When there are fewer inputs than the model has; see [`Self::check`].
+    #[must_use]
+    pub fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Vec<f64> {
+        let mut output = vec![self.constant; inputs.first().map_or(0, |input| input.len())];
+        self.structure.for_each_column(inputs, gaps, |index, values| {
+            let weight = self.weights[index];
+            if weight != 0.0 {
+                output.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+            }
+        });
+        output.iter_mut().for_each(|value| *value = value.max(self.limits[0]).min(self.limits[1]));
+        output
+    }
+
+    /// Number of inputs.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.structure.scalings.len()
+    }
+
+    /// Numbers that were fitted or chosen.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        let used = self.weights.iter().filter(|&&weight| weight != 0.0).count();
+        let path = usize::from(self.structure.dead_time_s > 0.0) + usize::from(self.structure.lag_s > 0.0);
+        1 + used + path
+    }
+
+    /// Multiplications of one step, about.
+    #[must_use]
+    pub fn multiplications(&self) -> usize {
+        use crate::Basis;
+        let one = |column: &crate::Column| {
+            let basis = match &column.basis {
+                Basis::Polynomial { degree, .. } => *degree,
+                Basis::Play { .. } | Basis::Product { .. } | Basis::Ramp { .. } => 1,
+                Basis::Sigmoid { columns, .. } => columns.len() + 20,
+            };
+            1 + basis + column.lag.map_or(0, |lag| usize::from(lag.order))
+        };
+        self.structure.columns.iter().map(one).sum::<usize>() + self.inputs()
+    }
+
+    /// Checks everything that [`Self::simulate`] relies on.
+    ///
+    /// # Errors
+    /// The first thing that is out of its domain, in words.
+    pub fn check(&self) -> Result<(), ModelFault> {
+        use crate::{Basis, OutputPath};
+        let fault = |text: &str| Err(ModelFault::Value(text.to_owned()));
+        let structure = &self.structure;
+        if self.weights.len() != structure.columns.len() {
+            return fault("there is not one weight for each column");
+        }
+        if !self.constant.is_finite() || self.weights.iter().any(|weight| !weight.is_finite()) {
+            return fault("a weight is not finite");
+        }
+        if !(self.limits[0] <= self.limits[1] && self.limits.iter().all(|limit| limit.is_finite())) {
+            return fault("the limits of the output are not two ascending numbers");
+        }
+        let time = |value: f64| value.is_finite() && (0.0..=1e9).contains(&value);
+        if !(structure.sample_period_s > 0.0 && time(structure.sample_period_s)) {
+            return fault("sample_period_s must be positive");
+        }
+        if !time(structure.dead_time_s) || !time(structure.lag_s) {
+            return fault("dead_time_s and lag_s must be zero or positive");
+        }
+        if structure.scalings.is_empty()
+            || structure.scalings.iter().any(|one| !(one.half > 0.0 && one.half.is_finite() && one.centre.is_finite()))
+        {
+            return fault("every input needs a centre and a positive half range");
+        }
+        if structure.rest.as_ref().is_some_and(|rest| rest.len() != self.inputs() || rest.iter().any(|value| !value.is_finite())) {
+            return fault("rest needs one finite value for each input");
+        }
+        match structure.output_path {
+            OutputPath::Direct => {}
+            OutputPath::Lag { time_constant_s } if time(time_constant_s) => {}
+            OutputPath::Oscillator { frequency_hz, damping }
+                if frequency_hz > 0.0 && frequency_hz.is_finite() && damping > 0.0 && damping.is_finite() => {}
+            _ => return fault("the output path needs a positive time constant, or frequency and damping"),
+        }
+        for (index, column) in structure.columns.iter().enumerate() {
+            let known = |input: usize| input < self.inputs();
+            let good = match &column.basis {
+                Basis::Polynomial { input, degree } => known(*input) && (1..=20).contains(degree),
+                Basis::Ramp { input, from, to } => known(*input) && from.is_finite() && to.is_finite() && from < to,
+                Basis::Play { input, threshold } => known(*input) && threshold.is_finite() && *threshold >= 0.0,
+                Basis::Product { first, second } => known(*first) && known(*second),
+                Basis::Sigmoid { columns, gains, bias } => {
+                    columns.len() == gains.len()
+                        && columns.iter().all(|&other| other < index)
+                        && gains.iter().chain([bias]).all(|value| value.is_finite())
+                }
+            };
+            let lagged = column.lag.is_none_or(|lag| time(lag.time_constant_s) && lag.order <= 8);
+            if !good || !lagged {
+                return Err(ModelFault::Value(format!("column {index} is out of its domain")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Without columns that weigh nothing and that nobody looks at.
+    #[must_use]
+    pub fn pruned(mut self) -> Self {
+        use crate::Basis;
+        let count = self.structure.columns.len();
+        let mut needed: Vec<bool> = self.weights.iter().map(|&weight| weight != 0.0).collect();
+        for index in (0..count).rev() {
+            if let (true, Basis::Sigmoid { columns, .. }) = (needed[index], &self.structure.columns[index].basis) {
+                columns.iter().for_each(|&column| needed[column] = true);
+            }
+        }
+        let place: Vec<usize> = needed.iter().scan(0, |next, &kept| Some(std::mem::replace(next, *next + usize::from(kept)))).collect();
+        let mut kept = needed.iter();
+        self.structure.columns.retain(|_| *kept.next().unwrap_or(&false));
+        for column in &mut self.structure.columns {
+            if let Basis::Sigmoid { columns, .. } = &mut column.basis {
+                columns.iter_mut().for_each(|column| *column = place[*column]);
+            }
+        }
+        let mut kept = needed.iter();
+        self.weights.retain(|_| *kept.next().unwrap_or(&false));
+        self
+    }
+}
