@@ -13,11 +13,14 @@ pub mod condition;
 mod error;
 mod groups;
 mod header;
+pub mod held;
 mod note;
 mod options;
 mod parts;
 mod read;
 mod repair;
+pub mod repeatability;
+pub mod resample;
 mod table;
 mod write;
 
