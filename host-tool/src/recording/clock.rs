@@ -8,8 +8,8 @@
 //! An *event clock* logs a sample when something changes. Its long steps say that nothing happened, so a step counts only when more changed
 //! across it than one event changes.
 
-/// A step up to this many typical steps is jitter: measured 100 Hz files reach 1.4 of them.
-const JITTER: f64 = 1.5;
+/// A step up to this many typical steps is jitter, whatever happened: measured 100 Hz files reach 1.27 of them.
+const JITTER: f64 = 1.3;
 /// Steps on each side of a step that make its typical step.
 const NEIGHBOURS: usize = 32;
 /// A bow above this share of a channel's range matters.
@@ -18,8 +18,9 @@ const SHARE: f64 = 0.05;
 const MOST_WINDOWS: usize = 1000;
 /// With fewer windows of that length the recording cannot tell what could have happened.
 const FEWEST_WINDOWS: usize = 8;
-/// Range over sample noise below which a channel says nothing about movement.
-const QUIET: f64 = 20.0;
+/// A channel whose bends are this share of those of white noise of its own spread says nothing about movement. A sine has it at five samples
+/// a period.
+const WHITE: f64 = 0.6;
 
 /// The sample period of strictly increasing times in s: the mean step where the clock is even (which undoes the rounding of printed
 /// times), else the median step.
@@ -48,7 +49,7 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
     if candidates.is_empty() {
         return Vec::new();
     }
-    let moving: Vec<&[f64]> = channels.iter().copied().filter(|values| range(values) > QUIET * sample_noise(values)).collect();
+    let moving: Vec<&[f64]> = channels.iter().copied().filter(|values| moves(values)).collect();
     if logs_events(time_s, &moving) {
         return candidates
             .into_iter()
@@ -166,6 +167,15 @@ pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 pub(super) fn range(values: &[f64]) -> f64 {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
     if values.is_empty() { 0.0 } else { high - low }
+}
+
+/// Whether a channel is more than noise around one value.
+fn moves(values: &[f64]) -> bool {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let spread = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let bends = values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).powi(2)).sum::<f64>();
+    (bends / count / 6.0).sqrt() < WHITE * spread
 }
 
 /// Standard deviation of what changes from sample to sample: that of the second differences, of which a smooth signal has none. The median

@@ -52,7 +52,7 @@ pub enum RecordingError {
     #[error("{}:{line}: column `{column}` holds {}, a finite number is wanted; remove the row (a gap is better than an invented value)", path.display(), shown(text))]
     NotFinite { path: PathBuf, line: u64, column: String, text: String },
     /// A time that stands still or runs backwards for good.
-    #[error("{}:{line}: the time {time_s} s does not come after the {previous_s} s of the row before; were two recordings joined? Split them into files of their own", path.display())]
+    #[error("{}:{line}: the time {time_s} s does not come after the {previous_s} s of the row before; were two recordings joined? Split them into files of their own, or name the column that tells them apart with `recording=`; a clock that stands still is replaced by --rate-hz", path.display())]
     TimeNotIncreasing { path: PathBuf, line: u64, previous_s: f64, time_s: f64 },
     /// A sequence number that is no whole number or does not increase.
     #[error("{}:{line}: the sequence number {text} is not a whole number above that of the row before; were two recordings joined? Split them into files of their own", path.display())]

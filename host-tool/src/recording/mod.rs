@@ -13,6 +13,7 @@ pub mod condition;
 mod error;
 mod groups;
 mod header;
+mod history;
 pub mod held;
 mod note;
 mod options;
@@ -21,6 +22,7 @@ mod read;
 mod repair;
 pub mod repeatability;
 pub mod resample;
+mod surface;
 mod table;
 mod write;
 
