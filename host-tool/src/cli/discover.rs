@@ -41,10 +41,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         .map(|name| arguments.out.join(name))
         .into();
     let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
-    let columns = arguments.data.columns.as_deref();
-    let recordings = recording::load(&arguments.data.data, columns)?;
-    let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load(&arguments.holdout, columns)? };
-    let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(|recording| recording.path.clone()).collect();
+    let recordings = arguments.data.load()?;
+    let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options())? };
+    let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(Recording::file).collect();
     read.extend(arguments.model.clone());
     output::refuse_overwriting(&read, &outputs)?;
     let start = arguments.model.as_deref().map(|path| start_from(path, &recordings, &kept)).transpose()?;

@@ -94,9 +94,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::refuse_overwriting(&inputs, &outputs)?;
     let model = model::load(&arguments.model)?;
     let reference = arguments.reference.as_deref().map(model::load).transpose()?;
-    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let recordings = arguments.data.load()?;
     // A recording that is read is not overwritten either when a folder was named.
-    let paths: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let paths: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     output::refuse_overwriting(&paths, &outputs)?;
     let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
     let judging = Judging { fit, skip_s: arguments.skip_s, tare: arguments.tare };
@@ -165,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 /// The simple rungs, then the model and those to compare with it in order of their cost.
 fn climb(arguments: &Arguments, model: &dyn Predictor, recordings: &[Recording], judging: Judging, threads: usize) -> Result<Ladder> {
-    let training = recording::load(&arguments.ladder_train, arguments.data.columns.as_deref())?;
+    let training = recording::load_with(&arguments.ladder_train, &arguments.data.options())?;
     let mut entries = ladder::simple_rungs(&training, arguments.skip_s)?;
     let mut others: Vec<Entry> = Vec::new();
     for path in std::iter::once(&arguments.model).chain(&arguments.compare) {

@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         Some(path) => Some(compensation(path)?),
         None => None,
     };
-    let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let mut inputs: Vec<PathBuf> = recordings.iter().map(recording::Recording::file).collect();
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.compensation.clone());
     let mut outputs = vec![arguments.out.as_path()];

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Common, Data, Outcome};
 use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
-use crate::recording::{self, Recording, Timing};
+use crate::recording::{Recording, Timing};
 use crate::{output, say};
 
 /// Fit a physics model to recordings.
@@ -143,8 +143,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         lag_time_constant_s: arguments.lag_s,
         curve_segments: arguments.curve_segments,
     };
-    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
-    let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let recordings = arguments.data.load()?;
+    let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());
     output::refuse_overwriting(&inputs, &outputs)?;

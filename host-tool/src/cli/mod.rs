@@ -27,6 +27,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 
 use crate::output;
+use crate::recording::{self, ReadOptions, Recording, RecordingError};
 
 /// How a command ended; the exit code is a contract.
 pub enum Outcome {
@@ -101,6 +102,25 @@ pub struct Data {
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
     #[arg(long, value_name = "MAP")]
     pub columns: Option<String>,
+    /// Sampling rate of files without a time column.
+    #[arg(long, value_name = "HZ")]
+    pub rate_hz: Option<f64>,
+}
+
+impl Data {
+    /// How the recordings are to be read.
+    #[must_use]
+    pub fn options(&self) -> ReadOptions {
+        ReadOptions { columns: self.columns.clone(), rate_hz: self.rate_hz }
+    }
+
+    /// Reads the recordings.
+    ///
+    /// # Errors
+    /// The first problem of the first bad file.
+    pub fn load(&self) -> Result<Vec<Recording>, RecordingError> {
+        recording::load_with(&self.data, &self.options())
+    }
 }
 
 /// More threads than this is a slip of the finger.

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use super::{Common, Data, Outcome};
 use crate::recording::Recording;
 use crate::train::{CheckpointPlan, Ended, PRESETS, Progress, TrainConfig, TrainReport, train};
-use crate::{network, output, recording};
+use crate::{network, output};
 
 /// Train a network on recordings.
 #[derive(clap::Args)]
@@ -116,12 +116,12 @@ fn positive<T: std::str::FromStr + Into<f64> + Copy>(text: &str) -> Result<T, St
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let config = configuration(arguments)?;
-    let mut recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let mut recordings = arguments.data.load()?;
     if arguments.inverse {
         let exchange = |recording: &Recording| recording.exchanged(arguments.look_ahead_ms / 1e3);
         recordings = recordings.iter().map(exchange).collect::<Result<_, _>>()?;
     }
-    let mut inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let mut inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     inputs.extend(arguments.config.clone());
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());

@@ -8,9 +8,10 @@ use model_export::link::settings::{SettingValue, by_number};
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
+use crate::recording::Recording;
 use crate::track::{CONTROLLERS, SettingValues, controller};
 use crate::tune::{self, Gains, Tuned, simulate::Limits};
-use crate::{output, recording, say};
+use crate::{output, say};
 
 /// Propose controllers from recordings; sends nothing.
 ///
@@ -82,9 +83,9 @@ fn named(settings: &SettingValues) -> BTreeMap<&'static str, serde_json::Value> 
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let recordings = recording::load(&arguments.data.data, arguments.data.columns.as_deref())?;
+    let recordings = arguments.data.load()?;
     let (settings_path, blob_path) = (arguments.out.join("settings.toml"), arguments.out.join("control.blob"));
-    let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.path.clone()).collect();
+    let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![settings_path.as_path(), blob_path.as_path()];
     outputs.extend(arguments.common.json.as_deref());
     output::refuse_overwriting(&inputs, &outputs)?;

@@ -27,9 +27,6 @@ pub enum RecordingError {
     /// The first line is data.
     #[error("{}:{line}: the first line holds numbers, not column names; put a header line such as `time_s,pressure_bar,displacement_mm` on top", path.display())]
     NoHeader { path: PathBuf, line: u64 },
-    /// The separator is not a comma.
-    #[error("{}:{line}: the columns seem to be separated by {separator}; save the file again with commas between columns and points in numbers", path.display())]
-    Separator { path: PathBuf, line: u64, separator: &'static str },
     /// A wanted column does not exist.
     #[error("{}:{line}: there is no column `{column}` (the file has {found}); {hint}", path.display())]
     MissingColumn { path: PathBuf, line: u64, column: String, found: String, hint: String },
@@ -54,12 +51,18 @@ pub enum RecordingError {
     /// A cell that is infinite or not a number.
     #[error("{}:{line}: column `{column}` holds {}, a finite number is wanted; remove the row (a gap is better than an invented value)", path.display(), shown(text))]
     NotFinite { path: PathBuf, line: u64, column: String, text: String },
-    /// A time that is equal to or before the one above.
-    #[error("{}:{line}: the time {time_s} s does not come after the {previous_s} s of the row before; were two recordings joined? Split them into files of their own", path.display())]
+    /// A time that stands still or runs backwards for good.
+    #[error("{}:{line}: the time {time_s} s does not come after the {previous_s} s of the row before; were two recordings joined? Split them into files of their own, or name the column that tells them apart with `recording=`; a clock that stands still is replaced by --rate-hz", path.display())]
     TimeNotIncreasing { path: PathBuf, line: u64, previous_s: f64, time_s: f64 },
     /// A sequence number that is no whole number or does not increase.
     #[error("{}:{line}: the sequence number {text} is not a whole number above that of the row before; were two recordings joined? Split them into files of their own", path.display())]
     Sequence { path: PathBuf, line: u64, text: String },
+    /// A sampling rate that is none.
+    #[error("--rate-hz {rate_hz}: the sampling rate must be above zero; write for example --rate-hz 100")]
+    Rate { rate_hz: f64 },
+    /// Several recordings where one is wanted.
+    #[error("{}: holds {count} recordings, one is wanted here; put it into a file of its own", path.display())]
+    Several { path: PathBuf, count: usize },
     /// Columns of unequal length, in memory.
     #[error("{}: {time} times, {input} inputs and {output} outputs; the lengths must be equal", path.display())]
     Lengths { path: PathBuf, time: usize, input: usize, output: usize },

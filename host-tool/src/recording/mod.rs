@@ -1,27 +1,41 @@
-//! Recordings: one run of input and output over time, read from and written to CSV, never repaired.
+//! Recordings: runs of inputs and an output over time, read from text files and written to CSV.
 //!
-//! Terms. A *recording* is one file, one run. A *gap* is a step of time longer than [`GAP_FACTOR`] median steps, or a jump of the
-//! `sequence` column: samples are missing there and nobody knows what the input did meanwhile. *Jitter* is any smaller unevenness of
-//! the steps; it is tolerated and can be reported with [`Recording::timing`].
+//! Terms. A *recording* is one run: a file, or a part of a file that a column sets apart. A *gap* is a step of time in which something
+//! that matters could have gone unseen, see [`clock`]; *jitter* is any smaller unevenness of the steps. A *glitch* is a time stamp that is
+//! wrong and whose neighbours are right; it is repaired and a [`Note`] says so. A *note* is what reading found or did, said once.
 //!
 //! Our own files have one header line and the columns `time_s,pressure_bar,displacement_mm`, optionally `pressure_measured_bar`,
 //! `sequence`, `temperature_c` and `session_time_s`. Any other file is read with a [`ColumnMap`].
 
+pub mod clock;
 mod columns;
+pub mod condition;
 mod error;
+mod groups;
+mod header;
+mod history;
+pub mod held;
+mod note;
+mod options;
+mod parts;
 mod read;
+mod repair;
+pub mod repeatability;
+pub mod resample;
+mod surface;
+mod table;
 mod write;
 
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest, Sha256};
+
 pub use columns::{ColumnMap, ColumnName};
 pub use error::RecordingError;
-pub use read::{files, load, parse, read};
+pub use note::{Note, Subject};
+pub use options::ReadOptions;
+pub use read::{files, load, load_with, parse, read};
 pub use write::{encode, write};
-
-/// A step longer than this many median steps is a gap: one lost sample of an even clock (two steps) is found, the ordinary jitter of
-/// the measured sets (up to 1.8 steps in the pneumatic cylinder's 100 Hz files) is not.
-pub const GAP_FACTOR: f64 = 1.9;
 
 /// Name and unit of one channel.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -53,6 +67,15 @@ impl Signal {
     }
 }
 
+/// An input beside the first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// What it is.
+    pub signal: Signal,
+    /// One value a sample.
+    pub values: Vec<f64>,
+}
+
 /// One more column of a recording, carried along unchanged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtraColumn {
@@ -65,18 +88,22 @@ pub struct ExtraColumn {
 /// One run: input and output at common times, free of non-finite values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// Where it came from; also its name in reports.
+    /// Where it came from; also its name in reports. A part of a file has the part's name after a `#`; see [`Recording::file`].
     pub path: PathBuf,
     /// Family of excitation, for example `a`; taken from the file name.
     pub family: String,
+    /// Recordings of one group (a day, a load, an amplitude) are left out together in cross-validation; empty where nothing shows groups.
+    pub group: String,
     /// What the input is.
     pub input_signal: Signal,
     /// What the output is.
     pub output_signal: Signal,
     /// Sample times in s, strictly increasing.
     pub time_s: Vec<f64>,
-    /// Input, one value a sample.
+    /// First input, one value a sample.
     pub input: Vec<f64>,
+    /// The inputs beside the first.
+    pub more_inputs: Vec<Channel>,
     /// Output, one value a sample.
     pub output: Vec<f64>,
     /// Sample period in s: the mean step where the clock is even (which undoes the rounding of printed times), else the median step.
@@ -85,6 +112,8 @@ pub struct Recording {
     pub gaps: Vec<usize>,
     /// Optional columns of our own files (`pressure_measured_bar`, `sequence`, `temperature_c`, `session_time_s`).
     pub extra: Vec<ExtraColumn>,
+    /// What reading found and did.
+    pub notes: Vec<Note>,
     /// SHA-256 of the file's bytes in hexadecimal; empty for a recording that never was a file.
     pub sha256: String,
 }
@@ -136,22 +165,42 @@ impl Recording {
         if time_s.len() < 2 {
             return Err(RecordingError::TooShort { path: path.into(), rows: time_s.len() });
         }
-        let (sample_period_s, gaps) = clock(&time_s);
+        let sample_period_s = clock::sample_period_s(&time_s);
+        let gaps = clock::gaps(&time_s, &[&input, &output]);
         let family = family(path);
         let path = path.to_path_buf();
         Ok(Self {
             path,
             family,
+            group: String::new(),
             input_signal,
             output_signal,
             time_s,
             input,
+            more_inputs: Vec::new(),
             output,
             sample_period_s,
             gaps,
             extra: Vec::new(),
+            notes: Vec::new(),
             sha256: String::new(),
         })
+    }
+
+    /// All inputs, the first one first.
+    #[must_use]
+    pub fn inputs(&self) -> Vec<&[f64]> {
+        std::iter::once(&self.input).chain(self.more_inputs.iter().map(|channel| &channel.values)).map(Vec::as_slice).collect()
+    }
+
+    /// The file that the recording was read from: its path without the name of a part.
+    #[must_use]
+    pub fn file(&self) -> PathBuf {
+        let text = self.path.to_string_lossy();
+        match text.rsplit_once('#') {
+            Some((file, _)) if !self.path.exists() => PathBuf::from(file),
+            _ => self.path.clone(),
+        }
     }
 
     /// The recording with input and output exchanged, for training an inverse: beside each sample of what was the input stands what became
@@ -166,6 +215,7 @@ impl Recording {
         let (input, output) = (self.output_signal.clone(), self.input_signal.clone());
         let mut exchanged = Self::new(&self.path, input, output, pick(&self.time_s, 0), pick(&self.output, ahead), pick(&self.input, 0))?;
         exchanged.sha256.clone_from(&self.sha256);
+        exchanged.group.clone_from(&self.group);
         Ok(exchanged)
     }
 
@@ -206,28 +256,9 @@ impl Recording {
     }
 }
 
-/// The sample period and the gaps of strictly increasing times.
-fn clock(time_s: &[f64]) -> (f64, Vec<usize>) {
-    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let mut gaps = Vec::new();
-    let middle = steps.len() / 2;
-    let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
-    for (index, step) in steps.drain(..).enumerate() {
-        if step > GAP_FACTOR * median {
-            gaps.push(index + 1);
-        }
-    }
-    let span = time_s[time_s.len() - 1] - time_s[0];
-    let mean = span / (time_s.len() - 1) as f64;
-    // A clock is even when every time lies within 5 % of a period of the straight line: then printed times are only rounded.
-    let even = time_s.iter().enumerate().all(|(index, time)| (time - time_s[0] - index as f64 * mean).abs() < 0.05 * mean);
-    // Nine digits: files of one clock get the same period although each file's rounding differs.
-    (significant(if even { mean } else { median }, 9), gaps)
-}
-
-/// `value` rounded to so many significant decimal digits.
-fn significant(value: f64, digits: usize) -> f64 {
-    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
+/// SHA-256 of bytes in hexadecimal.
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The family of a file: the leading word of its name, without a running number. `a_03.csv` and `a3.csv` are of family `a`.

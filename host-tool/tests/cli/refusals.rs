@@ -20,6 +20,8 @@ fn bad_recordings() -> Vec<BadRecording> {
     let bad = |name, bytes: Vec<u8>, says| BadRecording { name, bytes, says };
     let good = recording_csv(0.5);
     let header = |header: &str| good.replacen("time_s,pressure_bar,displacement_mm", header, 1).into_bytes();
+    let joined = format!("{good}{}", good.split_once('\n').expect("a header").1);
+    let standing = "time_s,pressure_bar,displacement_mm\n0,0,0\n0,1,1\n0,2,1\n0,1,0\n".as_bytes().to_vec();
     vec![
         bad("empty.csv", Vec::new(), &["empty"]),
         bad("header_only.csv", b"time_s,pressure_bar,displacement_mm\n".to_vec(), &["0 row(s)"]),
@@ -32,11 +34,11 @@ fn bad_recordings() -> Vec<BadRecording> {
         bad("hole.csv", with_row(7, "0.12,,0.1"), &["hole.csv:8:", "pressure_bar", "nothing"]),
         bad("word.csv", with_row(7, "0.12,high,0.1"), &["word.csv:8:", "pressure_bar", "high"]),
         bad("ragged.csv", with_row(7, "0.12,0.1"), &["ragged.csv:8:", "2 cell(s)"]),
-        bad("backwards.csv", with_row(7, "0.05,0.1,0.1"), &["backwards.csv:8:", "0.05"]),
-        bad("standing.csv", with_row(7, "0.10,0.1,0.1"), &["standing.csv:8:", "0.1"]),
+        bad("joined.csv", joined.into_bytes(), &["joined.csv:602:", "joined", "Split"]),
+        bad("standing.csv", standing, &["standing.csv:3:", "--rate-hz"]),
         bad("missing_column.csv", header("time_s,pressure_bar,force_N"), &["missing_column.csv:1:", "displacement_mm"]),
         bad("duplicate.csv", header("time_s,pressure_bar,pressure_bar"), &["duplicate.csv:1:", "twice"]),
-        bad("semicolons.csv", good.replace(',', ";").into_bytes(), &["semicolons.csv:1:", "semicolons"]),
+        bad("cut_semicolons.csv", good.replace(',', ";").replace("mm\n0.00;0;0", "mm\n0.00;0").into_bytes(), &["cut_semicolons.csv:2:", "2 cell(s)"]),
         bad("latin1.csv", b"time_s,pressure_bar,d\xe9placement_mm\n0,0,0\n1,1,1\n".to_vec(), &["latin1.csv:1:", "UTF-8"]),
         bad("picture.csv", vec![0x89, b'P', b'N', b'G', 0, 0xff, 0xfe, b'\n', 0, 1, 2, 3], &["picture.csv"]),
         bad("zeros.csv", vec![0; 4096], &["zeros.csv"]),

@@ -1,0 +1,138 @@
+//! What a recording's samples show by themselves: gaps, event clocks, staircases, resolution, clipping, constant stretches, units.
+
+use super::{Note, Recording, Signal, Subject, clock, held};
+
+/// A resolution finer than this share of the range is not worth a word.
+const COARSE: f64 = 1.0 / 400.0;
+/// Samples in a row at the very end of the range that are called clipped, and the least share of all samples.
+const CLIPPED_RUN: usize = 8;
+const CLIPPED_SHARE: f64 = 0.01;
+/// A stretch without change over this share of a recording is worth a word.
+const CONSTANT_SHARE: f64 = 0.25;
+/// Pressures above this are suspicious: muscles burst and regulators end below it.
+const MOST_BAR: f64 = 20.0;
+
+/// Everything worth saying; `lines` are those of the samples in the file.
+pub(super) fn notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
+    let mut notes = clock_notes(recording, lines);
+    for (role, signal, values) in channels(recording) {
+        let name = format!("The {role} `{}`", signal.quantity);
+        if clock::range(values) == 0.0 {
+            notes.push(Note::new(Subject::Constant, format!("{name} never changes: it is {} {} throughout.", short(values[0]), signal.unit)));
+            continue;
+        }
+        if role.starts_with("input")
+            && let Some(hold) = held::hold(&recording.time_s, values)
+        {
+            let when = hold.period_s.map_or_else(|| "at no fixed period".to_owned(), |period_s| format!("every {} s or a multiple", short(period_s)));
+            notes.push(Note { count: hold.changes, ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}.")) });
+        } else if let Some(step) = resolution(values).filter(|step| *step > COARSE * clock::range(values)) {
+            let text = format!("{name} has a coarse resolution: steps of {} {}.", short(step), signal.unit);
+            notes.push(Note::new(Subject::Quantised, text));
+        }
+        notes.extend(clipped(&name, signal, values, lines));
+        notes.extend(constant(&name, recording, values, lines));
+        notes.extend(unit(&name, signal, values));
+    }
+    notes
+}
+
+/// Inputs and output with their roles.
+pub(super) fn channels(recording: &Recording) -> Vec<(String, &Signal, &[f64])> {
+    let more = recording.more_inputs.iter().enumerate();
+    let more = more.map(|(index, channel)| (format!("input{}", index + 2), &channel.signal, channel.values.as_slice()));
+    let first = ("input".to_owned(), &recording.input_signal, recording.input.as_slice());
+    let output = ("output".to_owned(), &recording.output_signal, recording.output.as_slice());
+    std::iter::once(first).chain(more).chain([output]).collect()
+}
+
+fn clock_notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
+    let mut notes = Vec::new();
+    if let Some(&first) = recording.gaps.first() {
+        let count = recording.gaps.len();
+        let longest_s = recording.gaps.iter().map(|&gap| recording.time_s[gap] - recording.time_s[gap - 1]).fold(0.0, f64::max);
+        let text = format!("{count} gap(s) in time, the longest {} s: too much could have happened there to go on across.", short(longest_s));
+        notes.push(Note::counted(Subject::Gap, count, lines[first], text));
+    }
+    let values: Vec<&[f64]> = channels(recording).into_iter().map(|(_, _, values)| values).collect();
+    if clock::logs_events(&recording.time_s, &values) {
+        notes.push(Note::new(Subject::EventClock, "The clock logs events: long steps stand where nothing changed, and are no gaps."));
+    }
+    notes
+}
+
+/// The step size of values that all lie on a grid; none when they do not, or differ too little to tell.
+#[must_use]
+pub fn resolution(values: &[f64]) -> Option<f64> {
+    let mut levels = values.to_vec();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    let steps: Vec<f64> = levels.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    // Fewer levels than samples: values come again, as on a grid.
+    if steps.len() < 4 || levels.len() * 3 > values.len() {
+        return None;
+    }
+    let step = clock::quantile(steps.clone(), 0.1);
+    let on_grid = steps.iter().filter(|&&gap| ((gap / step).round() - gap / step).abs() < 0.15).count();
+    (on_grid * 10 >= steps.len() * 9).then_some(step)
+}
+
+/// Runs at the highest or lowest value.
+fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &[u64]) -> Vec<Note> {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    let mut notes = Vec::new();
+    for (extreme, which) in [(low, "lowest"), (high, "highest")] {
+        let mut runs: Vec<(usize, usize)> = Vec::new();
+        let mut start = 0;
+        for run in values.chunk_by(|one, other| one == other) {
+            if run[0] == extreme && run.len() >= CLIPPED_RUN {
+                runs.push((start, run.len()));
+            }
+            start += run.len();
+        }
+        // At rest at the start or the end a signal lies at its extreme without being clipped; a zero is a natural end.
+        runs.retain(|&(start, length)| start > 0 && start + length < values.len());
+        let samples: usize = runs.iter().map(|(_, length)| length).sum();
+        if runs.len() >= 2 && extreme != 0.0 && samples as f64 > CLIPPED_SHARE * values.len() as f64 {
+            let text = format!("{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {} {}.", runs.len(), short(extreme), signal.unit);
+            notes.push(Note::counted(Subject::Clipped, samples, lines[runs[0].0], text));
+        }
+    }
+    notes
+}
+
+/// The longest stretch without any change.
+fn constant(name: &str, recording: &Recording, values: &[f64], lines: &[u64]) -> Option<Note> {
+    let span_s = recording.time_s[values.len() - 1] - recording.time_s[0];
+    let mut start = 0;
+    let mut longest = (0.0, 0, 0);
+    for run in values.chunk_by(|one, other| one == other) {
+        let length_s = recording.time_s[start + run.len() - 1] - recording.time_s[start];
+        if length_s > longest.0 {
+            longest = (length_s, start, run.len());
+        }
+        start += run.len();
+    }
+    let (length_s, start, samples) = longest;
+    let text = || format!("{name} does not change for {} s, {samples} samples from line {} on.", short(length_s), lines[start]);
+    (length_s > CONSTANT_SHARE * span_s && samples > 20).then(|| Note::counted(Subject::Constant, samples, lines[start], text()))
+}
+
+/// A unit that does not go with the values.
+fn unit(name: &str, signal: &Signal, values: &[f64]) -> Option<Note> {
+    let most = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let text = match signal.unit.as_str() {
+        "bar" if most > MOST_BAR => format!("{name} reaches {} bar. Is it in kPa or psi?", short(most)),
+        "Pa" if most < 1e3 => format!("{name} never exceeds {} Pa. Is it in kPa or bar?", short(most)),
+        "m" if most > 100.0 => format!("{name} reaches {} m. Is it in mm?", short(most)),
+        "rad" if most > 20.0 => format!("{name} reaches {} rad. Is it in degrees?", short(most)),
+        _ => return None,
+    };
+    Some(Note::new(Subject::Unit, text))
+}
+
+/// A number of four digits at most, for a sentence.
+pub(super) fn short(value: f64) -> String {
+    let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
+    if rounded == 0.0 || (1e-4..1e6).contains(&rounded.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
+}
