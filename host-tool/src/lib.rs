@@ -16,6 +16,7 @@ pub mod evaluate;
 pub mod excitation;
 pub mod experiment;
 pub mod export;
+pub mod fit;
 pub mod identify;
 pub mod journal;
 pub mod link;

@@ -176,6 +176,12 @@ impl<'a> Search<'a> {
         Some((LinearModel::new(structure, &weights, self.origin, range), weights, moments))
     }
 
+    /// The model of a candidate; `None` when the data do not determine it.
+    #[must_use]
+    pub fn model(&self, found: &Found, fit: &Fit) -> Option<LinearModel> {
+        self.fit(found, fit).map(|(model, ..)| model)
+    }
+
     /// All rungs, chosen and fitted on all data, with the errors that nested cross-validation gives them. Outer folds share `threads`
     /// threads; the results do not depend on their number. `done` is called after each outer fold.
     pub fn nested(&self, rungs: &[Rung], threads: usize, done: &(dyn Fn(usize, usize) + Sync)) -> Vec<RungResult> {

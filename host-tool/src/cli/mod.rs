@@ -7,6 +7,7 @@ mod discover;
 mod evaluate;
 mod explain;
 mod export;
+mod fit;
 mod help;
 mod hide;
 mod identify;
@@ -48,6 +49,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Arguments),
+    Fit(fit::Arguments),
     Identify(identify::Arguments),
     #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
@@ -139,6 +141,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Fit(arguments) => fit::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

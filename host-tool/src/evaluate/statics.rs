@@ -58,6 +58,7 @@ impl Polynomial {
             kind: format!("polynomial of degree {DEGREE}, no memory"),
             arithmetic: Arithmetic::Physics,
             input: first.input_signal.clone(),
+            more_inputs: Vec::new(),
             output: first.output_signal.clone(),
             input_range: Some((low, high)),
             sample_period_s: None,

@@ -74,6 +74,7 @@ fn describe(model: &Model<'_>, path: &Path) -> Description {
         kind: format!("{}, fixed point", super::trained::kind(&model.front_end, &units, window)),
         arithmetic: Arithmetic::FixedPoint,
         input: signal(&model.input),
+        more_inputs: Vec::new(),
         output: signal(&model.output),
         input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
         sample_period_s: Some(f64::from(model.sample_period_s)),

@@ -29,6 +29,7 @@ impl DiscoveredPredictor {
             kind,
             arithmetic: Arithmetic::Physics,
             input: model.input.clone(),
+            more_inputs: Vec::new(),
             output: model.output.clone(),
             input_range: None,
             sample_period_s: (!model.effects.is_empty()).then_some(model.sample_period_s),

@@ -10,7 +10,7 @@ use crate::recording::Signal;
 #[allow(missing_docs, reason = "the messages say what each field is")]
 pub enum ModelError {
     /// The ending says nothing.
-    #[error("{}: a model ends in .toml (physics), .safetensors (trained network) or .blob (microcontroller); name one of these", path.display())]
+    #[error("{}: is no model that this program knows; give a file of `catheter fit`, `identify`, `discover`, `train` or `export`", path.display())]
     Ending { path: PathBuf },
     /// A folder was given.
     #[error("{}: is a folder, a model file is wanted; name the file in it", path.display())]
@@ -39,6 +39,12 @@ pub enum ModelError {
         recording.display(), found.quantity, found.unit, model.display(), wanted.quantity, wanted.unit
     )]
     Signal { recording: PathBuf, model: PathBuf, side: &'static str, wanted: Signal, found: Signal },
+    /// Fewer inputs, or others.
+    #[error(
+        "{}: has {found} input(s), but the model {} has {wanted} and lacks {missing}; say which column it is, with `{role}=` in --columns",
+        recording.display(), model.display()
+    )]
+    Inputs { recording: PathBuf, model: PathBuf, wanted: usize, found: usize, missing: String, role: String },
     /// Another sample period.
     #[error(
         "{}: has a sample every {} ms, but the model {} was made for {} ms; record at the model's rate, train at this rate, or interpolate with --resample",

@@ -5,7 +5,8 @@
 //! samples are missing: what the input did there is unknown, so by default a model starts afresh behind it, as in training
 //! ([`Gaps::Reset`]); [`Gaps::Carry`] keeps its memory, which is better when only a sample or two were lost.
 //!
-//! [`load`] reads physics (`.toml`), trained networks (`.safetensors`) and blobs (`.blob`); a blob runs the microcontroller's code.
+//! [`load`] reads physics, fitted and discovered models (TOML), trained networks (safetensors) and blobs, whatever the file is called: it
+//! looks at how it begins. A blob runs the microcontroller's code.
 
 #![allow(clippy::result_large_err, reason = "errors with paths and names end the command; nothing is hot here")]
 
@@ -27,6 +28,7 @@ pub use physics::PhysicsPredictor;
 pub(crate) use resample::interpolate;
 pub use trained::NetworkModel;
 
+use crate::fit::file::FittedPredictor;
 use crate::recording::{Recording, Signal};
 
 /// Sample periods that differ by more than this share are different; the median step of a measured clock strays by less.
@@ -55,6 +57,9 @@ pub struct Description {
     pub arithmetic: Arithmetic,
     /// What goes in.
     pub input: Signal,
+    /// Inputs beside the first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub more_inputs: Vec<Signal>,
     /// What comes out.
     pub output: Signal,
     /// Smallest and largest input of the training data, where known.
@@ -97,39 +102,86 @@ pub trait Predictor: Send + Sync {
     /// # Errors
     /// When the model turns out not to be runnable.
     fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError>;
+
+    /// The same from all inputs of a recording, of which a model of one input takes the first.
+    ///
+    /// # Errors
+    /// As [`Self::predict`], and when the model has more inputs than are given.
+    fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.predict(inputs[0], gaps)
+    }
 }
 
-/// Reads a model; the ending says which kind.
+/// What a model file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// An identified physics model, TOML.
+    Physics,
+    /// A model that discovery wrote, TOML.
+    Discovered,
+    /// A model of `catheter fit`, TOML.
+    Fitted,
+    /// A trained network, safetensors.
+    Network,
+    /// A blob.
+    Blob,
+}
+
+/// What a file is, by how it begins and what it says; its name does not matter.
 ///
 /// # Errors
-/// When the ending is unknown, or the file cannot be read, is damaged, of another schema, or makes no sense. The message names the file
-/// and what to do.
-pub fn load(path: &Path) -> Result<Box<dyn Predictor>, ModelError> {
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    if !["toml", "safetensors", "blob"].contains(&ending.as_str()) {
-        return Err(ModelError::Ending { path: path.into() });
-    }
+/// When it is a folder, cannot be read, or is none of these.
+pub fn format(path: &Path) -> Result<Format, ModelError> {
     match std::fs::metadata(path) {
         Ok(metadata) if metadata.is_dir() => return Err(ModelError::Folder { path: path.into() }),
         Ok(_) => {}
         Err(error) => return Err(ModelError::Open { path: path.into(), problem: error.to_string() }),
     }
-    Ok(match ending.as_str() {
-        "safetensors" => Box::new(NetworkModel::load(path)?),
-        "blob" => Box::new(BlobModel::load(path)?),
-        _ if is_discovered(path) => Box::new(DiscoveredPredictor::load(path)?),
-        _ => Box::new(PhysicsPredictor::load(path)?),
-    })
-}
-
-/// Whether a TOML file says that `catheter discover` wrote it; what cannot be read is left to the physics model's messages.
-fn is_discovered(path: &Path) -> bool {
+    let bytes = std::fs::read(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
+    if bytes.starts_with(&model_export::blob::MAGIC) {
+        return Ok(Format::Blob);
+    }
+    // safetensors: eight bytes of length, then a JSON object.
+    if bytes.get(8) == Some(&b'{') && bytes[..8].contains(&0) {
+        return Ok(Format::Network);
+    }
     #[derive(serde::Deserialize)]
     struct Head {
         kind: String,
     }
-    let head = std::fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Head>(&text).ok());
-    head.is_some_and(|head| head.kind == crate::discover::file::KIND)
+    let head = std::str::from_utf8(&bytes).ok().and_then(|text| toml::from_str::<Head>(text).ok());
+    match head {
+        Some(head) if head.kind == crate::fit::file::KIND => Ok(Format::Fitted),
+        Some(head) if head.kind == crate::discover::file::KIND => Ok(Format::Discovered),
+        Some(_) => Ok(Format::Physics),
+        None => by_ending(path),
+    }
+}
+
+/// What a file that cannot be recognised claims to be: its reader says best what is wrong with it.
+fn by_ending(path: &Path) -> Result<Format, ModelError> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    match ending.as_str() {
+        "toml" => Ok(Format::Physics),
+        "safetensors" => Ok(Format::Network),
+        "blob" => Ok(Format::Blob),
+        _ => Err(ModelError::Ending { path: path.into() }),
+    }
+}
+
+/// Reads a model of any kind.
+///
+/// # Errors
+/// When the file is no model, or cannot be read, is damaged, of another schema, or makes no sense. The message names the file and what
+/// to do.
+pub fn load(path: &Path) -> Result<Box<dyn Predictor>, ModelError> {
+    Ok(match format(path)? {
+        Format::Network => Box::new(NetworkModel::load(path)?),
+        Format::Blob => Box::new(BlobModel::load(path)?),
+        Format::Discovered => Box::new(DiscoveredPredictor::load(path)?),
+        Format::Fitted => Box::new(FittedPredictor::load(path)?),
+        Format::Physics => Box::new(PhysicsPredictor::load(path)?),
+    })
 }
 
 /// Checks that a model was made for the quantities, units and sample period of a recording; with `resample` the period may differ.
@@ -146,6 +198,19 @@ pub fn check(model: &Description, recording: &Recording, resample: bool) -> Resu
                 side,
                 wanted: wanted.clone(),
                 found: found.clone(),
+            });
+        }
+    }
+    for (index, wanted) in model.more_inputs.iter().enumerate() {
+        let found = recording.more_inputs.get(index).map(|channel| channel.signal.clone());
+        if found.as_ref() != Some(wanted) {
+            return Err(ModelError::Inputs {
+                recording: recording.path.clone(),
+                model: model.path.clone(),
+                wanted: model.more_inputs.len() + 1,
+                found: recording.more_inputs.len() + 1,
+                missing: wanted.column(),
+                role: format!("input{}", index + 2),
             });
         }
     }
@@ -174,8 +239,10 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
     check(model.description(), recording, fit.resample)?;
     let gaps = if fit.gaps == Gaps::Reset { &recording.gaps[..] } else { &[] };
     match model.description().sample_period_s {
-        Some(period_s) if differs(period_s, recording.sample_period_s) => resample::predict(model, recording, gaps, period_s),
-        _ => model.predict(&recording.input, gaps),
+        Some(period_s) if differs(period_s, recording.sample_period_s) || !resample::is_even(recording) => {
+            resample::predict(model, recording, gaps, period_s)
+        }
+        _ => model.simulate(&recording.inputs(), gaps),
     }
 }
 

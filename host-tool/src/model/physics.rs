@@ -55,6 +55,7 @@ fn describe(model: &PhysicsModel, path: &Path) -> Description {
         ),
         arithmetic: Arithmetic::Physics,
         input: Signal { quantity: model.input.quantity.clone(), unit: model.input.unit.clone() },
+        more_inputs: Vec::new(),
         output: Signal { quantity: model.output.quantity.clone(), unit: model.output.unit.clone() },
         input_range: Some((model.input.minimum, model.input.maximum)),
         sample_period_s: depends_on_rate.then_some(model.sample_period_s),

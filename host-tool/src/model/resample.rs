@@ -1,24 +1,31 @@
 //! A recording of another sample period: the input is interpolated to the model's clock, the prediction back to the recording's.
 
 use super::{ModelError, Predictor};
-use crate::recording::Recording;
+use crate::recording::{Recording, resample};
 
-/// The model's output at the recording's times. Each stretch between `gaps` is resampled on its own; a stretch before a gap that is
-/// not in `gaps` is bridged by a straight line.
+/// Steps may be off by this share of a period: printed times are rounded.
+const EVEN: f64 = 0.25;
+
+/// Whether the steps between gaps are so even that samples may stand for times.
+pub(super) fn is_even(recording: &Recording) -> bool {
+    let period_s = recording.sample_period_s;
+    recording.segments().iter().all(|segment| {
+        let times = &recording.time_s[segment.clone()];
+        times.iter().enumerate().all(|(index, time)| (time - times[0] - index as f64 * period_s).abs() <= EVEN * period_s)
+    })
+}
+
+/// The model's output at the recording's times, by way of an even clock of the model's period. Each stretch between the recording's
+/// gaps is put onto a clock of its own; memory starts anew at those in `gaps`.
 pub(super) fn predict(model: &dyn Predictor, recording: &Recording, gaps: &[usize], period_s: f64) -> Result<Vec<f64>, ModelError> {
-    let mut output = Vec::with_capacity(recording.len());
-    let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(recording.len())).collect();
-    for bound in bounds.windows(2).filter(|bound| bound[0] < bound[1]) {
-        let times = &recording.time_s[bound[0]..bound[1]];
-        let (first_s, last_s) = (times[0], times[times.len() - 1]);
-        let steps = ((last_s - first_s) / period_s).ceil();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of samples, not negative")]
-        let clock: Vec<f64> = (0..=steps as usize).map(|index| first_s + index as f64 * period_s).collect();
-        let input = interpolate(times, &recording.input[bound[0]..bound[1]], &clock);
-        let predicted = model.predict(&input, &[])?;
-        output.extend(interpolate(&clock, &predicted, times));
+    let even = resample::uniform(recording, period_s);
+    let reset = if gaps.is_empty() { &[][..] } else { &even.gaps };
+    let predicted = model.simulate(&even.inputs(), reset)?;
+    if even.len() == recording.len() && even.time_s == recording.time_s {
+        return Ok(predicted);
     }
-    Ok(output)
+    let pairs = recording.segments().into_iter().zip(even.segments());
+    Ok(pairs.flat_map(|(own, grid)| interpolate(&even.time_s[grid.clone()], &predicted[grid], &recording.time_s[own])).collect())
 }
 
 /// The values at `wanted` times by straight lines between samples; both times ascend, outside the ends the end value holds.

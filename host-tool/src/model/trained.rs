@@ -84,6 +84,7 @@ fn describe(model: &TrainedModel, path: &Path) -> Description {
         ),
         arithmetic: Arithmetic::Float,
         input: signal(&model.input),
+        more_inputs: Vec::new(),
         output: signal(&model.output),
         input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
         sample_period_s: Some(model.sample_period_s),

@@ -65,7 +65,8 @@ struct Pair {
 pub fn estimate(recordings: &[Recording]) -> Repeatability {
     let noise = noise(recordings);
     let nothing = |why: &str| Repeatability { noise, repeatability: None, between_groups: None, method: why.to_owned(), pairs: 0 };
-    let strokes = recordings.iter().flat_map(|recording| recording.inputs().into_iter().filter_map(|values| history::stroke_s(recording, values)));
+    let strokes =
+        recordings.iter().flat_map(|recording| recording.inputs().into_iter().filter_map(|values| history::stroke_s(recording, values)));
     let strokes: Vec<f64> = strokes.collect();
     if strokes.is_empty() {
         return nothing("no input moves to and fro, so no past repeats");

@@ -8,6 +8,7 @@ pub mod chart;
 mod decimate;
 pub mod demo;
 pub mod discovery;
+pub mod fit;
 mod page;
 mod primer;
 mod sections;

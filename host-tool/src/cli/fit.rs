@@ -1,0 +1,282 @@
+//! `catheter fit`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+use super::{Common, Data, Outcome};
+use crate::evaluate::{Errors, FileErrors, Judged};
+use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, RungModel, Settings, Splits};
+use crate::recording::repeatability::Repeatability;
+use crate::{export, network, output, recording, report, say};
+
+/// Find the model that will be best on the next recording.
+///
+/// Climbs a ladder from a curve to a network. Each rung is judged by recordings that took no part in fitting or choosing it, and the simplest
+/// one that is as good as the best is shipped, with the error to expect on the next recording.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+Leaves in the folder: `model` (which evaluate and export take whatever its kind), `model.blob` where the microcontroller can
+hold it, `report.html`, and `rungs/` with every model of the ladder.
+
+Examples:
+  catheter fit --data recordings --out result
+  catheter fit --data recordings --out result --no-networks --json fit.json
+  catheter fit --data arm.csv --columns time=t_s,input=p1_bar,input2=p2_bar,output=angle_deg --out result
+  catheter evaluate --model result/model --data others")]
+pub struct Arguments {
+    #[command(flatten)]
+    data: Data,
+    /// Folder for the results; files of an earlier fit in it are replaced.
+    #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
+    out: PathBuf,
+    /// Leave the network rungs out.
+    #[arg(long)]
+    no_networks: bool,
+    /// CPU time for the training of a network that may be shipped, in s; its cross-validation takes one and a half times as much.
+    #[arg(long, default_value_t = 60.0, value_name = "S", conflicts_with = "no_networks")]
+    network_budget_cpu_s: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What `--json` gets.
+#[derive(Serialize)]
+struct Summary<'a> {
+    chosen: &'a str,
+    ladder: &'a [LadderRung],
+    repeatability: Option<f64>,
+    noise: f64,
+    splits: &'a Splits,
+    unit: &'a str,
+    output_range: f64,
+    model: String,
+    blob: Option<BlobSummary>,
+    repeatability_details: &'a Repeatability,
+    notes: &'a [String],
+    seconds: f64,
+}
+
+/// The blob beside the model.
+#[derive(Clone, Debug, Serialize)]
+struct BlobSummary {
+    file: String,
+    rung: String,
+    bytes: usize,
+    step_instructions: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On bad input.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let clock = std::time::Instant::now();
+    anyhow::ensure!(
+        arguments.network_budget_cpu_s > 0.0 && arguments.network_budget_cpu_s.is_finite(),
+        "--network-budget-cpu-s: a positive number of seconds is wanted"
+    );
+    let recordings = recording::load_with(&arguments.data.data, &arguments.data.options())?;
+    let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.file()).collect();
+    let model_path = arguments.out.join("model");
+    let mut outputs = vec![model_path.as_path()];
+    outputs.extend(arguments.common.json.as_deref());
+    output::refuse_overwriting(&inputs, &outputs)?;
+    let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let settings = Settings {
+        seed: arguments.common.seed,
+        threads,
+        network_budget_cpu_s: (!arguments.no_networks).then_some(arguments.network_budget_cpu_s),
+    };
+    let bar = output::progress(0, "fit");
+    let failed: Mutex<Option<anyhow::Error>> = Mutex::new(None);
+    let tell = |progress: Progress| match progress {
+        Progress::First(model) => {
+            if let (Err(error), Ok(mut slot)) = (model.write(&model_path), failed.lock()) {
+                slot.get_or_insert(error);
+            }
+            let rmse = model.expected.rmse;
+            bar.suspend(|| {
+                say!(
+                    "after {:.1} s: a first model, {}; error about {rmse:.4} {}",
+                    clock.elapsed().as_secs_f64(),
+                    model_path.display(),
+                    model.output.unit
+                )
+            });
+        }
+        Progress::Physics { done, of } => {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+            bar.set_message("physics rungs");
+            if done == of {
+                bar.suspend(|| say!("after {:.1} s: the physics rungs are judged", clock.elapsed().as_secs_f64()));
+            }
+        }
+        Progress::Network { number, of, name } => {
+            bar.set_length(of as u64);
+            bar.set_position(number as u64 - 1);
+            bar.set_message(format!("training {number} of {of}: {name}"));
+            bar.suspend(|| say!("after {:.1} s: training {number} of {of}: {name}", clock.elapsed().as_secs_f64()));
+        }
+        Progress::Note(note) => bar.suspend(|| say!("{note}")),
+    };
+    let fitted = fit::fit(&recordings, &settings, &tell)?;
+    bar.finish_and_clear();
+    if let Some(error) = failed.into_inner().ok().flatten() {
+        return Err(error);
+    }
+    let blob = write(&fitted, &arguments.out)?;
+    print(&fitted, &model_path, blob.as_ref());
+    let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(&fitted));
+    output::write_atomic(&arguments.out.join("report.html"), report::fit::page(&fitted, &examples).as_bytes())?;
+    say!("report: {}", arguments.out.join("report.html").display());
+    if let Some(path) = &arguments.common.json {
+        let range = &fitted.prepared.output;
+        let summary = Summary {
+            chosen: &fitted.ladder[fitted.chosen].name,
+            ladder: &fitted.ladder,
+            repeatability: fitted.repeatability.repeatability,
+            noise: fitted.repeatability.noise,
+            splits: &fitted.splits,
+            unit: &range.unit,
+            output_range: range.maximum - range.minimum,
+            model: model_path.display().to_string(),
+            blob,
+            repeatability_details: &fitted.repeatability,
+            notes: &fitted.notes,
+            seconds: clock.elapsed().as_secs_f64(),
+        };
+        output::write_json(path, &summary)?;
+    }
+    Ok(Outcome::Success)
+}
+
+/// Predictions of each recording by models that it took no part in.
+fn left_out(fitted: &Fitted) -> Vec<Judged> {
+    let chosen = &fitted.ladder[fitted.chosen];
+    let pairs = fitted.prepared.recordings.iter().zip(&chosen.predictions);
+    pairs
+        .map(|(recording, predicted)| {
+            let errors = Errors::between(predicted, &recording.output);
+            let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
+            Judged { errors, first: 0, predicted: predicted.clone() }
+        })
+        .collect()
+}
+
+/// Writes every rung, the chosen one as `model`, and a blob where one can be made.
+fn write(fitted: &Fitted, folder: &Path) -> Result<Option<BlobSummary>> {
+    for (index, rung) in fitted.ladder.iter().enumerate() {
+        let stem = rung.name.replace(" + ", "-").replace([' ', ','], "-").replace("--", "-").to_lowercase();
+        let place = folder.join("rungs").join(stem);
+        write_rung(fitted, index, &place)?;
+        if index == fitted.chosen {
+            write_rung(fitted, index, &folder.join("model"))?;
+        }
+    }
+    let blob_path = folder.join("model.blob");
+    // The chosen rung, or else the best that the microcontroller can hold.
+    let able = (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible);
+    let best = able.min_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
+    let index = if fitted.ladder[fitted.chosen].on_chip { Some(fitted.chosen) } else { best };
+    let Some(index) = index else {
+        // One of an earlier fit would be taken for this one's.
+        if blob_path.exists() {
+            std::fs::remove_file(&blob_path).with_context(|| format!("{}: cannot be removed", blob_path.display()))?;
+        }
+        return Ok(None);
+    };
+    let trained = match &fitted.ladder[index].model {
+        RungModel::Network(model) => (**model).clone(),
+        RungModel::Physics(model) => export::from_physics(model)?,
+        RungModel::Linear(model) => {
+            let physics = fit::chip::physics(model, &fitted.prepared).context("the rung has no form on the chip")?;
+            export::from_physics(&physics)?
+        }
+        RungModel::Average(_) => anyhow::bail!("an average has no form on the chip"),
+    };
+    let exported = export::export(&trained, &fitted.prepared.recordings).context("the blob cannot be made")?;
+    output::write_atomic(&blob_path, &exported.bytes)?;
+    let decoded = model_export::blob::decode(&exported.bytes).context("the blob cannot be read back")?;
+    Ok(Some(BlobSummary {
+        file: blob_path.display().to_string(),
+        rung: fitted.ladder[index].name.clone(),
+        bytes: exported.bytes.len(),
+        step_instructions: firmware::estimator::step_instructions(&decoded.model),
+    }))
+}
+
+fn write_rung(fitted: &Fitted, index: usize, path: &Path) -> Result<()> {
+    match &fitted.ladder[index].model {
+        RungModel::Network(model) => Ok(network::save(path, model)?),
+        RungModel::Physics(model) => Ok(model.write(path)?),
+        RungModel::Linear(_) | RungModel::Average(_) => match fitted.fitted(index) {
+            Some(model) => model.write(path),
+            None => Ok(()),
+        },
+    }
+}
+
+fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobSummary>) {
+    let output = &fitted.prepared.output;
+    let (unit, range) = (&output.unit, output.maximum - output.minimum);
+    let width = fitted.ladder.iter().map(|rung| rung.name.chars().count()).max().unwrap_or(0).max(5);
+    say!();
+    say!(
+        "{:width$}  {:>11}  {:>8}  {:>23}  {:>7}  {:>12}",
+        "rung",
+        format!("error/{unit}"),
+        "of range",
+        "next recording, 95 %",
+        "numbers",
+        "instructions"
+    );
+    for (index, rung) in fitted.ladder.iter().enumerate() {
+        let [low, high] = rung.cv_interval;
+        let mark = if index == fitted.chosen {
+            "  <- chosen"
+        } else if !rung.eligible {
+            "  (these data cannot judge it)"
+        } else {
+            ""
+        };
+        say!(
+            "{:width$}  {:>11.5}  {:>6.2} %  {:>23}  {:>7}  {:>12}{mark}",
+            rung.name,
+            rung.cv_rmse,
+            100.0 * rung.cv_rmse / range,
+            format!("{low:.4} .. {high:.4}"),
+            rung.parameters,
+            rung.step_instructions
+        );
+    }
+    say!();
+    say!("errors are free running, on what was left out: {}", fitted.splits.what);
+    let repeatability = &fitted.repeatability;
+    match repeatability.repeatability {
+        Some(repeats) => say!("the rig repeats to {repeats:.4} {unit}, the sensor's noise is {:.4} {unit}", repeatability.noise),
+        None => {
+            say!("how well the rig repeats is not known: {}; the sensor's noise is {:.4} {unit}", repeatability.method, repeatability.noise)
+        }
+    }
+    let chosen = &fitted.ladder[fitted.chosen];
+    let [low, high] = chosen.cv_interval;
+    say!(
+        "model: {} ({}): expect {:.4} {unit} on the next recording, {low:.4} to {high:.4} with 95 %",
+        model.display(),
+        chosen.name,
+        chosen.cv_rmse
+    );
+    match blob {
+        Some(blob) if blob.rung == chosen.name => {
+            say!("blob: {}, {} bytes, {} instructions a step", blob.file, blob.bytes, blob.step_instructions)
+        }
+        Some(blob) => {
+            say!("blob: {} holds `{}`, the best that the microcontroller can; {} does not fit it", blob.file, blob.rung, chosen.name)
+        }
+        None => say!("no blob: the microcontroller holds none of these rungs"),
+    }
+}

@@ -1,0 +1,326 @@
+//! `catheter fit`: recordings in, the model out that will be best on the next recording, with the error to expect there.
+//!
+//! Terms. A *rung* is a kind of model; the *ladder* is all of them, simplest first. Its errors are those of nested cross-validation: each
+//! recording is predicted, free running, by a model whose weights and settings it took no part in. [`choice`] ships the simplest rung
+//! that is as good as the best.
+//!
+//! Data flow: [`prepare`] puts recordings onto one even clock; the physics rungs of [`identification`] and those of
+//! [`crate::identify`] are searched and judged; [`networks`] are trained where physics leaves more than the rig itself repeats;
+//! [`chip`] turns what the microcontroller can hold into its own format; [`file`] is where the rest is kept.
+
+pub mod chip;
+pub mod file;
+pub mod networks;
+mod operators;
+pub mod prepare;
+
+use std::time::Instant;
+
+use anyhow::{Result, ensure};
+use identification::choice::{self, Entry, Evidence};
+use identification::search::{RungResult, Search};
+use identification::{LinearModel, Partition, SplitKind, interval, physics_rungs};
+use serde::Serialize;
+
+use crate::identify::PhysicsModel;
+use crate::network::TrainedModel;
+use crate::recording::Recording;
+use crate::recording::repeatability::{self, Repeatability};
+use file::{Expected, FittedModel, Member, Zero};
+use prepare::Prepared;
+
+/// How to fit.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// CPU time of the training of one shipped network in s; cross-validation trains with half of it. `None`: no networks.
+    pub network_budget_cpu_s: Option<f64>,
+}
+
+/// What is told while it goes.
+#[derive(Clone, Debug)]
+pub enum Progress {
+    /// A model that can be used already.
+    First(Box<FittedModel>),
+    /// So many of so many outer folds of the physics rungs are done.
+    Physics {
+        /// Done.
+        done: usize,
+        /// In all.
+        of: usize,
+    },
+    /// A training begins: number, trainings in all, and what is trained.
+    Network {
+        /// Number, from 1.
+        number: usize,
+        /// In all.
+        of: usize,
+        /// Which.
+        name: &'static str,
+    },
+    /// Why no network is trained, or what else a person should know.
+    Note(String),
+}
+
+/// A model of any rung.
+#[derive(Clone, Debug)]
+pub enum RungModel {
+    /// A weighted sum of columns.
+    Linear(LinearModel),
+    /// The mean of other rungs, by index.
+    Average(Vec<usize>),
+    /// An identified physics model.
+    Physics(PhysicsModel),
+    /// A trained network.
+    Network(Box<TrainedModel>),
+}
+
+/// One rung of the finished ladder.
+#[derive(Clone, Debug, Serialize)]
+pub struct LadderRung {
+    /// Short name.
+    pub name: String,
+    /// What it is, in words.
+    pub what: String,
+    /// Mean error on recordings that took no part, in the output's unit.
+    pub cv_rmse: f64,
+    /// Central 95 % prediction interval for the error on the next recording.
+    pub cv_interval: [f64; 2],
+    /// Numbers that were fitted.
+    pub parameters: usize,
+    /// Instructions of one step on the Cortex-M4F, about.
+    pub step_instructions: usize,
+    /// Whether the microcontroller's blob can hold it.
+    pub on_chip: bool,
+    /// Whether these data may choose it.
+    pub eligible: bool,
+    /// Wall time in s; that of all physics rungs is shared among them.
+    pub seconds: f64,
+    /// Error on each unit left out.
+    pub errors: Vec<f64>,
+    /// The model fitted to all data.
+    #[serde(skip)]
+    pub model: RungModel,
+    /// Predictions by models that took no part, one list an even recording.
+    #[serde(skip)]
+    pub predictions: Vec<Vec<f64>>,
+    /// Constant of each recording under the model.
+    #[serde(skip)]
+    pub zeros: Vec<f64>,
+}
+
+/// How recordings were left out.
+#[derive(Clone, Debug, Serialize)]
+pub struct Splits {
+    /// What was left out at a time.
+    pub kind: SplitKind,
+    /// Outer folds.
+    pub folds: usize,
+    /// Recordings or blocks.
+    pub units: usize,
+    /// What the data can decide.
+    pub evidence: Evidence,
+    /// The same in words.
+    pub what: String,
+    /// Fold of each unit, by the recording's name.
+    pub members: Vec<(String, usize)>,
+}
+
+/// A finished ladder.
+pub struct Outcome {
+    /// The data as they were fitted.
+    pub prepared: Prepared,
+    /// Simplest first.
+    pub ladder: Vec<LadderRung>,
+    /// Index of the rung to ship.
+    pub chosen: usize,
+    /// What the rig repeats.
+    pub repeatability: Repeatability,
+    /// How recordings were left out.
+    pub splits: Splits,
+    /// What a person should know.
+    pub notes: Vec<String>,
+}
+
+/// Networks are not trained where physics is within this factor of what the rig repeats.
+const AT_REPEATABILITY: f64 = 1.1;
+/// Instructions of one multiplication of a sum of columns, with its loads and its share of the comparisons: counted by hand from the
+/// Cortex-M4F's instruction set, for models that have no blob to measure.
+const INSTRUCTIONS: usize = 7;
+
+/// Fits the ladder.
+///
+/// # Errors
+/// When the recordings do not go together or carry nothing to fit.
+pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
+    let prepared = prepare::prepare(recordings)?;
+    let repeatability = repeatability::estimate(recordings);
+    let series = &prepared.series;
+    let partition = Partition::new(series);
+    let evidence = Evidence::of(&partition, prepared.duration_s);
+    let search = Search::new(series, &partition, prepared.period_s, settings.seed);
+    let rungs = physics_rungs();
+    let splits = splits(&prepared, &partition, evidence);
+    let next = |errors: &[f64]| interval::next(errors, (partition.kind() != SplitKind::Blocks).then(|| partition.folds()));
+
+    // The first two rungs give an answer within seconds.
+    let training = partition.training();
+    let quick = search.ladder(&rungs[..2], &training);
+    let quick = quick.iter().flatten().min_by(|a, b| a.score.total_cmp(&b.score)).cloned();
+    if let Some(found) = quick
+        && let Some(model) = search.model(&found, &training.all)
+    {
+        let expected =
+            Expected { rmse: found.score, interval: next(&[found.score]), left_out: "a first look: inner folds only".to_owned() };
+        let member = Member { name: "first look".to_owned(), model: model.pruned() };
+        tell(Progress::First(Box::new(fitted(&prepared, "first look", vec![member], expected, Vec::new()))));
+    }
+
+    let clock = Instant::now();
+    let results = search.nested(&rungs, settings.threads, &|done, of| tell(Progress::Physics { done, of }));
+    ensure!(!results.is_empty(), "no model can be fitted to these recordings: does the input move, and the output with it?");
+    let each_s = clock.elapsed().as_secs_f64() / results.len() as f64;
+    let mut ladder: Vec<LadderRung> = Vec::new();
+    for result in results {
+        let eligible = rungs.iter().find(|rung| rung.name == result.name).is_some_and(|rung| evidence.admits(rung));
+        let path = (result.model.structure.dead_time_s, result.model.structure.lag_s);
+        let name = result.name;
+        ladder.push(linear(result, eligible, each_s, &prepared, next));
+        // Operators with free thresholds stand beside those on a grid, and share the dead time and lag found with them.
+        if name == "PI" || name == "PI + dynamics" {
+            ladder.extend(operators::rungs(&prepared, &partition, name == "PI + dynamics", path, evidence, settings.threads, next));
+        }
+    }
+    let mut notes = Vec::new();
+    networks::add(&mut ladder, &prepared, &partition, &repeatability, settings, tell, &mut notes, next)?;
+    add_average(&mut ladder, &prepared, &partition, next);
+    let best = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.cv_rmse).fold(f64::INFINITY, f64::min);
+    // What the rig does not repeat no model can know; an estimate above what models reach is wrong.
+    let floor = repeatability.repeatability.filter(|&repeats| repeats <= AT_REPEATABILITY * best).unwrap_or(0.0);
+    let entries: Vec<Entry> = ladder.iter().map(entry).collect();
+    let chosen = choice::simplest(&entries, floor);
+    let Some(chosen) = chosen else { anyhow::bail!("no rung of the ladder predicts these recordings at all; look at `catheter check`") };
+    Ok(Outcome { prepared, ladder, chosen, repeatability, splits, notes })
+}
+
+/// A rung as the choice sees it.
+fn entry(rung: &LadderRung) -> Entry {
+    Entry { name: rung.name.clone(), errors: rung.errors.clone(), predictions: rung.predictions.clone(), eligible: rung.eligible }
+}
+
+fn linear(result: RungResult, eligible: bool, seconds: f64, prepared: &Prepared, next: impl Fn(&[f64]) -> [f64; 2]) -> LadderRung {
+    LadderRung {
+        name: result.name.to_owned(),
+        what: result.what.to_owned(),
+        cv_rmse: mean(&result.errors),
+        cv_interval: next(&result.errors),
+        parameters: result.model.parameters(),
+        step_instructions: INSTRUCTIONS * result.model.multiplications(),
+        on_chip: chip::physics(&result.model, prepared).is_some(),
+        eligible,
+        seconds,
+        errors: result.errors,
+        predictions: result.predictions,
+        zeros: result.zeros,
+        model: RungModel::Linear(result.model),
+    }
+}
+
+/// Adds the mean of the sums that are nearly as good as the best of them.
+fn add_average(ladder: &mut Vec<LadderRung>, prepared: &Prepared, partition: &Partition, next: impl Fn(&[f64]) -> [f64; 2]) {
+    let sums: Vec<usize> = (0..ladder.len()).filter(|&index| matches!(ladder[index].model, RungModel::Linear(_))).collect();
+    let entries: Vec<Entry> = sums.iter().map(|&index| entry(&ladder[index])).collect();
+    let Some((members, average)) = choice::average(&entries, &prepared.series, partition) else { return };
+    let members: Vec<usize> = members.into_iter().map(|member| sums[member]).collect();
+    let total = |of: fn(&LadderRung) -> usize| members.iter().map(|&member| of(&ladder[member])).sum();
+    let names: Vec<&str> = members.iter().map(|&member| ladder[member].name.as_str()).collect();
+    let count = members.len() as f64;
+    let zeros =
+        (0..partition.units().len()).map(|unit| members.iter().map(|&member| ladder[member].zeros[unit]).sum::<f64>() / count).collect();
+    ladder.push(LadderRung {
+        name: "average".to_owned(),
+        what: format!("the mean of {}", names.join(", ")),
+        cv_rmse: mean(&average.errors),
+        cv_interval: next(&average.errors),
+        parameters: total(|rung| rung.parameters),
+        step_instructions: total(|rung| rung.step_instructions),
+        on_chip: false,
+        eligible: true,
+        seconds: 0.0,
+        errors: average.errors,
+        predictions: average.predictions,
+        zeros,
+        model: RungModel::Average(members),
+    });
+}
+
+fn splits(prepared: &Prepared, partition: &Partition, evidence: Evidence) -> Splits {
+    let count = partition.folds();
+    let what = match partition.kind() {
+        SplitKind::Groups => format!("{count} folds of whole groups of recordings"),
+        SplitKind::Recordings => format!("{count} folds of whole recordings"),
+        SplitKind::Blocks => {
+            format!(
+                "{count} blocks of {} recording(s), because whole ones are too few: another recording may be worse",
+                prepared.series.len()
+            )
+        }
+    };
+    let members = partition.units().iter().enumerate();
+    let members = members.map(|(index, unit)| (prepared.series[unit.series].name.clone(), partition.fold_of(index))).collect();
+    Splits { kind: partition.kind(), folds: count, units: partition.units().len(), evidence, what, members }
+}
+
+impl Outcome {
+    /// The model file of a rung that is a sum of columns or a mean of such; `None` for the others, which have formats of their own.
+    #[must_use]
+    pub fn fitted(&self, rung: usize) -> Option<FittedModel> {
+        let rung = &self.ladder[rung];
+        let member = |rung: &LadderRung| match &rung.model {
+            RungModel::Linear(model) => Some(Member { name: rung.name.clone(), model: model.clone() }),
+            _ => None,
+        };
+        let members: Vec<Member> = match &rung.model {
+            RungModel::Average(members) => members.iter().map(|&index| member(&self.ladder[index])).collect::<Option<_>>()?,
+            _ => vec![member(rung)?],
+        };
+        let expected = Expected { rmse: rung.cv_rmse, interval: rung.cv_interval, left_out: self.splits.what.clone() };
+        let constant = members.iter().map(|member| member.model.constant).sum::<f64>() / members.len() as f64;
+        let offsets = rung.zeros.iter().map(|zero| zero - constant).collect();
+        Some(fitted(&self.prepared, &rung.name, members, expected, offsets))
+    }
+}
+
+/// A model file; `offsets` has one value a unit, and is kept where units are whole recordings.
+fn fitted(prepared: &Prepared, name: &str, members: Vec<Member>, expected: Expected, offsets: Vec<f64>) -> FittedModel {
+    let recordings = &prepared.recordings;
+    let names = recordings.iter().map(|recording| file::name_of(&recording.path));
+    let zeros = if offsets.len() == recordings.len() {
+        names.zip(offsets).map(|(recording, offset)| Zero { recording, offset }).collect()
+    } else {
+        Vec::new()
+    };
+    FittedModel {
+        kind: file::KIND.to_owned(),
+        format_version: file::FORMAT_VERSION,
+        name: name.to_owned(),
+        program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
+        sample_period_s: prepared.period_s,
+        inputs: prepared.inputs.clone(),
+        output: prepared.output.clone(),
+        expected,
+        data: prepared.sources.clone(),
+        zeros,
+        members,
+    }
+}
+
+pub(crate) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests;

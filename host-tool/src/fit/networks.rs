@@ -1,0 +1,145 @@
+//! The network rungs: a hybrid of physics and LSTM, and an LSTM alone, judged on recordings that took no part in their training.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::Result;
+use identification::search::errors;
+use identification::{Partition, SplitKind};
+
+use super::prepare::Prepared;
+use super::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings, mean};
+use crate::model::{NetworkModel, Predictor};
+use crate::network::TrainedModel;
+use crate::recording::Recording;
+use crate::recording::repeatability::Repeatability;
+use crate::train::{CheckpointPlan, TrainConfig, train};
+
+/// Trainings that leave recordings out: each costs as much as the model that is shipped.
+const FOLDS: usize = 3;
+/// Below this physics is exact, as a share of the output's range.
+const EXACT: f64 = 1e-4;
+/// Samples and seconds of data below which a network learns the recordings by heart.
+const FEWEST_SAMPLES: usize = 5_000;
+const FEWEST_S: f64 = 120.0;
+/// Instructions of ten multiply-accumulates of the fixed-point network: 54,586 for 49,472, counted in QEMU (see Results).
+const PER_TEN_MACS: usize = 11;
+/// The network rungs: name, preset, and what it is.
+const RUNGS: [(&str, &str, &str); 2] = [
+    ("hybrid", "hybrid", "identified physics, and a small LSTM that sees its signals and corrects it"),
+    ("LSTM", "stream-1x32", "an LSTM on the input alone, state carried"),
+];
+
+/// Why no network is worth training on these data, in words; `None` when one is.
+fn reason_against(ladder: &[LadderRung], prepared: &Prepared, partition: &Partition, repeatability: &Repeatability) -> Option<String> {
+    let samples: usize = prepared.series.iter().map(identification::Series::len).sum();
+    let range = prepared.output.maximum - prepared.output.minimum;
+    let physics = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.cv_rmse).fold(f64::INFINITY, f64::min);
+    if prepared.inputs.len() > 1 {
+        return Some("the networks take one input; the sums of columns take several".to_owned());
+    }
+    if partition.kind() == SplitKind::Blocks {
+        return Some("fewer than three recordings: a network could only be judged on copies of what it learned".to_owned());
+    }
+    if samples < FEWEST_SAMPLES || prepared.duration_s < FEWEST_S {
+        return Some(format!("{:.0} s of data are too little for a network", prepared.duration_s));
+    }
+    if physics < EXACT * range {
+        return Some("physics is exact here".to_owned());
+    }
+    let repeats = repeatability.repeatability?;
+    (physics <= AT_REPEATABILITY * repeats)
+        .then(|| format!("physics is at what the rig itself repeats ({repeats:.3} {})", prepared.output.unit))
+}
+
+/// Trains and judges the network rungs where that can help.
+///
+/// # Errors
+/// When a training fails for a reason other than the data.
+#[expect(clippy::too_many_arguments, reason = "what the ladder knows so far")]
+pub(super) fn add(
+    ladder: &mut Vec<LadderRung>,
+    prepared: &Prepared,
+    partition: &Partition,
+    repeatability: &Repeatability,
+    settings: &Settings,
+    tell: &(dyn Fn(Progress) + Sync),
+    notes: &mut Vec<String>,
+    next: impl Fn(&[f64]) -> [f64; 2],
+) -> Result<()> {
+    let Some(budget_cpu_s) = settings.network_budget_cpu_s else { return Ok(()) };
+    if let Some(reason) = reason_against(ladder, prepared, partition, repeatability) {
+        let note = format!("no network was trained: {reason}");
+        tell(Progress::Note(note.clone()));
+        notes.push(note);
+        return Ok(());
+    }
+    // Outer folds in as many parts as there are trainings.
+    let count = partition.folds().min(FOLDS);
+    let fold_of: Vec<usize> = (0..partition.units().len()).map(|unit| partition.fold_of(unit) % count).collect();
+    let of = RUNGS.len() * (count + 1);
+    let mut number = 0;
+    for (name, preset, what) in RUNGS {
+        let clock = Instant::now();
+        let mut begin = || {
+            number += 1;
+            tell(Progress::Network { number, of, name });
+        };
+        let mut predictions: Vec<Vec<f64>> = prepared.series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
+        let mut refused = None;
+        for fold in 0..count {
+            begin();
+            let training: Vec<Recording> = pick(prepared, &fold_of, |other| other != fold);
+            match trained(&training, preset, 0.5 * budget_cpu_s, settings) {
+                Ok(model) => {
+                    let model = NetworkModel::new(model, Path::new(name))?;
+                    for (index, _) in fold_of.iter().enumerate().filter(|(_, other)| **other == fold) {
+                        let one = &prepared.series[index];
+                        predictions[index] = model.predict(&one.inputs[0], &one.gaps)?;
+                    }
+                }
+                Err(problem) => refused = Some(problem),
+            }
+        }
+        begin();
+        let model = trained(&prepared.recordings, preset, budget_cpu_s, settings);
+        let model = match (model, refused) {
+            (Ok(model), None) => model,
+            (Err(problem), _) | (_, Some(problem)) => {
+                notes.push(format!("{name}: {problem:#}"));
+                continue;
+            }
+        };
+        let errors = errors(&predictions, &prepared.series, partition);
+        let described = NetworkModel::new(model.clone(), Path::new(name))?;
+        let description = described.description();
+        ladder.push(LadderRung {
+            name: name.to_owned(),
+            what: what.to_owned(),
+            cv_rmse: mean(&errors),
+            cv_interval: next(&errors),
+            parameters: description.parameters,
+            step_instructions: description.macs_per_step * PER_TEN_MACS / 10,
+            on_chip: true,
+            eligible: errors.iter().all(|error| error.is_finite()),
+            seconds: clock.elapsed().as_secs_f64(),
+            zeros: vec![0.0; partition.units().len()],
+            errors,
+            predictions,
+            model: RungModel::Network(Box::new(model)),
+        });
+    }
+    Ok(())
+}
+
+/// The recordings of some folds; units are whole recordings here.
+fn pick(prepared: &Prepared, fold_of: &[usize], wanted: impl Fn(usize) -> bool) -> Vec<Recording> {
+    prepared.recordings.iter().zip(fold_of).filter(|(_, fold)| wanted(**fold)).map(|(recording, _)| recording.clone()).collect()
+}
+
+fn trained(recordings: &[Recording], preset: &str, budget_cpu_s: f64, settings: &Settings) -> Result<TrainedModel> {
+    let Some(config) = TrainConfig::preset(preset) else { anyhow::bail!("there is no preset `{preset}`") };
+    let config = TrainConfig { budget_cpu_s, ..config };
+    let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
+    Ok(train(recordings, &config, settings.seed, settings.threads, &plan, &mut |_| {})?.0)
+}
