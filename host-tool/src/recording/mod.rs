@@ -10,8 +10,9 @@
 pub mod clock;
 mod columns;
 pub mod condition;
+pub mod drift;
 mod error;
-mod groups;
+pub mod groups;
 mod header;
 mod history;
 pub mod held;

@@ -2,6 +2,10 @@ use std::path::PathBuf;
 
 use super::*;
 
+mod clocks;
+mod estimates;
+mod layouts;
+
 const HEADER: &str = "time_s,pressure_bar,displacement_mm\n";
 
 fn own(text: &str) -> Result<Recording, RecordingError> {
