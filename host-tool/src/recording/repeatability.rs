@@ -30,7 +30,10 @@ const SAME: f64 = 0.03;
 /// Most pairs of the extrapolation, nearest first.
 const MOST_PAIRS: usize = 2000;
 /// Samples of a window in which the sensor's noise is looked for.
-const WINDOW: usize = 16;
+const WINDOW: usize = 8;
+/// What a quarter of such windows do not exceed when the noise is white and normal: the root of the quarter quantile of chi-squared with five
+/// degrees of freedom, 2.675, over five.
+const QUARTER: f64 = 0.731_4;
 
 /// How well a rig repeats, in the unit of the output.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -156,9 +159,10 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
     let stride = samples.len().div_ceil(QUERIES).max(1);
     let mut pairs = Vec::new();
     let mut nearest: Vec<((usize, usize), Pair)> = Vec::new();
-    for query in samples.iter().step_by(stride) {
+    for (start, query) in samples.iter().enumerate().step_by(stride) {
         nearest.clear();
-        for other in samples {
+        // From the query on and around: equally near ones of all recordings get their turn.
+        for other in samples[start..].iter().chain(&samples[..start]) {
             let same = query.recording == other.recording;
             if !may_pair(query, other) || (same && (query.time_s - other.time_s).abs() < stroke_s) {
                 continue;
@@ -203,7 +207,10 @@ struct Gamma {
 /// The line of half squared differences over squared distances, at zero. None with too few near pairs, from too few places, or when they are
 /// not near enough: `unexplained` is the mean square of what the surface leaves of all samples.
 fn gamma(pairs: &[Pair], unexplained: f64) -> Option<Gamma> {
-    let mut pairs = pairs.to_vec();
+    // Mixed first, so that of many equally near pairs not the first recordings' are kept (the multiplier is 2^64 over the golden ratio).
+    let mut mixed: Vec<(u64, Pair)> = pairs.iter().enumerate().map(|(index, pair)| ((index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15), *pair)).collect();
+    mixed.sort_by_key(|(key, _)| *key);
+    let mut pairs: Vec<Pair> = mixed.into_iter().map(|(_, pair)| pair).collect();
     pairs.sort_by(|one, other| one.squared_distance.total_cmp(&other.squared_distance));
     pairs.truncate(MOST_PAIRS.min((pairs.len() / 2).max(FEWEST_PAIRS)));
     let mut places: Vec<(usize, usize)> = pairs.iter().map(|pair| pair.place).collect();
@@ -232,7 +239,7 @@ fn noise(recordings: &[Recording]) -> f64 {
             left.extend(recording.output[segment].chunks_exact(WINDOW).map(surface::left_of_parabola));
         }
     }
-    let quiet = clock::quantile(left, 0.25);
+    let quiet = clock::quantile(left, 0.25) / QUARTER;
     let steps: Vec<f64> = recordings.iter().filter_map(|recording| super::condition::resolution(&recording.output)).collect();
     quiet.max(clock::quantile(steps, 0.5) / 12.0_f64.sqrt())
 }
