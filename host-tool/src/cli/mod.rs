@@ -1,6 +1,7 @@
 //! The command line: what the user typed becomes validated objects here, once; the work is done elsewhere.
 
 mod bench;
+mod check;
 mod completions;
 mod demo;
 mod discover;
@@ -48,6 +49,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Arguments),
+    Check(check::Arguments),
     Identify(identify::Arguments),
     #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
@@ -139,6 +141,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -18,14 +18,22 @@ pub(super) fn notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
     for (role, signal, values) in channels(recording) {
         let name = format!("The {role} `{}`", signal.quantity);
         if clock::range(values) == 0.0 {
-            notes.push(Note::new(Subject::Constant, format!("{name} never changes: it is {} {} throughout.", short(values[0]), signal.unit)));
+            notes.push(Note::new(
+                Subject::Constant,
+                format!("{name} never changes: it is {} {} throughout.", short(values[0]), signal.unit),
+            ));
             continue;
         }
         if role.starts_with("input")
             && let Some(hold) = held::hold(&recording.time_s, values)
         {
-            let when = hold.period_s.map_or_else(|| "at no fixed period".to_owned(), |period_s| format!("every {} s or a multiple", short(period_s)));
-            notes.push(Note { count: hold.changes, ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}.")) });
+            let when = hold
+                .period_s
+                .map_or_else(|| "at no fixed period".to_owned(), |period_s| format!("every {} s or a multiple", short(period_s)));
+            notes.push(Note {
+                count: hold.changes,
+                ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}."))
+            });
         } else if let Some(step) = resolution(values).filter(|step| *step > COARSE * clock::range(values)) {
             let text = format!("{name} has a coarse resolution: steps of {} {}.", short(step), signal.unit);
             notes.push(Note::new(Subject::Quantised, text));
@@ -51,7 +59,8 @@ fn clock_notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
     if let Some(&first) = recording.gaps.first() {
         let count = recording.gaps.len();
         let longest_s = recording.gaps.iter().map(|&gap| recording.time_s[gap] - recording.time_s[gap - 1]).fold(0.0, f64::max);
-        let text = format!("{count} gap(s) in time, the longest {} s: too much could have happened there to go on across.", short(longest_s));
+        let text =
+            format!("{count} gap(s) in time, the longest {} s: too much could have happened there to go on across.", short(longest_s));
         notes.push(Note::counted(Subject::Gap, count, lines[first], text));
     }
     let values: Vec<&[f64]> = channels(recording).into_iter().map(|(_, _, values)| values).collect();
@@ -94,7 +103,12 @@ fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &[u64]) -> Vec<No
         runs.retain(|&(start, length)| start > 0 && start + length < values.len());
         let samples: usize = runs.iter().map(|(_, length)| length).sum();
         if runs.len() >= 2 && extreme != 0.0 && samples as f64 > CLIPPED_SHARE * values.len() as f64 {
-            let text = format!("{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {} {}.", runs.len(), short(extreme), signal.unit);
+            let text = format!(
+                "{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {} {}.",
+                runs.len(),
+                short(extreme),
+                signal.unit
+            );
             notes.push(Note::counted(Subject::Clipped, samples, lines[runs[0].0], text));
         }
     }

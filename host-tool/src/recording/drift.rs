@@ -13,8 +13,9 @@ const PLACES: usize = 60;
 const CLEAR: f64 = 0.5;
 /// Share of the output's range below which a moving zero is of no interest.
 const SMALL: f64 = 0.01;
-/// Strokes that must lie on each side of a step.
+/// Strokes that must lie on each side of a step, and in the whole recording: a few strokes say too little of what the input explains.
 const STROKES: f64 = 2.0;
+const FEWEST_STROKES: f64 = 10.0;
 
 /// A zero that moved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -53,7 +54,7 @@ pub fn within(recording: &Recording) -> Option<Moved> {
     let stroke_s = recording.inputs().into_iter().filter_map(|values| history::stroke_s(recording, values)).fold(0.0, f64::max);
     let scales = history::scales(std::slice::from_ref(recording));
     let span_s = recording.time_s[recording.len() - 1] - recording.time_s[0];
-    if stroke_s <= 0.0 || span_s < 2.0 * (STROKES + 1.0) * stroke_s {
+    if stroke_s <= 0.0 || span_s < FEWEST_STROKES * stroke_s {
         return None;
     }
     let stride = recording.len().div_ceil(MOST_SAMPLES);

@@ -31,7 +31,8 @@ pub(super) fn assign(recordings: &mut [Recording]) {
         (parts && tells_groups(&names, 2)).then_some(names)
     };
     let by_folder = || -> Option<Vec<String>> {
-        let folder = |file: &Path| file.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let folder =
+            |file: &Path| file.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let names: Vec<String> = files.iter().map(|file| folder(file)).collect();
         tells_groups(&names, FEWEST_FOLDERS).then_some(names)
     };
@@ -80,7 +81,9 @@ fn word(file: &Path, kind: Kind) -> Option<String> {
 fn is_of(word: &str, kind: Kind) -> bool {
     let word = word.to_lowercase();
     let numbered = |prefixes: &[&str]| {
-        prefixes.iter().any(|prefix| word.strip_prefix(prefix).is_some_and(|rest| rest.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit())))
+        prefixes.iter().any(|prefix| {
+            word.strip_prefix(prefix).is_some_and(|rest| rest.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit()))
+        })
     };
     // A number with a unit, such as `30lb` or `1.5in`.
     let unit = word.trim_start_matches(|character: char| character.is_ascii_digit() || character == '.' || character == ',');
@@ -98,5 +101,9 @@ fn is_date(word: &str) -> bool {
     let others: Vec<char> = word.chars().filter(|character| !character.is_ascii_digit()).collect();
     let (month, day) = (digits.get(4..6).unwrap_or_default(), digits.get(6..8).unwrap_or_default());
     let within = |text: &str, most: u32| text.parse().is_ok_and(|number: u32| (1..=most).contains(&number));
-    digits.len() == 8 && (others.is_empty() || others == ['-', '-']) && within(month, 12) && within(day, 31) && (word.starts_with("19") || word.starts_with("20"))
+    digits.len() == 8
+        && (others.is_empty() || others == ['-', '-'])
+        && within(month, 12)
+        && within(day, 31)
+        && (word.starts_with("19") || word.starts_with("20"))
 }

@@ -57,7 +57,8 @@ fn refresh_s(time_s: &[f64], changed: &[usize]) -> Option<f64> {
     let short: Vec<f64> = holds_s.iter().copied().filter(|&hold_s| (hold_s - shortest_s).abs() <= slack_s).collect();
     let first_s = short.iter().sum::<f64>() / short.len().max(1) as f64;
     let fitting: Vec<f64> = holds_s.iter().copied().filter(|&hold_s| fits(hold_s, first_s)).collect();
-    if first_s < 1.8 * sample_s || (fitting.len() as f64) < 0.9 * holds_s.len() as f64 || (short.len() as f64) < 0.2 * holds_s.len() as f64 {
+    if first_s < 1.8 * sample_s || (fitting.len() as f64) < 0.9 * holds_s.len() as f64 || (short.len() as f64) < 0.2 * holds_s.len() as f64
+    {
         return None;
     }
     let times: f64 = fitting.iter().map(|&hold_s| multiple(hold_s, first_s)).sum();

@@ -7,6 +7,7 @@
 //! Our own files have one header line and the columns `time_s,pressure_bar,displacement_mm`, optionally `pressure_measured_bar`,
 //! `sequence`, `temperature_c` and `session_time_s`. Any other file is read with a [`ColumnMap`].
 
+pub mod check;
 pub mod clock;
 mod columns;
 pub mod condition;
@@ -14,8 +15,8 @@ pub mod drift;
 mod error;
 pub mod groups;
 mod header;
-mod history;
 pub mod held;
+mod history;
 mod note;
 mod options;
 mod parts;

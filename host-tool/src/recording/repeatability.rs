@@ -77,7 +77,8 @@ struct Pair {
 pub fn estimate(recordings: &[Recording]) -> Repeatability {
     let noise = noise(recordings);
     let nothing = |why: &str| Repeatability { noise, repeatability: None, between_groups: None, method: why.to_owned(), pairs: 0 };
-    let strokes = recordings.iter().flat_map(|recording| recording.inputs().into_iter().filter_map(|values| history::stroke_s(recording, values)));
+    let strokes =
+        recordings.iter().flat_map(|recording| recording.inputs().into_iter().filter_map(|values| history::stroke_s(recording, values)));
     let strokes: Vec<f64> = strokes.collect();
     if strokes.is_empty() {
         return nothing("no input moves to and fro, so no past repeats");
@@ -92,9 +93,10 @@ pub fn estimate(recordings: &[Recording]) -> Repeatability {
     let (found, method) = match across {
         Some(found) => (found, "samples of different recordings whose inputs had the same past"),
         None => match within() {
-            Some(found) => {
-                (found, "strokes of the same recording; no two recordings repeat each other closely, so offsets between recordings are not in it")
-            }
+            Some(found) => (
+                found,
+                "strokes of the same recording; no two recordings repeat each other closely, so offsets between recordings are not in it",
+            ),
             None => return nothing("no past of the input comes near enough to another, within a recording or between two"),
         },
     };
@@ -172,7 +174,8 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
                 continue;
             }
             let place = (other.recording, if same { other.stroke } else { 0 });
-            let pair = Pair { place: (query.recording, query.stroke), squared_distance, half_square: 0.5 * (query.left - other.left).powi(2) };
+            let pair =
+                Pair { place: (query.recording, query.stroke), squared_distance, half_square: 0.5 * (query.left - other.left).powi(2) };
             match nearest.iter_mut().find(|(known, _)| *known == place) {
                 Some((_, known)) if known.squared_distance <= squared_distance => {}
                 Some((_, known)) => *known = pair,
@@ -208,7 +211,8 @@ struct Gamma {
 /// not near enough: `unexplained` is the mean square of what the surface leaves of all samples.
 fn gamma(pairs: &[Pair], unexplained: f64) -> Option<Gamma> {
     // Mixed first, so that of many equally near pairs not the first recordings' are kept (the multiplier is 2^64 over the golden ratio).
-    let mut mixed: Vec<(u64, Pair)> = pairs.iter().enumerate().map(|(index, pair)| ((index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15), *pair)).collect();
+    let mut mixed: Vec<(u64, Pair)> =
+        pairs.iter().enumerate().map(|(index, pair)| ((index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15), *pair)).collect();
     mixed.sort_by_key(|(key, _)| *key);
     let mut pairs: Vec<Pair> = mixed.into_iter().map(|(_, pair)| pair).collect();
     pairs.sort_by(|one, other| one.squared_distance.total_cmp(&other.squared_distance));

@@ -36,7 +36,9 @@ pub fn uniform(recording: &Recording, period_s: f64) -> Recording {
             return values.to_vec();
         }
         let parts = segments.iter().zip(&clocks);
-        parts.flat_map(|(segment, clock)| at(&recording.time_s[segment.clone()], &values[segment.clone()], clock, period_s, method)).collect()
+        parts
+            .flat_map(|(segment, clock)| at(&recording.time_s[segment.clone()], &values[segment.clone()], clock, period_s, method))
+            .collect()
     };
     let input_method = |values: &[f64]| if held::hold(&recording.time_s, values).is_some() { Method::Hold } else { smooth };
     let held_inputs = recording.inputs().into_iter().filter(|values| input_method(values) == Method::Hold).count();

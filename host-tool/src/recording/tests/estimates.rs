@@ -121,7 +121,8 @@ fn a_step_and_a_drift_within_a_recording_are_told_apart_and_a_clean_one_is_clean
     let input = strokes(2, 4000);
     let moved = |by: &dyn Fn(f64) -> f64| {
         let mut random = ChaCha8Rng::seed_from_u64(7);
-        let output = rig(&input).into_iter().enumerate().map(|(index, value)| value + by(index as f64 / 4000.0) + 0.005 * normal(&mut random));
+        let output =
+            rig(&input).into_iter().enumerate().map(|(index, value)| value + by(index as f64 / 4000.0) + 0.005 * normal(&mut random));
         drift::within(&recorded("r.csv", input.clone(), output.collect()))
     };
     assert_eq!(moved(&|_| 0.0), None);

@@ -20,7 +20,11 @@ fn spaces_tabs_and_semicolons_separate_columns_below_titles() {
         let other = foreign(text, columns);
         assert_eq!((&other.time_s, &other.input, &other.output), (&wanted.time_s, &wanted.input, &wanted.output));
     }
-    let error = parse(Path::new("run.dat"), b"# t\nt_s a_V b_mm\n0 1 2\n1 oops 3\n", &ColumnMap::parse("time=t_s,input=a_V,output=b_mm").expect("a map"));
+    let error = parse(
+        Path::new("run.dat"),
+        b"# t\nt_s a_V b_mm\n0 1 2\n1 oops 3\n",
+        &ColumnMap::parse("time=t_s,input=a_V,output=b_mm").expect("a map"),
+    );
     assert!(error.expect_err("no number").to_string().starts_with("run.dat:4: column `a_V` holds `oops`"));
 }
 
@@ -60,7 +64,8 @@ fn a_column_sets_recordings_apart_and_another_groups_them() {
     std::fs::write(&path, &text).expect("write");
     let options = ReadOptions { columns: Some("input=p:bar,output=q:rad,recording=episode,group=load".into()), rate_hz: Some(100.0) };
     let recordings = load_with(std::slice::from_ref(&path), &options).expect("read");
-    let names: Vec<String> = recordings.iter().map(|recording| recording.path.file_name().expect("a name").to_string_lossy().into_owned()).collect();
+    let names: Vec<String> =
+        recordings.iter().map(|recording| recording.path.file_name().expect("a name").to_string_lossy().into_owned()).collect();
     assert_eq!(names, ["arm.csv#7", "arm.csv#8", "arm.csv#9", "arm.csv#10"]);
     let groups: Vec<&str> = recordings.iter().map(|recording| recording.group.as_str()).collect();
     assert_eq!(groups, ["light", "light", "heavy", "heavy"]);
@@ -72,13 +77,17 @@ fn a_column_sets_recordings_apart_and_another_groups_them() {
 #[test]
 fn names_show_groups_of_days_loads_and_amplitudes() {
     let named = |names: &[&str]| {
-        let recording = |name: &&str| own(&format!("{HEADER}0,1,2\n1,2,3\n")).map(|recording| Recording { path: PathBuf::from(name), ..recording });
+        let recording =
+            |name: &&str| own(&format!("{HEADER}0,1,2\n1,2,3\n")).map(|recording| Recording { path: PathBuf::from(name), ..recording });
         let mut recordings: Vec<Recording> = names.iter().map(|name| recording(name).expect("read")).collect();
         groups::assign(&mut recordings);
         recordings.into_iter().map(|recording| recording.group).collect::<Vec<_>>()
     };
     assert_eq!(named(&["r_30lb_1in.csv", "r_30lb_2in.csv", "s_30lb_1in.csv"]), ["1in", "2in", "1in"]);
-    assert_eq!(named(&["a_2019-08-07_2kg.csv", "b_2019-08-07_4kg.csv", "c_2019-08-08_2kg.csv"]), ["2019-08-07", "2019-08-07", "2019-08-08"]);
+    assert_eq!(
+        named(&["a_2019-08-07_2kg.csv", "b_2019-08-07_4kg.csv", "c_2019-08-08_2kg.csv"]),
+        ["2019-08-07", "2019-08-07", "2019-08-08"]
+    );
     assert_eq!(named(&["day1/a.csv", "day1/b.csv", "day2/a.csv"]), ["day1", "day1", "day2"]);
     // Our own data sets: nothing in them is a day, a load or an amplitude.
     assert_eq!(named(&["train/a_01_f0.3_tau0.04.csv", "train/a_02_f0.4_tau0.04.csv", "train/b_01.csv"]), ["", "", ""]);
