@@ -178,7 +178,7 @@ impl CheckedChannel {
             Some(Hold { period_s: None, .. }) => ", a staircase without a fixed period".to_owned(),
             None => String::new(),
         };
-        format!("{}: {} to {} {}{resolution}{hold}", self.quantity, short(self.minimum), short(self.maximum), self.unit)
+        format!("{}: {} to {}{resolution}{hold}", self.quantity, short(self.minimum), condition::with_unit(self.maximum, &self.unit))
     }
 }
 
