@@ -53,7 +53,11 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
     if candidates.is_empty() {
         return Vec::new();
     }
-    let moving: Vec<&[f64]> = channels.iter().copied().filter(|values| moves(values)).collect();
+    let mut moving: Vec<&[f64]> = channels.iter().copied().filter(|values| moves(values)).collect();
+    if moving.is_empty() {
+        // Nothing tells what could have happened but how long the step is.
+        moving = channels.to_vec();
+    }
     if logs_events(time_s, &moving) {
         return candidates
             .into_iter()

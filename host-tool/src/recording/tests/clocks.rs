@@ -96,6 +96,12 @@ fn a_clock_that_runs_backwards_for_good_stays_an_error() {
     assert!(own(&file(&stuck)).expect_err("a clock that stopped").to_string().starts_with("run.csv:102:"));
 }
 
+#[test]
+fn a_long_hole_in_a_short_recording_is_a_gap_whatever_stands_around_it() {
+    let text = format!("{HEADER}0,0,0\n0.02,2,0\n0.04,1.5,0\n100.06,1.5,0\n100.08,1,0\n");
+    assert_eq!(own(&text).expect("read").gaps, [3]);
+}
+
 /// A logger that writes at most every 50 ms while something moves and rests for seconds while nothing does.
 fn events() -> String {
     let mut text = HEADER.to_owned();
