@@ -36,6 +36,9 @@ pub struct Arguments {
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
     #[arg(long, value_name = "MAP")]
     columns: Option<String>,
+    /// Sampling rate of calibration files without a time column.
+    #[arg(long, value_name = "HZ")]
+    rate_hz: Option<f64>,
     /// A blob of `catheter tune`: what the controllers need of the actuator is copied from it, so that an inverse has something to fall
     /// back to.
     #[arg(long, value_name = "FILE.blob")]
@@ -67,7 +70,8 @@ struct Summary<'a> {
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let model = load(&arguments.model)?;
-    let mut recordings = recording::load(&arguments.calibration, arguments.columns.as_deref())?;
+    let options = recording::ReadOptions { columns: arguments.columns.clone(), rate_hz: arguments.rate_hz };
+    let mut recordings = recording::load_with(&arguments.calibration, &options)?;
     // An inverse is calibrated on the recordings it was trained on; their ranges do not depend on how far it looks ahead.
     if (model.input.unit.as_str(), model.output.unit.as_str()) == ("mm", "bar") {
         recordings = recordings.iter().map(|recording| recording.exchanged(0.0)).collect::<Result<_, _>>()?;

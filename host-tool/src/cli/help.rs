@@ -24,6 +24,18 @@ Exit codes:
   1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector, a replay that differs)
   2  usage or input: the message says which file, which line and what to do; nothing was half-written";
 
+/// Below the help of `check`.
+pub const CHECK: &str = "\
+Nothing is changed and nothing is fitted. Exit code 0 whatever was found, 2 when a file cannot be read.
+
+Roles of --columns: time, input, input2 to input9, output, measured (pressure), temperature, session (time), recording (a new
+recording starts where its value changes), group.
+
+Examples:
+  catheter check --data runs --html check.html --json check.json
+  catheter check --data run.csv --columns time=t_ms,input=valve_V,input2=supply_bar,output=angle_deg
+  catheter check --data arm.csv --columns input=p1:bar,output=q1:rad,recording=episode --rate-hz 100";
+
 /// Below the help of `discover`.
 pub const DISCOVER: &str = "\
 Leaves DIR/model.toml (the model with the effect), DIR/runner_up.toml (with the second best effect instead), DIR/discovery.json,

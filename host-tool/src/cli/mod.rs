@@ -1,6 +1,7 @@
 //! The command line: what the user typed becomes validated objects here, once; the work is done elsewhere.
 
 mod bench;
+mod check;
 mod completions;
 mod demo;
 mod discover;
@@ -50,6 +51,7 @@ struct Cli {
 enum Command {
     Simulate(simulate::Arguments),
     Fit(fit::Arguments),
+    Check(check::Arguments),
     Identify(identify::Arguments),
     #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
@@ -142,6 +144,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

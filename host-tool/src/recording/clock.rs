@@ -18,6 +18,10 @@ const SHARE: f64 = 0.05;
 const MOST_WINDOWS: usize = 1000;
 /// With fewer windows of that length the recording cannot tell what could have happened.
 const FEWEST_WINDOWS: usize = 8;
+/// Steps of three medians that make a clock of events, at least.
+const FEWEST_LONG: usize = 5;
+/// The rate across long steps over that across short ones, below which nothing happened in the long ones.
+const AT_REST: f64 = 0.3;
 /// A channel whose bends are this share of those of white noise of its own spread says nothing about movement. A sine has it at five samples
 /// a period.
 const WHITE: f64 = 0.6;
@@ -49,7 +53,11 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
     if candidates.is_empty() {
         return Vec::new();
     }
-    let moving: Vec<&[f64]> = channels.iter().copied().filter(|values| moves(values)).collect();
+    let mut moving: Vec<&[f64]> = channels.iter().copied().filter(|values| moves(values)).collect();
+    if moving.is_empty() {
+        // Nothing tells what could have happened but how long the step is.
+        moving = channels.to_vec();
+    }
     if logs_events(time_s, &moving) {
         return candidates
             .into_iter()
@@ -71,8 +79,7 @@ pub fn logs_events(time_s: &[f64], channels: &[&[f64]]) -> bool {
     }
     let long_from = 3.0 * quantile(steps.clone(), 0.5);
     let long = steps.iter().filter(|&&step| step > long_from).count();
-    let varied = quantile(steps.clone(), 0.98) >= 10.0 * quantile(steps.clone(), 0.05) || long * 20 > steps.len();
-    if long < 5 || long * 100 < steps.len() || !varied {
+    if long < FEWEST_LONG {
         return false;
     }
     let rate = |values: &[f64], wanted_long: bool| {
@@ -81,7 +88,7 @@ pub fn logs_events(time_s: &[f64], channels: &[&[f64]]) -> bool {
             chosen.fold((0.0, 0.0), |(change, time), (index, step)| (change + (values[index + 1] - values[index]).abs(), time + step));
         change / time
     };
-    !channels.is_empty() && channels.iter().all(|values| rate(values, true) < 0.3 * rate(values, false))
+    !channels.is_empty() && channels.iter().all(|values| rate(values, true) < AT_REST * rate(values, false))
 }
 
 /// What nine of ten steps around step `index`, itself left out, do not exceed.
@@ -176,13 +183,6 @@ fn moves(values: &[f64]) -> bool {
     let spread = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt();
     let bends = values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).powi(2)).sum::<f64>();
     (bends / count / 6.0).sqrt() < WHITE * spread
-}
-
-/// Standard deviation of what changes from sample to sample: that of the second differences, of which a smooth signal has none. The median
-/// stands for it, so that jumps do not count; 0.6745 and the root of 6 are those of white normal noise.
-pub(super) fn sample_noise(values: &[f64]) -> f64 {
-    let bends: Vec<f64> = values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).abs()).collect();
-    quantile(bends, 0.5) / (0.674_5 * 6.0_f64.sqrt())
 }
 
 /// `value` rounded to so many significant decimal digits.

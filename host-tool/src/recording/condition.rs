@@ -20,7 +20,7 @@ pub(super) fn notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
         if clock::range(values) == 0.0 {
             notes.push(Note::new(
                 Subject::Constant,
-                format!("{name} never changes: it is {} {} throughout.", short(values[0]), signal.unit),
+                format!("{name} never changes: it is {} throughout.", with_unit(values[0], &signal.unit)),
             ));
             continue;
         }
@@ -35,7 +35,7 @@ pub(super) fn notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
                 ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}."))
             });
         } else if let Some(step) = resolution(values).filter(|step| *step > COARSE * clock::range(values)) {
-            let text = format!("{name} has a coarse resolution: steps of {} {}.", short(step), signal.unit);
+            let text = format!("{name} has a coarse resolution: steps of {}.", with_unit(step, &signal.unit));
             notes.push(Note::new(Subject::Quantised, text));
         }
         notes.extend(clipped(&name, signal, values, lines));
@@ -104,10 +104,9 @@ fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &[u64]) -> Vec<No
         let samples: usize = runs.iter().map(|(_, length)| length).sum();
         if runs.len() >= 2 && extreme != 0.0 && samples as f64 > CLIPPED_SHARE * values.len() as f64 {
             let text = format!(
-                "{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {} {}.",
+                "{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {}.",
                 runs.len(),
-                short(extreme),
-                signal.unit
+                with_unit(extreme, &signal.unit)
             );
             notes.push(Note::counted(Subject::Clipped, samples, lines[runs[0].0], text));
         }
@@ -143,6 +142,11 @@ fn unit(name: &str, signal: &Signal, values: &[f64]) -> Option<Note> {
         _ => return None,
     };
     Some(Note::new(Subject::Unit, text))
+}
+
+/// A value with its unit; a unit of 1 is none.
+pub(super) fn with_unit(value: f64, unit: &str) -> String {
+    if unit == "1" { short(value) } else { format!("{} {unit}", short(value)) }
 }
 
 /// A number of four digits at most, for a sentence.

@@ -1,13 +1,13 @@
 //! The past of an input as a point: two samples with the same past stand at the same place.
 //!
-//! Coordinates: the input, play operators of three thresholds (what a hysteresis remembers), and the input behind lags of four time constants
-//! around the duration of a stroke (what dynamics and creep remember). All are in standard deviations of the input, so that what hardly
-//! differs counts little.
+//! Coordinates: the input, its lead over play operators of four thresholds (what a hysteresis remembers), and its lead over lags of four time
+//! constants around the duration of a stroke (what dynamics and creep remember). All are in standard deviations of the input, so that what
+//! hardly differs counts little.
 
 use super::{Recording, clock};
 
 /// Thresholds of the play operators in standard deviations of the input.
-const THRESHOLDS: [f64; 3] = [0.1, 0.35, 0.9];
+const THRESHOLDS: [f64; 4] = [0.03, 0.1, 0.35, 0.9];
 /// Time constants of the lags in strokes.
 const LAGS: [f64; 4] = [0.1, 0.4, 1.5, 6.0];
 
@@ -50,11 +50,11 @@ pub(super) fn points(recording: &Recording, scales: &[f64], stroke_s: f64) -> Ve
                 points[index].push(value);
                 for (play, threshold) in plays.iter_mut().zip(THRESHOLDS) {
                     *play = play.clamp(value - threshold, value + threshold);
-                    points[index].push(*play);
+                    points[index].push(value - *play);
                 }
                 for (lag, strokes) in lags.iter_mut().zip(LAGS) {
                     *lag += (value - *lag) * (1.0 - (-step_s / (strokes * stroke_s)).exp());
-                    points[index].push(*lag);
+                    points[index].push(value - *lag);
                 }
             }
         }

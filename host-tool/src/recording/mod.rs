@@ -7,11 +7,13 @@
 //! Our own files have one header line and the columns `time_s,pressure_bar,displacement_mm`, optionally `pressure_measured_bar`,
 //! `sequence`, `temperature_c` and `session_time_s`. Any other file is read with a [`ColumnMap`].
 
+pub mod check;
 pub mod clock;
 mod columns;
 pub mod condition;
+pub mod drift;
 mod error;
-mod groups;
+pub mod groups;
 mod header;
 pub mod held;
 mod history;

@@ -81,6 +81,12 @@ fn longest_ascent(values: &[f64]) -> Vec<usize> {
         next = before[index];
     }
     ascent.reverse();
+    // Either of two first rows may be the wrong one: the one that lies nearer to the third is right.
+    if let [1, 2, ..] = ascent[..]
+        && (values[1]..=values[2]).contains(&values[0])
+    {
+        ascent[0] = 0;
+    }
     ascent
 }
 
@@ -138,13 +144,7 @@ fn place(result: &mut Repaired, stamps_s: &[f64], right: &[usize], wrong: &[std:
             } else {
                 let (from, to) = (run.start - 1, run.end);
                 let share = (row - from) as f64 / (to - from) as f64;
-                let between_s = stamps_s[from] + share * (stamps_s[to] - stamps_s[from]);
-                // A clock that was set by whole seconds kept its fractions.
-                let offset_s = (stamps_s[row] - between_s).round();
-                let shifted_s = stamps_s[row] - offset_s;
-                let before_s = result.time_s[row - 1];
-                let near = (shifted_s - between_s).abs() < 0.5 * typical_s && shifted_s > before_s && shifted_s < stamps_s[to];
-                if offset_s != 0.0 && near { shifted_s } else { between_s }
+                stamps_s[from] + share * (stamps_s[to] - stamps_s[from])
             };
         }
     }

@@ -4,7 +4,7 @@
 //! squared difference is what it cannot explain. Pasts are never quite the same, so the difference is extrapolated to distance zero by a
 //! straight line over the squared distance, as in the Gamma test (Stefánsson, Končar and Jones, "A note on the Gamma test", Neural Computing
 //! & Applications 5, 1997). A least-squares surface over the past is taken off first: it vanishes from the difference at distance zero and
-//! flattens the line.
+//! flattens the line. Distances are those by which a linear model says the outputs may differ, in standard deviations of the output.
 //!
 //! Pairs come from different recordings, so that offsets between recordings count. Where recordings do not repeat each other, strokes of one
 //! recording are compared, and the result says so.
@@ -16,14 +16,24 @@ const QUERIES: usize = 1500;
 const CANDIDATES: usize = 6000;
 /// Neighbours of one sample, each in another recording or stroke.
 const NEIGHBOURS: usize = 4;
-/// Pasts further apart than this, in standard deviations of the input, do not repeat each other.
+/// Pasts whose outputs may differ by more than this, in standard deviations of the output, do not repeat each other.
 const NEAR: f64 = 0.25;
-/// Fewest near pairs, and fewest recordings or strokes that they come from.
+/// What a coordinate counts at least, in standard deviations of the output over those of the input: the output may bend with it.
+const LEAST_WEIGHT: f64 = 0.1;
+/// Fewest near pairs, and fewest recordings and strokes that they come from.
 const FEWEST_PAIRS: usize = 60;
+const FEWEST_PLACES: usize = 6;
+/// When near pasts differ by more than this share of what the surface leaves of all, in squares, they are not near enough to tell.
+const RESOLVED: f64 = 0.5;
+/// Distance at which pasts are the same for any purpose.
+const SAME: f64 = 0.03;
 /// Most pairs of the extrapolation, nearest first.
 const MOST_PAIRS: usize = 2000;
 /// Samples of a window in which the sensor's noise is looked for.
-const WINDOW: usize = 16;
+const WINDOW: usize = 8;
+/// What a quarter of such windows do not exceed when the noise is white and normal: the root of the quarter quantile of chi-squared with five
+/// degrees of freedom, 2.675, over five.
+const QUARTER: f64 = 0.731_4;
 
 /// How well a rig repeats, in the unit of the output.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -55,6 +65,8 @@ struct Sample {
 /// Two samples with a like past.
 #[derive(Clone, Copy)]
 struct Pair {
+    /// Recording and stroke of the sample that looked.
+    place: (usize, usize),
     squared_distance: f64,
     /// Half the squared difference of the outputs.
     half_square: f64,
@@ -74,18 +86,21 @@ pub fn estimate(recordings: &[Recording]) -> Repeatability {
     let stroke_s = clock::quantile(strokes, 0.5);
     let samples = samples(recordings, stroke_s);
     let groups = samples.iter().map(|sample| sample.group).max().map_or(0, |most| most + 1);
-    let across = gamma(&pairs(&samples, stroke_s, |one, other| one.recording != other.recording));
-    let within = || gamma(&pairs(&samples, stroke_s, |one, other| one.recording == other.recording));
+    let unexplained = samples.iter().map(|sample| sample.left * sample.left).sum::<f64>() / samples.len() as f64;
+    let judge = |may_pair: &dyn Fn(&Sample, &Sample) -> bool| gamma(&pairs(&samples, stroke_s, may_pair), unexplained);
+    let across = judge(&|one, other| one.recording != other.recording);
+    let within = || judge(&|one, other| one.recording == other.recording);
     let (found, method) = match across {
         Some(found) => (found, "samples of different recordings whose inputs had the same past"),
         None => match within() {
-            Some(found) => {
-                (found, "strokes of the same recording; no two recordings repeat each other, so offsets between recordings are not in it")
-            }
-            None => return nothing("no stretch of input repeats another, within a recording or between two"),
+            Some(found) => (
+                found,
+                "strokes of the same recording; no two recordings repeat each other closely, so offsets between recordings are not in it",
+            ),
+            None => return nothing("no past of the input comes near enough to another, within a recording or between two"),
         },
     };
-    let between = (groups > 1).then(|| gamma(&pairs(&samples, stroke_s, |one, other| one.group != other.group))).flatten();
+    let between = (groups > 1).then(|| judge(&|one, other| one.group != other.group)).flatten();
     let rms = |gamma: Gamma| gamma.at_zero.max(noise * noise).sqrt();
     Repeatability {
         noise,
@@ -124,8 +139,21 @@ fn samples(recordings: &[Recording], stroke_s: f64) -> Vec<Sample> {
     }
     let pasts: Vec<&[f64]> = samples.iter().map(|sample| sample.past.as_slice()).collect();
     let left = surface::residuals(&pasts, &outputs);
-    samples.iter_mut().zip(left).for_each(|(sample, left)| sample.left = left);
+    let weights = weights(&pasts, &outputs);
+    for (sample, left) in samples.iter_mut().zip(left) {
+        sample.left = left;
+        sample.past.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
+    }
     samples
+}
+
+/// What each coordinate counts: its weight in a linear model of the output, in standard deviations of the output.
+fn weights(pasts: &[&[f64]], outputs: &[f64]) -> Vec<f64> {
+    let mean = outputs.iter().sum::<f64>() / outputs.len() as f64;
+    let spread = (outputs.iter().map(|output| (output - mean).powi(2)).sum::<f64>() / outputs.len() as f64).sqrt();
+    let rows: Vec<Vec<f64>> = pasts.iter().map(|past| std::iter::once(1.0).chain(past.iter().copied()).collect()).collect();
+    let scale = if spread > 0.0 { spread } else { 1.0 };
+    surface::solve(&rows, outputs).iter().skip(1).map(|weight| (weight / scale).abs().max(LEAST_WEIGHT)).collect()
 }
 
 /// For each of some samples the nearest ones of other recordings or strokes, one of each, that `may_pair`.
@@ -133,9 +161,10 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
     let stride = samples.len().div_ceil(QUERIES).max(1);
     let mut pairs = Vec::new();
     let mut nearest: Vec<((usize, usize), Pair)> = Vec::new();
-    for query in samples.iter().step_by(stride) {
+    for (start, query) in samples.iter().enumerate().step_by(stride) {
         nearest.clear();
-        for other in samples {
+        // From the query on and around: equally near ones of all recordings get their turn.
+        for other in samples[start..].iter().chain(&samples[..start]) {
             let same = query.recording == other.recording;
             if !may_pair(query, other) || (same && (query.time_s - other.time_s).abs() < stroke_s) {
                 continue;
@@ -145,7 +174,8 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
                 continue;
             }
             let place = (other.recording, if same { other.stroke } else { 0 });
-            let pair = Pair { squared_distance, half_square: 0.5 * (query.left - other.left).powi(2) };
+            let pair =
+                Pair { place: (query.recording, query.stroke), squared_distance, half_square: 0.5 * (query.left - other.left).powi(2) };
             match nearest.iter_mut().find(|(known, _)| *known == place) {
                 Some((_, known)) if known.squared_distance <= squared_distance => {}
                 Some((_, known)) => *known = pair,
@@ -177,21 +207,32 @@ struct Gamma {
     pairs: usize,
 }
 
-/// The line of half squared differences over squared distances, at zero; none with too few near pairs.
-fn gamma(pairs: &[Pair]) -> Option<Gamma> {
-    if pairs.len() < FEWEST_PAIRS {
-        return None;
-    }
-    let mut pairs = pairs.to_vec();
+/// The line of half squared differences over squared distances, at zero. None with too few near pairs, from too few places, or when they are
+/// not near enough: `unexplained` is the mean square of what the surface leaves of all samples.
+fn gamma(pairs: &[Pair], unexplained: f64) -> Option<Gamma> {
+    // Mixed first, so that of many equally near pairs not the first recordings' are kept (the multiplier is 2^64 over the golden ratio).
+    let mut mixed: Vec<(u64, Pair)> =
+        pairs.iter().enumerate().map(|(index, pair)| ((index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15), *pair)).collect();
+    mixed.sort_by_key(|(key, _)| *key);
+    let mut pairs: Vec<Pair> = mixed.into_iter().map(|(_, pair)| pair).collect();
     pairs.sort_by(|one, other| one.squared_distance.total_cmp(&other.squared_distance));
     pairs.truncate(MOST_PAIRS.min((pairs.len() / 2).max(FEWEST_PAIRS)));
-    let count = pairs.len() as f64;
-    let mean = |value: &dyn Fn(&Pair) -> f64| pairs.iter().map(value).sum::<f64>() / count;
-    let (x, y) = (mean(&|pair| pair.squared_distance), mean(&|pair| pair.half_square));
-    let (xx, xy) = (mean(&|pair| (pair.squared_distance - x).powi(2)), mean(&|pair| (pair.squared_distance - x) * (pair.half_square - y)));
-    // More distance never explains less difference.
+    let mut places: Vec<(usize, usize)> = pairs.iter().map(|pair| pair.place).collect();
+    places.sort_unstable();
+    places.dedup();
+    if pairs.len() < FEWEST_PAIRS || places.len() < FEWEST_PLACES {
+        return None;
+    }
+    let mean = |pairs: &[Pair], value: &dyn Fn(&Pair) -> f64| pairs.iter().map(value).sum::<f64>() / pairs.len() as f64;
+    let (x, y) = (mean(&pairs, &|pair| pair.squared_distance), mean(&pairs, &|pair| pair.half_square));
+    let xx = mean(&pairs, &|pair| (pair.squared_distance - x).powi(2));
+    let xy = mean(&pairs, &|pair| (pair.squared_distance - x) * (pair.half_square - y));
+    // More distance never explains less difference, and a line through scatter must not promise what no pair shows: half of what the
+    // nearest quarter differs by, root mean square, is the least.
     let slope = if xx > 0.0 { (xy / xx).max(0.0) } else { 0.0 };
-    Some(Gamma { at_zero: (y - slope * x).max(0.0), pairs: pairs.len() })
+    let nearest = mean(&pairs[..pairs.len() / 4], &|pair| pair.half_square);
+    let at_zero = (y - slope * x).max(0.25 * nearest);
+    (at_zero < RESOLVED * unexplained || x < SAME * SAME).then_some(Gamma { at_zero, pairs: pairs.len() })
 }
 
 /// The sensor's noise: what a parabola leaves of short windows, in the quietest quarter of them. A coarse resolution is noise of its own.
@@ -202,7 +243,7 @@ fn noise(recordings: &[Recording]) -> f64 {
             left.extend(recording.output[segment].chunks_exact(WINDOW).map(surface::left_of_parabola));
         }
     }
-    let quiet = clock::quantile(left, 0.25);
+    let quiet = clock::quantile(left, 0.25) / QUARTER;
     let steps: Vec<f64> = recordings.iter().filter_map(|recording| super::condition::resolution(&recording.output)).collect();
     quiet.max(clock::quantile(steps, 0.5) / 12.0_f64.sqrt())
 }

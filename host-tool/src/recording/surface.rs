@@ -1,15 +1,20 @@
 //! Least-squares surfaces: what a simple dependence leaves of values.
 
+use super::clock;
+
 /// Of the square of the largest column, added to the diagonal: columns that say the same share their weight.
 const RIDGE: f64 = 1e-9;
 
-/// What a constant, the coordinates and their squares leave of the values, by least squares.
+/// What a constant, the first three powers of the coordinates, and bends of the first coordinate leave of the values, by least squares.
 pub(super) fn residuals(points: &[&[f64]], values: &[f64]) -> Vec<f64> {
+    let first: Vec<f64> = points.iter().map(|point| point[0]).collect();
+    let bends: Vec<f64> = (1..8).map(|part| clock::quantile(first.clone(), f64::from(part) / 8.0)).collect();
     let columns: Vec<Vec<f64>> = points
         .iter()
         .map(|point| {
-            let squares = point.iter().map(|value| value * value);
-            std::iter::once(1.0).chain(point.iter().copied()).chain(squares).collect()
+            let powers = (1..=3).flat_map(|power| point.iter().map(move |value| value.powi(power)));
+            let bent = bends.iter().map(|bend| (point[0] - bend).max(0.0));
+            std::iter::once(1.0).chain(powers).chain(bent).collect()
         })
         .collect();
     left(&columns, values)

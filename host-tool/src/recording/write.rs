@@ -12,7 +12,9 @@ use crate::output;
 /// When a column's length differs, or the file cannot be written.
 pub fn write(path: &Path, recording: &Recording) -> Result<(), RecordingError> {
     let rows = recording.len();
-    if recording.input.len() != rows || recording.output.len() != rows || recording.extra.iter().any(|extra| extra.values.len() != rows) {
+    let more = recording.more_inputs.iter().map(|channel| &channel.values);
+    let mut columns = more.chain(recording.extra.iter().map(|extra| &extra.values));
+    if recording.input.len() != rows || recording.output.len() != rows || columns.any(|values| values.len() != rows) {
         let (input, output) = (recording.input.len(), recording.output.len());
         return Err(RecordingError::Lengths { path: path.into(), time: rows, input, output });
     }
@@ -23,7 +25,11 @@ pub fn write(path: &Path, recording: &Recording) -> Result<(), RecordingError> {
 /// The text of the CSV file: one header line, `\n` line ends.
 #[must_use]
 pub fn encode(recording: &Recording) -> String {
-    let mut text = format!("time_s,{},{}", recording.input_signal.column(), recording.output_signal.column());
+    let mut text = format!("time_s,{}", recording.input_signal.column());
+    for signal in recording.more_inputs.iter().map(|channel| &channel.signal).chain([&recording.output_signal]) {
+        text.push(',');
+        text.push_str(&signal.column());
+    }
     for extra in &recording.extra {
         text.push(',');
         text.push_str(&extra.name);
@@ -31,7 +37,7 @@ pub fn encode(recording: &Recording) -> String {
     text.push('\n');
     for index in 0..recording.len() {
         push(&mut text, recording.time_s[index]);
-        for value in [recording.input[index], recording.output[index]] {
+        for value in recording.inputs().into_iter().map(|values| values[index]).chain([recording.output[index]]) {
             text.push(',');
             push(&mut text, value);
         }

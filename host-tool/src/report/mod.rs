@@ -5,6 +5,7 @@
 
 mod axis;
 pub mod chart;
+pub mod check;
 mod decimate;
 pub mod demo;
 pub mod discovery;

@@ -2,8 +2,9 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 14] = [
     "simulate",
+    "check",
     "tune",
     "track",
     "hide",

@@ -21,6 +21,7 @@ fn bad_recordings() -> Vec<BadRecording> {
     let good = recording_csv(0.5);
     let header = |header: &str| good.replacen("time_s,pressure_bar,displacement_mm", header, 1).into_bytes();
     let joined = format!("{good}{}", good.split_once('\n').expect("a header").1);
+    let cut_semicolons = String::from_utf8(with_row(7, "0.12,0.1")).expect("text").replace(',', ";");
     let standing = "time_s,pressure_bar,displacement_mm\n0,0,0\n0,1,1\n0,2,1\n0,1,0\n".as_bytes().to_vec();
     vec![
         bad("empty.csv", Vec::new(), &["empty"]),
@@ -38,11 +39,7 @@ fn bad_recordings() -> Vec<BadRecording> {
         bad("standing.csv", standing, &["standing.csv:3:", "--rate-hz"]),
         bad("missing_column.csv", header("time_s,pressure_bar,force_N"), &["missing_column.csv:1:", "displacement_mm"]),
         bad("duplicate.csv", header("time_s,pressure_bar,pressure_bar"), &["duplicate.csv:1:", "twice"]),
-        bad(
-            "cut_semicolons.csv",
-            good.replace(',', ";").replace("mm\n0.00;0;0", "mm\n0.00;0").into_bytes(),
-            &["cut_semicolons.csv:2:", "2 cell(s)"],
-        ),
+        bad("cut_semicolons.csv", cut_semicolons.into_bytes(), &["cut_semicolons.csv:8:", "2 cell(s)"]),
         bad("latin1.csv", b"time_s,pressure_bar,d\xe9placement_mm\n0,0,0\n1,1,1\n".to_vec(), &["latin1.csv:1:", "UTF-8"]),
         bad("picture.csv", vec![0x89, b'P', b'N', b'G', 0, 0xff, 0xfe, b'\n', 0, 1, 2, 3], &["picture.csv"]),
         bad("zeros.csv", vec![0; 4096], &["zeros.csv"]),

@@ -2,6 +2,10 @@ use std::path::PathBuf;
 
 use super::*;
 
+mod clocks;
+mod estimates;
+mod layouts;
+
 const HEADER: &str = "time_s,pressure_bar,displacement_mm\n";
 
 fn own(text: &str) -> Result<Recording, RecordingError> {
@@ -106,6 +110,8 @@ fn what_is_written_reads_back_bit_for_bit() {
         Recording::new(Path::new("b_7.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, awkward.to_vec(), reversed)
             .expect("valid");
     recording.extra.push(ExtraColumn { name: "temperature_c".into(), values: awkward.to_vec() });
+    let second = Signal { quantity: "pressure2".into(), unit: "bar".into() };
+    recording.more_inputs.push(Channel { signal: second, values: awkward.to_vec() });
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("deep/b_7.csv");
     write(&path, &recording).expect("write");
@@ -115,6 +121,7 @@ fn what_is_written_reads_back_bit_for_bit() {
     assert_eq!(bits(&back.input), bits(&recording.input));
     assert_eq!(bits(&back.output), bits(&recording.output));
     assert_eq!(bits(&back.extra[0].values), bits(&awkward));
+    assert_eq!((bits(&back.more_inputs[0].values), &back.more_inputs[0].signal), (bits(&awkward), &recording.more_inputs[0].signal));
     assert_eq!((back.family.as_str(), back.sha256.len()), ("b", 64));
 }
 
