@@ -1,0 +1,152 @@
+"""Independent baselines on public measured recordings, and the files that `catheter` is judged on beside them.
+
+    python3 -m venv ENV && ENV/bin/pip install numpy scipy scikit-learn     (Python 3.11 or newer)
+    ENV/bin/python tests/baselines/measured.py prepare --data FOLDER --out PREPARED
+    ENV/bin/python tests/baselines/measured.py baselines --prepared PREPARED --json baselines.json [--role development] [--map NAME...]
+
+FOLDER holds the public sets (docs/your-own-recordings.md says where they come from), `maps.toml` beside this file says what is fitted
+and judged. `prepare` needs no packages. It writes one CSV per recording, PREPARED/MAP/{train,test}/*.csv with the columns
+`time_s`, inputs, output, and PREPARED/index.json; both programs read these files, so both see the same samples.
+"""
+
+import argparse
+import csv
+import json
+import pathlib
+import shutil
+import sys
+import tomllib
+
+MAPS = pathlib.Path(__file__).with_name("maps.toml")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    prepare_parser = commands.add_parser("prepare", help="write the recordings of every map as CSV files")
+    prepare_parser.add_argument("--data", type=pathlib.Path, required=True, help="folder with the public sets")
+    prepare_parser.add_argument("--out", type=pathlib.Path, required=True, help="new folder, or one that an earlier run made")
+    baselines_parser = commands.add_parser("baselines", help="fit and judge the baselines")
+    baselines_parser.add_argument("--prepared", type=pathlib.Path, required=True, help="what `prepare` wrote")
+    baselines_parser.add_argument("--json", type=pathlib.Path, required=True, help="file for the results")
+    baselines_parser.add_argument("--role", choices=["development", "reporting", "all"], default="all")
+    baselines_parser.add_argument("--map", nargs="*", help="only these maps")
+    arguments = parser.parse_args()
+    if arguments.command == "prepare":
+        prepare(arguments.data, arguments.out)
+    else:
+        import models  # Needs NumPy, SciPy and scikit-learn.
+
+        models.run(arguments.prepared, arguments.json, arguments.role, arguments.map)
+
+
+def prepare(data, out):
+    """Writes the recordings of every map and their index."""
+    with MAPS.open("rb") as file:
+        described = tomllib.load(file)
+    index_file = out / "index.json"
+    if out.exists() and any(out.iterdir()) and not index_file.exists():
+        sys.exit(f"{out}: not empty and not made by `prepare`; name another folder")
+    index = {}
+    for entry in described["map"]:
+        recipe = described["sets"][entry["set"]]
+        folder = out / entry["name"]
+        shutil.rmtree(folder, ignore_errors=True)
+        names = column_names(entry["columns"])
+        sides, groups = {}, {}
+        for side in ("train", "test"):
+            sides[side] = []
+            for name in entry[side]:
+                source = data / entry["set"] / name
+                if not source.exists():
+                    sys.exit(f"{source}: not there; is --data the folder with the public sets?")
+                skip = recipe.get("skip", 0) + (recipe.get("skip_train", 0) if side == "train" else 0)
+                for suffix, rows in recordings(source, recipe, entry["from"], skip):
+                    path = folder / side / f"{source.stem}{suffix}.csv"
+                    write(path, names, rows)
+                    relative = path.relative_to(out).as_posix()
+                    sides[side].append(relative)
+                    groups[relative] = source.stem
+        index[entry["name"]] = {
+            "set": entry["set"],
+            "role": entry["role"],
+            "licence": recipe["licence"],
+            "columns": entry["columns"],
+            "inputs": names[1:-1],
+            "output": names[-1],
+            "folds": entry.get("folds", "recordings"),
+            **sides,
+            # What is scored as one: recording -> group.
+            "groups": {path: groups[path] if entry.get("groups") == "file" else path for path in sides["test"]},
+        }
+    index_file.write_text(json.dumps(index, indent=1) + "\n")
+    counts = {role: sum(entry["role"] == role for entry in index.values()) for role in ("development", "reporting")}
+    print(f"{len(index)} maps in {out}: {counts['development']} development, {counts['reporting']} reporting")
+
+
+def column_names(columns):
+    """Names of the prepared file's columns, time first and output last."""
+    roles = [part.split("=") for part in columns.split(",")]
+    return [name for wanted in ("time", "input", "output") for role, name in roles if role == wanted]
+
+
+def recordings(source, recipe, wanted, skip):
+    """The recordings of one source file, as (suffix of the name, rows of numbers with time in s first)."""
+    header, table = read(source)
+    column = {name: index for index, name in enumerate(header)}
+    if "episodes" not in recipe:
+        time, unit_s = column[recipe["time"]["column"]], recipe["time"]["unit_s"]
+        start = max(skip, rise(table, column, recipe.get("begin_at_rise")))
+        yield "", [[round(row[time] * unit_s, 9)] + [row[column[name]] for name in wanted] for row in table[start:]]
+        return
+    episodes = {}
+    for row in table:
+        episodes.setdefault(int(row[column[recipe["episodes"]]]), []).append(row)
+    for number, rows in episodes.items():
+        signals = [signal(rows, column, name, recipe) for name in wanted]
+        times = [round(index * recipe["period_s"], 9) for index in range(len(rows))]
+        yield f"-{number:06}", [list(values) for values in zip(times, *signals)][skip:]
+
+
+def signal(rows, column, name, recipe):
+    """A column of an episode; `sum:NAME` sums its changes within limits."""
+    if not name.startswith("sum:"):
+        return [row[column[name]] for row in rows]
+    rule = recipe["sum"]
+    value, values = rule["from"], []
+    for row in rows:
+        value = min(max(value + rule["gain"] * row[column[name.removeprefix("sum:")]], rule["low"]), rule["high"])
+        values.append(round(value, 9))
+    return values
+
+
+def rise(table, column, rule):
+    """The first row in which the column is about to rise after a rest."""
+    if rule is None:
+        return 0
+    values, rest = [row[column[rule["column"]]] for row in table], rule["rest_rows"]
+    for index in range(rest, len(values) - 1):
+        if values[index + 1] > values[index] and all(value == values[index] for value in values[index - rest : index]):
+            return index
+    sys.exit(f"{rule['column']}: never rises after a rest of {rest} rows")
+
+
+def read(source):
+    """Header and rows of numbers of a CSV file, or of a space-separated one with comment lines before its header."""
+    with source.open(newline="") as file:
+        lines = [line for line in file if line.strip() and not line.startswith("#")]
+    cells = csv.reader(lines) if source.suffix == ".csv" else (line.split() for line in lines)
+    header = next(cells)
+    return [name.strip() for name in header], [[float(cell) for cell in row] for row in cells]
+
+
+def write(path, names, rows):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([[f"{value:.9g}" for value in row] for row in rows])
+
+
+if __name__ == "__main__":
+    main()
