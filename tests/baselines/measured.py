@@ -54,6 +54,7 @@ def prepare(data, out):
         shutil.rmtree(folder, ignore_errors=True)
         names = column_names(entry["columns"])
         sides, groups = {}, {}
+        train_episodes = entry.get("train_episodes")
         for side in ("train", "test"):
             sides[side] = []
             for name in entry[side]:
@@ -61,23 +62,33 @@ def prepare(data, out):
                 if not source.exists():
                     sys.exit(f"{source}: not there; is --data the folder with the public sets?")
                 skip = recipe.get("skip", 0) + (recipe.get("skip_train", 0) if side == "train" else 0)
-                for suffix, rows in recordings(source, recipe, entry["from"], skip):
+                found = list(recordings(source, recipe, entry["from"], skip))
+                if train_episodes is not None:
+                    found = found[:train_episodes] if side == "train" else found[train_episodes:]
+                for suffix, rows in found:
                     path = folder / side / f"{source.stem}{suffix}.csv"
                     write(path, names, rows)
                     relative = path.relative_to(out).as_posix()
                     sides[side].append(relative)
-                    groups[relative] = source.stem
+                    if side == "test":
+                        group = groups.setdefault(source.stem, {"recordings": [], "outputs": []})
+                        group["recordings"].append(relative)
+                        group["outputs"] += [row[-1] for row in rows]
         index[entry["name"]] = {
             "set": entry["set"],
             "role": entry["role"],
+            "shift": entry["shift"],
             "licence": recipe["licence"],
             "columns": entry["columns"],
             "inputs": names[1:-1],
             "output": names[-1],
             "folds": entry.get("folds", "recordings"),
             **sides,
-            # What is scored as one: recording -> group.
-            "groups": {path: groups[path] if entry.get("groups") == "file" else path for path in sides["test"]},
+            # Recordings that are scored as one, over the range that their outputs have together.
+            "groups": {
+                name: {"recordings": group["recordings"], "range": max(group["outputs"]) - min(group["outputs"])}
+                for name, group in groups.items()
+            },
         }
     index_file.write_text(json.dumps(index, indent=1) + "\n")
     counts = {role: sum(entry["role"] == role for entry in index.values()) for role in ("development", "reporting")}

@@ -16,6 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import csv
+import hashlib
 import itertools
 import json
 import time
@@ -25,6 +26,9 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 from sklearn.ensemble import RandomForestRegressor
+
+# To be raised with every change that moves a figure: results of another version are made anew.
+VERSION = 1
 
 MOST_FOLDS = 6
 BLOCKS = 5
@@ -455,33 +459,47 @@ REFERENCE_ONLY = ("static",)
 
 
 def score(recordings, predictions, names, groups):
-    """Errors of each test recording, of each group over its common range, and the mean of the groups."""
-    each, members = {}, {}
+    """Errors of each test recording, of each group over its common range in per cent, and the mean of the groups."""
+    each = {}
     for recording, prediction, name in zip(recordings, predictions, names):
         wrong, measured = recording.at_stamps(prediction) - recording.measured, recording.measured
         each[name] = {"rmse": float(np.sqrt(np.mean(wrong**2))), "range": float(np.ptp(measured)), "n": len(measured)}
-        members.setdefault(groups[name], []).append((wrong, measured))
     percent = {}
-    for group, parts in members.items():
-        wrong, measured = (np.concatenate(column) for column in zip(*parts))
-        percent[group] = 100 * float(np.sqrt(np.mean(wrong**2)) / np.ptp(measured))
+    for name, group in groups.items():
+        members = [each[member] for member in group["recordings"]]
+        mean_square = sum(member["rmse"] ** 2 * member["n"] for member in members) / sum(member["n"] for member in members)
+        percent[name] = 100 * float(np.sqrt(mean_square)) / group["range"]
     return {"percent": float(np.mean(list(percent.values()))), "groups": percent, "recordings": each}
 
 
 def run(prepared, out, role, wanted):
-    """Fits and judges every baseline on the maps, writes the results after each map and prints them as a table."""
+    """Fits and judges every baseline on the maps, prints a table and writes the results after each map; what `out` holds and is still
+    true is not made again."""
     index = json.loads((prepared / "index.json").read_text())
+    earlier = json.loads(out.read_text()) if out.exists() else {}
     results = {}
     print(f"{'map':32}" + "".join(f"{name:>13}" for name in BASELINES) + "  best, picked")
     for name, entry in index.items():
         if (role != "all" and entry["role"] != role) or (wanted and name not in wanted):
             continue
-        results[name] = one_map(prepared, entry)
-        row = results[name]
+        mark = fingerprint(prepared, entry)
+        if earlier.get(name, {}).get("fingerprint") == mark:
+            row = earlier[name] | {"role": entry["role"], "shift": entry["shift"]}
+        else:
+            row = one_map(prepared, entry) | {"fingerprint": mark}
+        results[name] = row
         cells = "".join(f"{row['baselines'][baseline]['percent']:13.2f}" for baseline in BASELINES)
         print(f"{name:32}{cells}  {row['best']}, {row['picked']}", flush=True)
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(results, indent=1) + "\n")
+        out.write_text(json.dumps(earlier | results, indent=1) + "\n")
+
+
+def fingerprint(prepared, entry):
+    """What the results of a map depend on; results of an earlier run with the same are kept."""
+    hashed = hashlib.sha256(json.dumps([VERSION, entry["columns"], entry["folds"], sorted(entry["groups"].items())]).encode())
+    for path in entry["train"] + entry["test"]:
+        hashed.update((prepared / path).read_bytes())
+    return hashed.hexdigest()[:16]
 
 
 def one_map(prepared, entry):
@@ -503,6 +521,7 @@ def one_map(prepared, entry):
     judged = [name for name in found if name not in REFERENCE_ONLY]
     return {
         "role": entry["role"],
+        "shift": entry["shift"],
         "best": min(judged, key=lambda name: found[name]["percent"]),
         "picked": min(judged, key=lambda name: found[name]["cv_rmse"]),
         "baselines": found,
