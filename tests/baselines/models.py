@@ -27,9 +27,6 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 from sklearn.ensemble import RandomForestRegressor
 
-# To be raised with every change that moves a figure: results of another version are made anew.
-VERSION = 1
-
 MOST_FOLDS = 6
 BLOCKS = 5
 
@@ -343,88 +340,80 @@ def modified_pi(task):
 def arx(task):
     """ARX on inputs and their powers, simulated from the equilibrium of the first input: no measured output starts it.
 
-    Least squares one step ahead, or refined by Steiglitz and McBride's filtering, which comes nearer to the simulation error.
-    The sample period may be a multiple of the recording's.
+    Least squares one step ahead, or refined by Steiglitz and McBride's filtering, which comes nearer to the simulation error. A step
+    may be several samples long (`stride`): each phase is then a series of its own, on means of the inputs since its last step.
     """
 
-    def thinned(x, stride):
-        """Means over each period, so that what is left out does not alias."""
-        count = -(-len(x) // stride)
-        padded = np.concatenate([x, np.repeat(x[-1:], count * stride - len(x), 0)])
-        return padded.reshape(count, stride, *x.shape[1:]).mean(1)
+    def terms(u, setting):
+        """Inputs of each step: powers of trailing means, now and at earlier steps."""
+        stride = setting["stride"]
+        mean = np.mean([delay(u, index) for index in range(stride)], axis=0)
+        powers = np.hstack([mean**power for power in range(1, setting["degree"] + 1)])
+        earliest = len(u) - 1
+        return np.hstack([delay(powers, min((setting["dead_time"] + tap) * stride, earliest)) for tap in range(setting["taps"])])
 
-    def terms(u, degree):
-        return np.hstack([u**power for power in range(1, degree + 1)])
-
-    def taps(x, dead_time, count):
-        return np.hstack([delay(x, min(dead_time + index, len(x))) for index in range(count)])
-
-    def simulate(a, b, constant, x):
-        """`y[t] = -a y[t-1..] + b x + constant`, from the equilibrium of the first row."""
+    def simulate(model, x, stride):
+        """`y[t] = -a y[t - stride..] + b x[t] + constant`, from the equilibrium of the first row."""
+        a, b, constant = model
         drive = x @ b + constant
         rest = drive[0] / (1 + a.sum())
-        return rest + lfilter([1.0], np.r_[1.0, a], drive - drive[0])
+        out = np.empty(len(drive))
+        for phase in range(stride):
+            out[phase::stride] = rest + lfilter([1.0], np.r_[1.0, a], drive[phase::stride] - drive[0])
+        return out
 
-    def fit(xs, ys, used, poles, refinements, ridge):
+    def fit(xs, ys, used, setting):
+        """Coefficients from the rows that are used; nothing when the model does not stand still by itself."""
+        stride, poles = setting["stride"], setting["poles"]
         a = np.zeros(poles)
-        for _ in range(refinements + 1):
+        for _ in range(setting["refinements"] + 1):
+            width = poles + xs[0].shape[1] + 1
+            gram, moment, count = np.zeros((width, width)), np.zeros(width), 0
             filtered = np.r_[1.0, a]
-            rows, targets = [], []
+            gain = 1 / filtered.sum()
             for x, y, use in zip(xs, ys, used):
-                # Filtering starts at rest.
-                gain = 1 / filtered.sum()
-                smooth = lambda v: lfilter([1.0], filtered, v - v[:1], axis=0) + v[:1] * gain
-                fy, fx, one = smooth(y), smooth(x), np.full((len(y), 1), gain)
-                past = np.hstack([-delay(fy[:, None], index + 1) for index in range(poles)])
-                rows.append(np.hstack([past, fx, one])[poles:][use[poles:]])
-                targets.append(fy[poles:][use[poles:]])
-            rows, targets = np.vstack(rows), np.concatenate(targets)
-            penalty = ridge * np.eye(rows.shape[1]) * len(rows)
-            penalty[:poles, :poles] = 0
-            penalty[-1, -1] = 0
-            solution = np.linalg.lstsq(rows.T @ rows + penalty, rows.T @ targets, rcond=1e-12)[0]
+                for phase in range(stride):
+                    part = slice(phase, None, stride)
+                    fy, fx = (lfilter([1.0], filtered, v - v[:1], axis=0) + v[:1] * gain for v in (y[part], x[part]))
+                    past = np.column_stack([-np.roll(fy, index + 1) for index in range(poles)])
+                    rows = np.column_stack([past, fx, np.full(len(fy), gain)])[poles:][use[part][poles:]]
+                    gram += rows.T @ rows
+                    moment += rows.T @ fy[poles:][use[part][poles:]]
+                    count += len(rows)
+            penalty = np.full(width, setting["ridge"] * count)
+            penalty[:poles], penalty[-1] = 0, 0
+            solution = np.linalg.lstsq(gram + np.diag(penalty), moment, rcond=1e-12)[0]
             a, b, constant = solution[:poles], solution[poles:-1], solution[-1]
             if np.max(np.abs(np.roots(np.r_[1.0, a]))) > 0.9999:
                 return None
         return a, b, constant
 
-    def run(model, x, stride, length):
-        coarse = simulate(*model, x)
-        if stride == 1:
-            return coarse
-        centres = np.arange(len(coarse)) * stride + (stride - 1) / 2
-        return np.interp(np.arange(length), centres, coarse)
-
     shortest = min(task.lengths)
     best = (np.inf,)
-    fold_parts = task.split(task.folds)
-    for stride in (1, 3, 10):
-        if shortest // stride < 40:
+    grid = {"stride": (1, 3, 10), "degree": (1, 3), "dead_time": (0, 1, 2, 4, 8), "taps": (1, 3)}
+    inner = {"poles": (1, 2, 3), "refinements": (0, 5), "ridge": (1e-9, 1e-5)}
+    for outer in itertools.product(*grid.values()):
+        outer = dict(zip(grid, outer))
+        if (outer["dead_time"] + outer["taps"] + 3) * outer["stride"] > shortest // 2:
             continue
-        ys = [thinned(y, stride) for y in task.outputs]
-        coarse_folds = [part[::stride] for part in fold_parts]
-        for degree, dead_time, count in itertools.product((1, 3), (0, 1, 2, 4, 8), (1, 3)):
-            if dead_time + count > shortest // stride // 2:
-                continue
-            xs = [taps(terms(thinned(u, stride), degree), dead_time, count) for u in task.train]
-            for poles, refinements, ridge in itertools.product((1, 2, 3), (0, 5), (1e-9, 1e-5)):
+        xs = [terms(u, outer) for u in task.train]
+        for rest in itertools.product(*inner.values()):
+            setting = outer | dict(zip(inner, rest))
 
-                def predict(fold, rows):
-                    model = fit(xs, ys, [part != fold for part in coarse_folds], poles, refinements, ridge)
-                    if model is None:
-                        return np.inf
-                    runs = [run(model, x, stride, length) for x, length in zip(xs, task.lengths)]
-                    return np.concatenate(runs)[rows]
+            def predict(fold, rows):
+                used = [part != fold for part in task.split(task.folds)]
+                model = fit(xs, task.outputs, used, setting)
+                if model is None:
+                    return np.inf
+                return np.concatenate([simulate(model, x, setting["stride"]) for x in xs])[rows]
 
-                error = task.error(predict)
-                if error < best[0]:
-                    model = fit(xs, ys, [np.ones(len(y), bool) for y in ys], poles, refinements, ridge)
-                    setting = {"stride": stride, "degree": degree, "dead_time": dead_time, "taps": count, "poles": poles}
-                    if model is not None:
-                        best = (error, setting | {"refinements": refinements, "ridge": ridge}, model)
+            error = task.error(predict)
+            if error < best[0]:
+                model = fit(xs, task.outputs, [np.ones(length, bool) for length in task.lengths], setting)
+                if model is not None:
+                    best = (error, setting, model)
     error, setting, model = best
-    inputs = lambda u: taps(terms(thinned(u, setting["stride"]), setting["degree"]), setting["dead_time"], setting["taps"])
-    return error, setting, [run(model, inputs(u), setting["stride"], len(u)) for u in task.test]
+    return error, setting, [simulate(model, terms(u, setting), setting["stride"]) for u in task.test]
 
 
 def forest(task):
@@ -453,6 +442,8 @@ def forest(task):
 
 
 BASELINES = {"static": static, "modified_pi": modified_pi, "plays_lag": plays_and_lag, "arx": arx, "forest": forest}
+# To be raised with every change that moves a baseline's figures: results of another version are made anew.
+VERSIONS = {"static": 1, "modified_pi": 1, "plays_lag": 1, "arx": 2, "forest": 1}
 REFERENCE_ONLY = ("static",)
 
 # ---- Scores -------------------------------------------------------------------------------------------------------------------------
@@ -482,12 +473,7 @@ def run(prepared, out, role, wanted):
     for name, entry in index.items():
         if (role != "all" and entry["role"] != role) or (wanted and name not in wanted):
             continue
-        mark = fingerprint(prepared, entry)
-        if earlier.get(name, {}).get("fingerprint") == mark:
-            row = earlier[name] | {"role": entry["role"], "shift": entry["shift"]}
-        else:
-            row = one_map(prepared, entry) | {"fingerprint": mark}
-        results[name] = row
+        row = results[name] = one_map(prepared, entry, earlier.get(name, {}).get("baselines", {}))
         cells = "".join(f"{row['baselines'][baseline]['percent']:13.2f}" for baseline in BASELINES)
         print(f"{name:32}{cells}  {row['best']}, {row['picked']}", flush=True)
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -495,34 +481,40 @@ def run(prepared, out, role, wanted):
 
 
 def fingerprint(prepared, entry):
-    """What the results of a map depend on; results of an earlier run with the same are kept."""
-    hashed = hashlib.sha256(json.dumps([VERSION, entry["columns"], entry["folds"], sorted(entry["groups"].items())]).encode())
+    """What the results of a map depend on beside the version of the baseline."""
+    hashed = hashlib.sha256(json.dumps([entry["columns"], entry["folds"], sorted(entry["groups"].items())]).encode())
     for path in entry["train"] + entry["test"]:
         hashed.update((prepared / path).read_bytes())
     return hashed.hexdigest()[:16]
 
 
-def one_map(prepared, entry):
-    load = lambda path, period_s=None: Recording(prepared / path, entry["inputs"], entry["output"], period_s)
-    first = load(entry["train"][0])
-    train = [load(path, first.period_s) for path in entry["train"]]
-    test = [load(path, first.period_s) for path in entry["test"]]
-    task = Task(train, test, entry["folds"])
-    found = {}
-    for name, baseline in BASELINES.items():
+def one_map(prepared, entry, earlier):
+    """The results of one map; those of an earlier run are kept where nothing that they depend on has changed."""
+    mark = fingerprint(prepared, entry)
+    marks = {name: f"{mark}-{version}" for name, version in VERSIONS.items()}
+    found = {name: earlier[name] for name in BASELINES if earlier.get(name, {}).get("fingerprint") == marks[name]}
+    missing = [name for name in BASELINES if name not in found]
+    if missing:
+        load = lambda path, period_s=None: Recording(prepared / path, entry["inputs"], entry["output"], period_s)
+        first = load(entry["train"][0])
+        train = [load(path, first.period_s) for path in entry["train"]]
+        test = [load(path, first.period_s) for path in entry["test"]]
+        task = Task(train, test, entry["folds"])
+    for name in missing:
         start = time.monotonic()
-        error, setting, predictions = baseline(task)
+        error, setting, predictions = BASELINES[name](task)
         predictions = [prediction * task.scale.range + task.scale.low for prediction in predictions]
         found[name] = score(test, predictions, entry["test"], entry["groups"]) | {
             "cv_rmse": error * task.scale.range,
             "setting": setting,
             "seconds": round(time.monotonic() - start, 1),
+            "fingerprint": marks[name],
         }
-    judged = [name for name in found if name not in REFERENCE_ONLY]
+    judged = [name for name in BASELINES if name not in REFERENCE_ONLY]
     return {
         "role": entry["role"],
         "shift": entry["shift"],
         "best": min(judged, key=lambda name: found[name]["percent"]),
         "picked": min(judged, key=lambda name: found[name]["cv_rmse"]),
-        "baselines": found,
+        "baselines": {name: found[name] for name in BASELINES},
     }
