@@ -151,7 +151,8 @@ fn catheter_json(folder: &Path, name: &str, line: &str) -> Result<Value> {
     if !matches!(output.status.code(), Some(0 | 1)) {
         anyhow::bail!("`{}` ended with {}: {}", shown(&command), output.status, String::from_utf8_lossy(&output.stderr).trim());
     }
-    read_json(&folder.join(format!("{name}.json"))).with_context(|| format!("what `{}` left", shown(&command)))
+    let said = || format!("`{}` left no figures and said: {}", shown(&command), String::from_utf8_lossy(&output.stderr).trim());
+    read_json(&folder.join(format!("{name}.json"))).with_context(said)
 }
 
 fn read_json(path: &Path) -> Result<Value> {
