@@ -98,7 +98,7 @@ def prepare(data, out):
 def column_names(columns):
     """Names of the prepared file's columns, time first and output last."""
     roles = [part.split("=") for part in columns.split(",")]
-    return [name for wanted in ("time", "input", "output") for role, name in roles if role == wanted]
+    return [name for wanted in ("time", "input", "output") for role, name in roles if role.rstrip("0123456789") == wanted]
 
 
 def recordings(source, recipe, wanted, skip):

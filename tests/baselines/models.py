@@ -482,7 +482,7 @@ def run(prepared, out, role, wanted):
 
 def fingerprint(prepared, entry):
     """What the results of a map depend on beside the version of the baseline."""
-    hashed = hashlib.sha256(json.dumps([entry["columns"], entry["folds"], sorted(entry["groups"].items())]).encode())
+    hashed = hashlib.sha256(json.dumps([entry["inputs"], entry["output"], entry["folds"], sorted(entry["groups"].items())]).encode())
     for path in entry["train"] + entry["test"]:
         hashed.update((prepared / path).read_bytes())
     return hashed.hexdigest()[:16]
