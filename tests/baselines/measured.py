@@ -31,9 +31,16 @@ def main():
     baselines_parser.add_argument("--json", type=pathlib.Path, required=True, help="file for the results")
     baselines_parser.add_argument("--role", choices=["development", "reporting", "all"], default="all")
     baselines_parser.add_argument("--map", nargs="*", help="only these maps")
+    distort_parser = commands.add_parser("distort", help="write a map's recordings changed in a way that must not fool a program")
+    distort_parser.add_argument("--prepared", type=pathlib.Path, required=True, help="what `prepare` wrote")
+    distort_parser.add_argument("--map", required=True, help="name of the map")
+    distort_parser.add_argument("--how", choices=DISTORTIONS, required=True)
+    distort_parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for train/ and test/")
     arguments = parser.parse_args()
     if arguments.command == "prepare":
         prepare(arguments.data, arguments.out)
+    elif arguments.command == "distort":
+        distort(arguments.prepared, arguments.map, arguments.how, arguments.out)
     else:
         import models  # Needs NumPy, SciPy and scikit-learn.
 
@@ -93,6 +100,59 @@ def prepare(data, out):
     index_file.write_text(json.dumps(index, indent=1) + "\n")
     counts = {role: sum(entry["role"] == role for entry in index.values()) for role in ("development", "reporting")}
     print(f"{len(index)} maps in {out}: {counts['development']} development, {counts['reporting']} reporting")
+
+
+def distort(prepared, name, how, out):
+    """Writes the recordings of a map, distorted, to the folders `train` and `test` in `out`; prints the range of its test outputs."""
+    for side in ("train", "test"):
+        sources = [prepared / path for path in json.loads((prepared / "index.json").read_text())[name][side]]
+        tables = [(source.stem, *read(source)) for source in sources]
+        for stem, header, rows in DISTORTIONS[how](tables, side):
+            write(out / side / f"{stem}.csv", header, rows)
+    print(output_range(tables))
+
+
+def copied(tables, side):
+    """Every training recording twice. Left out, its copy must be too: what is promised must not get better."""
+    copies = [(f"again-{stem}", header, rows) for stem, header, rows in tables]
+    return tables + copies if side == "train" else tables
+
+
+def scaled(tables, _):
+    """Other units: inputs a hundredth, outputs times a thousand. Nothing but the numbers may change."""
+    return [(stem, header, [[row[0], *(0.01 * u for u in row[1:-1]), 1000 * row[-1]] for row in rows]) for stem, header, rows in tables]
+
+
+def renamed(tables, side):
+    """Training recordings in the opposite order, with names that say nothing."""
+    if side == "test":
+        return tables
+    return [(f"r{index:04}", header, rows) for index, (_, header, rows) in enumerate(reversed(tables))]
+
+
+def unrelated(tables, _):
+    """Outputs of the next recording (of a single one: half of it later), so that inputs explain nothing. What is promised must say so."""
+    result = []
+    for index, (stem, header, rows) in enumerate(tables):
+        other = tables[(index + 1) % len(tables)][2] if len(tables) > 1 else rows[len(rows) // 2 :] + rows[: len(rows) // 2]
+        result.append((stem, header, [[*row[:-1], foreign[-1]] for row, foreign in zip(rows, other)]))
+    return result
+
+
+def raised(tables, side):
+    """Test outputs higher by their range. A prediction that moves with them has looked at them."""
+    if side == "train":
+        return []
+    raise_by = output_range(tables)
+    return [(stem, header, [[*row[:-1], row[-1] + raise_by] for row in rows]) for stem, header, rows in tables]
+
+
+def output_range(tables):
+    outputs = [row[-1] for _, _, rows in tables for row in rows]
+    return max(outputs) - min(outputs)
+
+
+DISTORTIONS = {rule.__name__: rule for rule in (copied, scaled, renamed, unrelated, raised)}
 
 
 def column_names(columns):

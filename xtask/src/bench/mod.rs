@@ -43,6 +43,10 @@ pub struct Arguments {
     /// Of `measured`, only these maps of tests/baselines/maps.toml. Tune on `development`, publish `reporting`.
     #[arg(long, value_name = "WHICH", default_value = "development")]
     maps: measured::Maps,
+    /// Of `measured`, also whether `fit` can be fooled: copies, other names, other units, outputs that inputs cannot explain. Needs
+    /// --maps development or all.
+    #[arg(long)]
+    checks: bool,
     /// Of `measured`, the Python (3.11 or newer, with numpy, scipy and scikit-learn) that fits the baselines.
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: String,

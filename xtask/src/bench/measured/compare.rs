@@ -147,7 +147,8 @@ pub fn summary(judged: &[Judged]) -> Value {
     let figures: Vec<&Figures> = judged.iter().filter_map(|judged| judged.outcome.as_ref().ok()).collect();
     // A map that failed counts as the worst that can be; so do errors that are no number.
     let ratios = |of: fn(&Figures) -> f64| {
-        let mut ratios: Vec<f64> = figures.iter().map(|figures| of(figures)).map(|ratio| if ratio.is_nan() { f64::INFINITY } else { ratio }).collect();
+        let mut ratios: Vec<f64> =
+            figures.iter().map(|figures| of(figures)).map(|ratio| if ratio.is_nan() { f64::INFINITY } else { ratio }).collect();
         ratios.resize(judged.len(), f64::INFINITY);
         ratios.sort_by(f64::total_cmp);
         let below = ratios.iter().filter(|ratio| **ratio < 1.0).count();

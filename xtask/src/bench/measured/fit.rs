@@ -9,22 +9,22 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 
 use super::compare::{self, Judged};
-use super::Maps;
+use super::{Maps, checks};
 use crate::bench::table::markdown;
 use crate::bench::{Arguments, catheter_json, fresh_folder, read_json};
-use crate::process::{answer, command, root, run, target_folder};
+use crate::process::{answer, command, root, run, shown, target_folder};
 
 const PACKAGES: &str = "numpy, scipy, sklearn";
 const SCRIPT: &str = "tests/baselines/measured.py";
 /// Folders below the one of the benchmarks: the prepared recordings, and what is fitted to them.
 const PREPARED: &str = "measured-prepared";
-const FITTED: &str = "measured";
+pub const FITTED: &str = "measured";
 
 /// Fits and judges every map, prints the tables and gives the figures.
 pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
     let bench = target_folder().join("bench");
-    let (index, baselines) = prepare(recordings, &bench, arguments)?;
-    let index = index.as_object().context("index.json holds no object")?;
+    let (index_value, baselines) = prepare(recordings, &bench, arguments)?;
+    let index = index_value.as_object().context("index.json holds no object")?;
     let mut judged = Vec::new();
     for (name, map) in index {
         if arguments.maps != Maps::All && map["role"] != arguments.maps.name() {
@@ -43,8 +43,9 @@ pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
     }
     let summary = compare::summary(&judged);
     print(&judged, &summary, arguments.maps);
+    let checks = if arguments.checks { Some(checks::measure(&bench, &index_value, arguments)?) } else { None };
     let maps: Map<String, Value> = judged.into_iter().map(|judged| (judged.name.clone(), judged.json())).collect();
-    Ok(json!({ "role": arguments.maps.name(), "summary": summary, "maps": maps }))
+    Ok(json!({ "role": arguments.maps.name(), "summary": summary, "maps": maps, "checks": checks }))
 }
 
 /// Prepares the recordings and fits the baselines; gives the index of the ones and the figures of the others. What an earlier run left of these and is still true is kept.
@@ -79,6 +80,15 @@ fn one_map(bench: &Path, name: &str, map: &Value, baseline: &Value) -> Result<Ju
     let line = format!("evaluate --model {own}/fitted/model --data {prepared}/test --columns {columns}");
     let evaluated = catheter_json(bench, &format!("{own}/evaluation"), &line)?;
     Judged::new(name, map, baseline, &fitted, &evaluated, fit_s)
+}
+
+/// Writes the recordings of a map, distorted, to the folders `train` and `test` in `own`; gives the range of the map's test outputs.
+pub fn distort(bench: &Path, map: &str, how: &str, own: &str, arguments: &Arguments) -> Result<f64> {
+    let mut distort = command(&arguments.python);
+    distort.arg(root().join(SCRIPT)).arg("distort").arg("--prepared").arg(bench.join(PREPARED));
+    let said = answer(distort.args(["--map", map, "--how", how]).arg("--out").arg(bench.join(own)));
+    let said = said.with_context(|| format!("`{}` failed", shown(&distort)))?;
+    said.trim().parse().with_context(|| format!("`{}` said {said}", shown(&distort)))
 }
 
 fn print(judged: &[Judged], summary: &Value, maps: Maps) {

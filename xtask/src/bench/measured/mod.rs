@@ -1,5 +1,6 @@
 //! The public measured sets: `catheter fit` beside independent baselines, and what `identify` and `train` reach by themselves.
 
+mod checks;
 mod compare;
 mod fit;
 mod identify;
