@@ -37,9 +37,19 @@ pub struct Arguments {
     /// Of `accuracy`, only the data of this name: paper, rich or all-effects.
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
-    /// Folder with the measured sets `piezo-picma` and `friction-damper-backlash`; docs/your-own-recordings.md says where to get them.
+    /// Folder with the public measured sets (`piezo-picma` and so on); docs/your-own-recordings.md says where to get them.
     #[arg(long, value_name = "FOLDER")]
     recordings: Option<PathBuf>,
+    /// Of `measured`, only these maps of tests/baselines/maps.toml. Tune on `development`, publish `reporting`.
+    #[arg(long, value_name = "WHICH", default_value = "development")]
+    maps: measured::Maps,
+    /// Of `measured`, also whether `fit` can be fooled: copies, other names, other units, outputs that inputs cannot explain. Needs
+    /// --maps development or all.
+    #[arg(long)]
+    checks: bool,
+    /// Of `measured`, the Python (3.11 or newer, with numpy, scipy and scikit-learn) that fits the baselines.
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    python: String,
     /// Record the firmware's instruction counts as those that the tests compare with.
     #[arg(long)]
     bless: bool,
@@ -145,8 +155,12 @@ fn catheter_json(folder: &Path, name: &str, line: &str) -> Result<Value> {
     if !matches!(output.status.code(), Some(0 | 1)) {
         anyhow::bail!("`{}` ended with {}: {}", shown(&command), output.status, String::from_utf8_lossy(&output.stderr).trim());
     }
-    let path = folder.join(format!("{name}.json"));
-    let text = std::fs::read_to_string(&path).with_context(|| format!("`{}` left no {}", shown(&command), path.display()))?;
+    let said = || format!("`{}` left no figures and said: {}", shown(&command), String::from_utf8_lossy(&output.stderr).trim());
+    read_json(&folder.join(format!("{name}.json"))).with_context(said)
+}
+
+fn read_json(path: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     serde_json::from_str(&text).with_context(|| format!("{}: no JSON", path.display()))
 }
 

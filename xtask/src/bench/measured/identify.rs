@@ -1,12 +1,12 @@
-//! The measured sets: identified on one excitation, judged on another, free running, as a share of the output range.
+//! `identify` with options that the training recordings choose, and `train`: free running, as a share of the output range.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use super::table::{Spread, markdown};
-use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
+use crate::bench::table::{Spread, markdown};
+use crate::bench::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
 
 /// A measured set.
 struct Set {
