@@ -2,6 +2,7 @@
 
 #[cfg(target_os = "linux")]
 mod board;
+mod c_source;
 mod contract;
 mod control;
 mod demo;
