@@ -40,9 +40,11 @@ fn compiled(bench: &Bench, folder: &str, name: &str) -> Option<String> {
 #[test]
 fn every_kind_of_model_becomes_c_that_passes_its_own_test() {
     let bench = Bench::with_models();
-    for (model, more, name) in
-        [("physics.toml", "--calibration exact", "physics"), ("model.safetensors", "--calibration data", "network"), ("model.blob", "", "blob")]
-    {
+    for (model, more, name) in [
+        ("physics.toml", "--calibration exact", "physics"),
+        ("model.safetensors", "--calibration data", "network"),
+        ("model.blob", "", "blob"),
+    ] {
         let said = bench.works(&format!("export {model} {more} --c made/{name}.c"));
         assert!(said.stdout.contains(&format!("{name}_step")) && said.stdout.contains("-ffp-contract=off"), "{}", said.stdout);
         if let Some(printed) = compiled(&bench, "made", name) {

@@ -66,7 +66,8 @@ pub fn builds() -> Option<Vec<Build>> {
     let mut builds = Vec::new();
     for compiler in ["cc", "gcc", "clang"] {
         // The same compiler under another name is no second one. Its first word is its name.
-        let Some(version) = output(Command::new(compiler).arg("--version")).map(|text| text.split_once(' ').map(|(_, rest)| rest.to_owned()))
+        let Some(version) =
+            output(Command::new(compiler).arg("--version")).map(|text| text.split_once(' ').map(|(_, rest)| rest.to_owned()))
         else {
             continue;
         };
@@ -74,7 +75,8 @@ pub fn builds() -> Option<Vec<Build>> {
             continue;
         }
         seen.push(version);
-        let with = |first: &[&'static str], second: &[&'static str], is_slow| Build { compiler, options: [first, second].concat(), is_slow };
+        let with =
+            |first: &[&'static str], second: &[&'static str], is_slow| Build { compiler, options: [first, second].concat(), is_slow };
         builds.push(with(STRICT, &["-O2"], false));
         builds.push(with(STRICT, &["-O0"], true));
         // All that a compiler may do to floating point without being told to be inexact.

@@ -3,7 +3,9 @@
 use firmware::estimator::{Estimator, EstimatorState};
 use firmware::parity::{Noise, RandomNetwork};
 use model_export::blob::crc32;
-use model_export::schema::{Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_PLAY, Mode, Model};
+use model_export::schema::{
+    Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_PLAY, Mode, Model,
+};
 
 /// Most units of a layer, so that thousands of samples are run soon.
 const MOST_UNITS: u32 = 12;
@@ -43,7 +45,11 @@ impl RandomModel {
         }
         let model = Model {
             sample_period_s: 0.02,
-            mode: if seed % 4 == 3 { Mode::Window { length: u16::try_from(count(&mut noise, 6)).expect("a few") } } else { Mode::Streaming },
+            mode: if seed % 4 == 3 {
+                Mode::Window { length: u16::try_from(count(&mut noise, 6)).expect("a few") }
+            } else {
+                Mode::Streaming
+            },
             input,
             output,
             front_end,

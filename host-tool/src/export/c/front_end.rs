@@ -5,7 +5,7 @@ use std::fmt::Write;
 use firmware::estimator::MAX_NORMALISED;
 use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
 
-use super::literal::{float, floats, operand};
+use super::literal::{constant, float, floats, operand};
 use super::{Context, fill};
 
 /// Constants and functions of the front end.
@@ -40,7 +40,7 @@ fn delay(context: &Context<'_>) -> String {
             ("dead_time", &format!("{:?}", front_end.dead_time_samples)),
             ("whole", &whole.to_string()),
             ("line", &delay_line(front_end).to_string()),
-            ("fraction", &float(fraction)),
+            ("fraction", &constant(fraction)),
             ("name", context.name.identifier()),
         ],
     )
@@ -89,7 +89,7 @@ fn curve(curve: Option<&Curve>) -> String {
     }
     fill(
         include_str!("template/curve.c"),
-        &[("offset", &float(curve.offset)), ("slope", &float(curve.slope)), ("bends", &bends), ("loop", &body)],
+        &[("offset", &constant(curve.offset)), ("slope", &constant(curve.slope)), ("bends", &bends), ("loop", &body)],
     )
 }
 
@@ -119,13 +119,16 @@ fn step(context: &Context<'_>) -> String {
     fill(
         include_str!("template/front_end.c"),
         &[
-            ("input_offset", &float(model.input.offset)),
-            ("input_scale", &float(model.input.scale)),
-            ("most_normalised", &float(MAX_NORMALISED)),
-            ("rest", &float(rest)),
-            ("lag_constant", &if lags { format!("static const float LAG = {};\n", float(front_end.lag_coefficient)) } else { String::new() }),
-            ("bias", &float(front_end.bias)),
-            ("input_weight", &float(front_end.input_weight)),
+            ("input_offset", &constant(model.input.offset)),
+            ("input_scale", &constant(model.input.scale)),
+            ("most_normalised", &constant(MAX_NORMALISED)),
+            ("rest", &constant(rest)),
+            (
+                "lag_constant",
+                &if lags { format!("static const float LAG = {}\n", constant(front_end.lag_coefficient)) } else { String::new() },
+            ),
+            ("bias", &constant(front_end.bias)),
+            ("input_weight", &constant(front_end.input_weight)),
             ("and_features", if features.is_empty() { "" } else { ", and the network's features" }),
             ("features_argument", if features.is_empty() { "" } else { ", int16_t *features" }),
             ("last_values", &last_values),

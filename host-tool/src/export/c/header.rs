@@ -60,13 +60,18 @@ fn provenance(context: &Context<'_>) -> String {
         let _ = writeln!(text, " *   {label:<15}{value}");
     };
     line("model", &sha256(context.blob));
-    line("made of", &parts(context));
-    line("preset", &known(origin.preset));
-    line("trained by", &known(origin.tool_version));
-    line("trained on", &format!("{} recordings, SHA-256 {}", origin.training_recordings, known(origin.training_data_sha256)));
-    line("training", &format!("seed {}, {} optimiser steps", origin.seed, origin.optimiser_steps));
+    line("parts", &parts(context));
+    line("method", &known(origin.preset));
+    line("made by", &known(origin.tool_version));
+    line("data", &format!("{} recordings with the SHA-256 {}", origin.training_recordings, known(origin.training_data_sha256)));
+    if model.network.is_some() {
+        line("training", &format!("seed {}, {} optimiser steps", origin.seed, origin.optimiser_steps));
+    }
     line("validation", &format!("RMSE {:e} {unit}, free running", metrics.validation_rmse));
-    line("rounding", &format!("RMSE {:e} {unit}, largest {:e} {unit}", metrics.rmse_f32_vs_fixed, metrics.max_abs_f32_vs_fixed));
+    line(
+        "fixed point",
+        &format!("RMSE {:e} {unit}, largest {:e} {unit}, against f32", metrics.rmse_f32_vs_fixed, metrics.max_abs_f32_vs_fixed),
+    );
     text
 }
 

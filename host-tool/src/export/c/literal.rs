@@ -21,7 +21,12 @@ pub fn float(value: f32) -> String {
     format!("{sign}0x{lead}{point}{digits}p{power:+}f")
 }
 
-/// The same as an operand: a negative one in parentheses.
+/// The end of a definition: an `f32` to the bit, and its value in decimals where that is easier to read.
+pub fn constant(value: f32) -> String {
+    if value == 0.0 { format!("{};", float(value)) } else { format!("{}; /* {value:?} */", float(value)) }
+}
+
+/// An `f32` as an operand: a negative one in parentheses.
 pub fn operand(value: f32) -> String {
     if value.is_sign_negative() { format!("({})", float(value)) } else { float(value) }
 }

@@ -88,9 +88,9 @@ fn step(context: &Context<'_>) -> String {
     fill(
         include_str!("template/step.c"),
         &[
-            ("offset", &literal::float(model.output.offset)),
-            ("scale", &literal::float(model.output.scale)),
-            ("band", &literal::float(model.front_end.stick_band)),
+            ("offset", &literal::constant(model.output.offset)),
+            ("scale", &literal::constant(model.output.scale)),
+            ("band", &literal::constant(model.front_end.stick_band)),
             ("features", if model.network.is_some() { "    int16_t features[FEATURES];\n" } else { "" }),
             ("features_argument", if model.network.is_some() { ", features" } else { "" }),
             ("correction", network::correction(model)),

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use model_export::fixed::{SIGMOID, TANH, Table};
 use model_export::schema::{Activation, Layer, Mode, Model, Network};
 
-use super::literal::{float, integer, wrapped};
+use super::literal::{constant, integer, wrapped};
 use super::{Context, fill};
 
 /// Tables, weights and functions of the network; nothing without one.
@@ -57,11 +57,9 @@ fn table(table: &Table) -> String {
 
 fn layer_step(network: &Network<'_>) -> String {
     let (meaning, candidate, activated) = match activation(network) {
-        Activation::Tanh => (
-            "tanh",
-            "shift_right(hyperbolic_tangent(z), layer->cell_exponent)",
-            "hyperbolic_tangent(shift_right(cell, to_cell))",
-        ),
+        Activation::Tanh => {
+            ("tanh", "shift_right(hyperbolic_tangent(z), layer->cell_exponent)", "hyperbolic_tangent(shift_right(cell, to_cell))")
+        }
         Activation::Hard => (
             "clamp(x, -1, 1)",
             "clamp(z, -65536, 65535) * power_of_two(to_cell)",
@@ -124,8 +122,8 @@ fn network_step(context: &Context<'_>, network: &Network<'_>) -> String {
             ("layers", &layers),
             ("outputs", &(network.dense.weights.len() / 2).to_string()),
             ("dense", &wrapped(dense)),
-            ("scale", &float(network.dense.scale)),
-            ("bias", &float(network.dense.bias)),
+            ("scale", &constant(network.dense.scale)),
+            ("bias", &constant(network.dense.bias)),
             ("resets", &resets),
             ("steps", &steps),
             ("hidden", &input),

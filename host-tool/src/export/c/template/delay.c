@@ -2,7 +2,7 @@
 /* Dead time of @dead_time@ samples: linear interpolation between the two samples around it. */
 #define DELAY_WHOLE @whole@u
 #define DELAY_LINE @line@u
-static const float DELAY_FRACTION = @fraction@;
+static const float DELAY_FRACTION = @fraction@
 
 static float delay(@name@_state *state, float input)
 {

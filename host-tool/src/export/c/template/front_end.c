@@ -1,14 +1,14 @@
 
 /* Input channel: u = (x - INPUT_OFFSET) / INPUT_SCALE. */
-static const float INPUT_OFFSET = @input_offset@;
-static const float INPUT_SCALE = @input_scale@;
+static const float INPUT_OFFSET = @input_offset@
+static const float INPUT_SCALE = @input_scale@
 /* More spans than this from the channel's centre is no measurement. */
-static const float MOST_NORMALISED = @most_normalised@;
+static const float MOST_NORMALISED = @most_normalised@
 /* Stands in for the input until the first good sample. */
-static const float REST = @rest@;
+static const float REST = @rest@
 @lag_constant@/* Linear sum: p = BIAS + INPUT_WEIGHT * v + s + sum of q * C. */
-static const float BIAS = @bias@;
-static const float INPUT_WEIGHT = @input_weight@;
+static const float BIAS = @bias@
+static const float INPUT_WEIGHT = @input_weight@
 
 /*
  * The physics: one sample x gives the readout L in normalised output@and_features@.

@@ -6,8 +6,8 @@ static const layer_parameters LAYERS[@layer_count@] = {
 #define HIDDEN @outputs@u
 static const int16_t DENSE_WEIGHTS[HIDDEN] = {
 @dense@};
-static const float DENSE_SCALE = @scale@;
-static const float DENSE_BIAS = @bias@;
+static const float DENSE_SCALE = @scale@
+static const float DENSE_BIAS = @bias@
 
 static void reset_network(@name@_state *state)
 {

@@ -1,8 +1,8 @@
 
 /* Output channel, and the half-width of the stick band in normalised output. */
-static const float OUTPUT_OFFSET = @offset@;
-static const float OUTPUT_SCALE = @scale@;
-static const float STICK_BAND = @band@;
+static const float OUTPUT_OFFSET = @offset@
+static const float OUTPUT_SCALE = @scale@
+static const float STICK_BAND = @band@
 
 void @name@_reset(@name@_state *state)
 {
