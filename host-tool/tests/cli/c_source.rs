@@ -82,6 +82,7 @@ fn file_names_become_names_of_c() {
     let header = String::from_utf8(bench.read("2x64-lab.v1.h")).expect("C is text");
     assert!(header.contains("float model_2x64_lab_v1_step(model_2x64_lab_v1_state *state, float input);"));
     assert!(header.contains("#ifndef MODEL_2X64_LAB_V1_H"));
+    assert!(header.contains("#define MODEL_2X64_LAB_V1_SAMPLE_PERIOD_S 0.02\n"));
     let source = String::from_utf8(bench.read("2x64-lab.v1.c")).expect("C is text");
     assert!(source.contains("#include \"2x64-lab.v1.h\""));
 }

@@ -32,7 +32,8 @@ pub fn header(context: &Context<'_>) -> String {
             ("version", env!("CARGO_PKG_VERSION")),
             ("sha256", &sha256(context.blob)),
             ("provenance", &provenance(context)),
-            ("period", &decimal(model.sample_period_s)),
+            // A double: a step of 0.02 s that was rounded to single precision does not divide a second.
+            ("period", &format!("{:?}", model.sample_period_s)),
             ("input_quantity", &plain(input.quantity)),
             ("input_unit", &plain(input.unit)),
             ("input_minimum", &decimal(input.minimum)),
