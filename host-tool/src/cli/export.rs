@@ -3,35 +3,45 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use model_export::blob;
+use model_export::blob::{self, Blob};
 use model_export::compensation::Compensation;
+use model_export::headroom::headroom;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{Common, Outcome};
+use crate::export::c::{self, CSource, Name};
 use crate::export::{self, Comparison, Export};
+use crate::fit::{self, file::FittedModel};
 use crate::identify::PhysicsModel;
+use crate::model::{self, Format};
 use crate::network::{self, TrainedModel};
 use crate::{output, recording, say};
 
-/// Quantise a trained model into a blob for the microcontroller.
+/// Quantise a trained model into a blob for the microcontroller, or into C source.
 ///
 /// Weights become 8-bit integers with a scale per row, chosen from how the model runs on the calibration recordings; the blob is then
 /// run as the firmware runs it and compared with the f32 model. No sum in it can overflow: the headroom printed is the proof.
+///
+/// With `--c` the model becomes a C source file and its header, for Simulink or another firmware. Their outputs have the bits of the blob's.
 #[derive(clap::Args)]
+#[group(id = "files", required = true, multiple = true, args = ["out", "c"])]
 #[command(after_long_help = "\
 Examples:
   catheter export model.safetensors --calibration data/rich/train --out model.blob
   catheter export model.safetensors --calibration run.csv --columns time=t_s,input=voltage_V,output=displacement_um --out model.blob
+  catheter export model.safetensors --calibration data/rich/train --c model.c
+  catheter export model.blob --c model.c
   catheter inspect model.blob")]
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// The trained model, as `catheter train` writes it, or a physics model, as `catheter identify` does.
-    #[arg(value_name = "MODEL.safetensors|MODEL.toml")]
+    /// The trained model, as `catheter train` writes it, or a physics model, as `catheter identify` does; with `--c` also a blob.
+    #[arg(value_name = "MODEL.safetensors|MODEL.toml|MODEL.blob")]
     model: PathBuf,
-    /// Recordings like those the model will meet, for example its training data: CSV files or folders of them.
-    #[arg(long, required = true, num_args = 1.., value_name = "PATH")]
+    /// Recordings like those the model will meet, for example its training data: CSV files or folders of them. Not for a blob, which
+    /// is calibrated already.
+    #[arg(long, num_args = 1.., value_name = "PATH")]
     calibration: Vec<PathBuf>,
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
     #[arg(long, value_name = "MAP")]
@@ -45,7 +55,10 @@ pub struct Arguments {
     compensation: Option<PathBuf>,
     /// The blob to write.
     #[arg(long, value_name = "FILE.blob", value_parser = output::file_argument("blob"))]
-    out: PathBuf,
+    out: Option<PathBuf>,
+    /// The C source file to write; its header FILE.h goes beside it. What is public in them begins with FILE.
+    #[arg(long, value_name = "FILE.c", value_parser = output::file_argument("c"))]
+    c: Option<PathBuf>,
 }
 
 /// The result as JSON; the first five keys are a contract.
@@ -59,9 +72,12 @@ struct Summary<'a> {
     accumulator_headroom: Option<f64>,
     rmse_f32_vs_fixed_normalised: f64,
     output_unit: &'a str,
-    rounding: &'a str,
-    recordings: usize,
-    report: &'a Comparison,
+    /// Absent for a blob, which was exported before; so are the next two.
+    rounding: Option<&'a str>,
+    recordings: Option<usize>,
+    report: Option<&'a Comparison>,
+    /// C source and header, if they were asked for.
+    c: Vec<PathBuf>,
 }
 
 /// Runs the command.
@@ -69,7 +85,14 @@ struct Summary<'a> {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let c = arguments.c.as_deref().map(CFiles::new).transpose()?;
+    if model::format(&arguments.model)? == Format::Blob {
+        return rewrite(arguments, c.as_ref());
+    }
     let model = load(&arguments.model)?;
+    if arguments.calibration.is_empty() {
+        bail!("--calibration is missing: recordings like those that {} will meet", arguments.model.display());
+    }
     let options = recording::ReadOptions { columns: arguments.columns.clone(), rate_hz: arguments.rate_hz };
     let mut recordings = recording::load_with(&arguments.calibration, &options)?;
     // An inverse is calibrated on the recordings it was trained on; their ranges do not depend on how far it looks ahead.
@@ -83,13 +106,17 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = recordings.iter().map(recording::Recording::file).collect();
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.compensation.clone());
-    let mut outputs = vec![arguments.out.as_path()];
-    outputs.extend(arguments.common.json.as_deref());
-    output::refuse_overwriting(&inputs, &outputs)?;
+    refuse_overwriting(arguments, c.as_ref(), &inputs)?;
     let export =
         export::export_with(&model, &recordings, compensation).with_context(|| format!("cannot export {}", arguments.model.display()))?;
-    output::write_atomic(&arguments.out, &export.bytes)?;
-    print(&arguments.out, &model, &export, recordings.len());
+    if let Some(c) = &c {
+        c.write(&blob::decode(&export.bytes)?)?;
+    }
+    if let Some(out) = &arguments.out {
+        output::write_atomic(out, &export.bytes)?;
+        say!("{}: {} bytes", out.display(), export.bytes.len());
+    }
+    print(&model, &export, recordings.len());
     if let Some(path) = &arguments.common.json {
         let summary = Summary {
             bytes: export.bytes.len(),
@@ -99,13 +126,91 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             accumulator_headroom: export.headroom.is_finite().then_some(export.headroom),
             rmse_f32_vs_fixed_normalised: export.comparison.rmse_normalised,
             output_unit: &model.output.unit,
-            rounding: export.rounding,
-            recordings: export.recordings,
-            report: &export.comparison,
+            rounding: Some(export.rounding),
+            recordings: Some(export.recordings),
+            report: Some(&export.comparison),
+            c: c.map(CFiles::into_paths).unwrap_or_default(),
         };
         output::write_json(path, &summary)?;
     }
     Ok(Outcome::Success)
+}
+
+/// Writes a blob as C: nothing is calibrated again.
+fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
+    let path = &arguments.model;
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let blob = blob::decode(&bytes).with_context(|| path.display().to_string())?;
+    let Some(c) = c else {
+        bail!("{}: already a blob; `catheter inspect` shows what is in it, and --c FILE.c writes it as C", path.display());
+    };
+    if arguments.out.is_some() || !arguments.calibration.is_empty() || arguments.columns.is_some() || arguments.compensation.is_some() {
+        bail!("{}: a blob is written as it is; leave --out, --calibration, --columns and --compensation away", path.display());
+    }
+    refuse_overwriting(arguments, Some(c), std::slice::from_ref(path))?;
+    c.write(&blob).with_context(|| format!("cannot export {}", path.display()))?;
+    if let Some(json) = &arguments.common.json {
+        let metrics = &blob.model.metrics;
+        let (rmse, scale) = (f64::from(metrics.rmse_f32_vs_fixed), f64::from(blob.model.output.scale));
+        let summary = Summary {
+            bytes: bytes.len(),
+            sha256: hexadecimal(&Sha256::digest(&bytes)),
+            rmse_f32_vs_fixed: rmse,
+            max_abs_f32_vs_fixed: f64::from(metrics.max_abs_f32_vs_fixed),
+            accumulator_headroom: blob.model.network.as_ref().map(|network| headroom(network).least()),
+            rmse_f32_vs_fixed_normalised: rmse / scale,
+            output_unit: blob.model.output.unit,
+            rounding: None,
+            recordings: None,
+            report: None,
+            c: vec![c.source.clone(), c.header.clone()],
+        };
+        output::write_json(json, &summary)?;
+    }
+    Ok(Outcome::Success)
+}
+
+/// Where C goes, and under which name.
+struct CFiles {
+    source: PathBuf,
+    header: PathBuf,
+    name: Name,
+}
+
+impl CFiles {
+    fn new(source: &Path) -> Result<Self> {
+        let stem = source.file_stem().and_then(|stem| stem.to_str()).filter(|_| has_ending(source, "c"));
+        let Some(name) = stem.and_then(Name::from_stem) else {
+            bail!("--c {}: no #include can name the header beside it; take a name of letters and digits that ends in .c", source.display());
+        };
+        let header = source.with_extension("h");
+        output::check_file(&header).map_err(|problem| anyhow::anyhow!("{}: {problem}", header.display()))?;
+        Ok(Self { source: source.to_owned(), header, name })
+    }
+
+    fn write(&self, blob: &Blob<'_>) -> Result<()> {
+        let CSource { header, source } = c::generate(blob, &self.name)?;
+        output::write_atomic(&self.header, header.as_bytes())?;
+        output::write_atomic(&self.source, source.as_bytes())?;
+        let name = self.name.identifier();
+        say!("{} and {}: {name}_reset, {name}_step, {name}_self_test", self.source.display(), self.header.display());
+        say!("compile with -ffp-contract=off and without -ffast-math; the outputs have the bits of the firmware's");
+        Ok(())
+    }
+
+    fn into_paths(self) -> Vec<PathBuf> {
+        vec![self.source, self.header]
+    }
+}
+
+fn refuse_overwriting(arguments: &Arguments, c: Option<&CFiles>, inputs: &[PathBuf]) -> Result<()> {
+    let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.json.as_deref()).collect();
+    outputs.extend(c.iter().flat_map(|c| [c.source.as_path(), c.header.as_path()]));
+    output::refuse_overwriting(inputs, &outputs)
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|found| found == ending)
 }
 
 /// The compensation part of a blob.
@@ -117,20 +222,24 @@ fn compensation(path: &Path) -> Result<Compensation> {
 }
 
 fn load(path: &Path) -> Result<TrainedModel> {
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("blob") => bail!("{}: already a blob; `catheter inspect` shows what is in it", path.display()),
-        Some("toml") => {
-            let physics = PhysicsModel::read(path)?;
-            Ok(export::from_physics(&physics).with_context(|| format!("cannot export {}", path.display()))?)
+    let refused = || format!("cannot export {}", path.display());
+    match model::format(path)? {
+        Format::Physics => Ok(export::from_physics(&PhysicsModel::read(path)?).with_context(refused)?),
+        Format::Fitted => {
+            let fitted = FittedModel::read(path)?;
+            let physics = fit::chip::of_file(&fitted).with_context(|| {
+                format!("{}: the microcontroller has no form for `{}`; take the `model.blob` beside it, or a rung that has one", path.display(), fitted.name)
+            })?;
+            Ok(export::from_physics(&physics).with_context(refused)?)
         }
-        _ => Ok(network::load(path)?),
+        Format::Discovered => bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display()),
+        Format::Network | Format::Blob => Ok(network::load(path)?),
     }
 }
 
-fn print(out: &Path, model: &TrainedModel, export: &Export, given: usize) {
+fn print(model: &TrainedModel, export: &Export, given: usize) {
     let comparison = &export.comparison;
     let unit = &model.output.unit;
-    say!("{}: {} bytes", out.display(), export.bytes.len());
     say!("calibrated on {} of {given} recordings, {} samples; rounding: {}", export.recordings, comparison.samples, export.rounding);
     say!(
         "fixed point against f32, free running: RMSE {:.3e} {unit} ({:.3e} of the output scale), largest {:.3e} {unit}",

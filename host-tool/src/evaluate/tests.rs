@@ -27,6 +27,7 @@ fn made<F: Fn(usize, f64) -> f64 + Send + Sync>(output: F) -> Made<F> {
         kind: "made for a test".into(),
         arithmetic: Arithmetic::Physics,
         input: Signal::pressure_bar(),
+        more_inputs: Vec::new(),
         output: Signal::displacement_mm(),
         input_range: None,
         sample_period_s: None,

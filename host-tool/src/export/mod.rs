@@ -4,6 +4,7 @@
 //! meets, quantises in both ways that [`model_export::quantise`] offers and keeps the closer one, adds golden vectors from the
 //! reference, and measures the finished blob, as the firmware's estimator runs it, against the `f32` model.
 
+pub mod c;
 mod calibrate;
 mod report;
 mod single;

@@ -2,8 +2,9 @@
 
 use identification::{Basis, LinearModel, OutputPath};
 
+use super::file::FittedModel;
 use super::prepare::Prepared;
-use crate::identify::{CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, PhysicsModel, Provenance};
+use crate::identify::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, PhysicsModel, Provenance, Source};
 
 /// The same model in the form that has a front end on the chip, in the units of the data; `None` when there is none.
 ///
@@ -11,6 +12,19 @@ use crate::identify::{CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, Phys
 /// limiter does not rest on them.
 #[must_use]
 pub fn physics(model: &LinearModel, prepared: &Prepared) -> Option<PhysicsModel> {
+    convert(model, &prepared.inputs, &prepared.output, &prepared.sources)
+}
+
+/// The same of a model file; `None` for a mean of several.
+#[must_use]
+pub fn of_file(file: &FittedModel) -> Option<PhysicsModel> {
+    match &file.members[..] {
+        [only] => convert(&only.model, &file.inputs, &file.output, &file.data),
+        _ => None,
+    }
+}
+
+fn convert(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, sources: &[Source]) -> Option<PhysicsModel> {
     let structure = &model.structure;
     let [scaling] = structure.scalings[..] else { return None };
     if structure.output_path != OutputPath::Direct {
@@ -60,8 +74,8 @@ pub fn physics(model: &LinearModel, prepared: &Prepared) -> Option<PhysicsModel>
         constant,
         thresholds_95: Vec::new(),
         constant_95: None,
-        input: prepared.inputs[0].clone(),
-        output: prepared.output.clone(),
+        input: inputs.first()?.clone(),
+        output: output.clone(),
         input_path: InputPath { dead_time_s: structure.dead_time_s, lag_time_constant_s: structure.lag_s },
         curve,
         creep: CreepFilters::default(),
@@ -70,8 +84,8 @@ pub fn physics(model: &LinearModel, prepared: &Prepared) -> Option<PhysicsModel>
             method: "catheter fit".to_owned(),
             rmse: 0.0,
             nrmse: 0.0,
-            samples: prepared.series.iter().map(identification::Series::len).sum(),
-            data: prepared.sources.clone(),
+            samples: sources.iter().map(|source| source.samples).sum(),
+            data: sources.to_vec(),
         },
     })
 }

@@ -148,6 +148,7 @@ fn description() -> crate::model::Description {
         kind: "a & b".into(),
         arithmetic: crate::model::Arithmetic::FixedPoint,
         input: Signal::pressure_bar(),
+        more_inputs: Vec::new(),
         output: Signal::displacement_mm(),
         input_range: None,
         sample_period_s: Some(0.02),

@@ -3,6 +3,7 @@
 #[cfg(target_os = "linux")]
 mod board;
 mod check;
+mod c_source;
 mod contract;
 mod control;
 mod demo;

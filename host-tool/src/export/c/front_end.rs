@@ -1,0 +1,162 @@
+//! The physics part in C.
+
+use std::fmt::Write;
+
+use firmware::estimator::MAX_NORMALISED;
+use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
+
+use super::literal::{constant, float, floats, operand};
+use super::{Context, fill};
+
+/// Constants and functions of the front end.
+pub fn source(context: &Context<'_>) -> String {
+    let front_end = &context.model().front_end;
+    let parts = [delay(context), plays(front_end), creeps(front_end), curve(front_end.curve.as_ref()), quantiser(context), step(context)];
+    parts.concat()
+}
+
+/// Whole samples of the dead time, and the fraction on top.
+pub fn split(dead_time_samples: f32) -> (usize, f32) {
+    // As the firmware does it: exact, since the dead time is short.
+    let (mut whole, mut fraction) = (0, dead_time_samples);
+    while fraction >= 1.0 {
+        whole += 1;
+        fraction -= 1.0;
+    }
+    (whole, fraction)
+}
+
+/// Slots of the delay line: the newest sample, the whole delay, and the older neighbour.
+pub fn delay_line(front_end: &FrontEnd) -> usize {
+    split(front_end.dead_time_samples).0 + 2
+}
+
+fn delay(context: &Context<'_>) -> String {
+    let front_end = &context.model().front_end;
+    let (whole, fraction) = split(front_end.dead_time_samples);
+    fill(
+        include_str!("template/delay.c"),
+        &[
+            ("dead_time", &format!("{:?}", front_end.dead_time_samples)),
+            ("whole", &whole.to_string()),
+            ("line", &delay_line(front_end).to_string()),
+            ("fraction", &constant(fraction)),
+            ("name", context.name.identifier()),
+        ],
+    )
+}
+
+fn plays(front_end: &FrontEnd) -> String {
+    if front_end.play_thresholds.is_empty() {
+        return String::new();
+    }
+    fill(
+        include_str!("template/play.c"),
+        &[
+            ("plays", &front_end.play_thresholds.len().to_string()),
+            ("thresholds", &floats(&front_end.play_thresholds)),
+            ("weights", &floats(&front_end.play_weights)),
+        ],
+    )
+}
+
+fn creeps(front_end: &FrontEnd) -> String {
+    if front_end.creep_coefficients.is_empty() {
+        return String::new();
+    }
+    fill(
+        include_str!("template/creep.c"),
+        &[
+            ("creeps", &front_end.creep_coefficients.len().to_string()),
+            ("coefficients", &floats(&front_end.creep_coefficients)),
+            ("weights", &floats(&front_end.creep_weights)),
+        ],
+    )
+}
+
+fn curve(curve: Option<&Curve>) -> String {
+    let Some(curve) = curve else { return String::new() };
+    let (mut bends, mut body) = (String::new(), String::new());
+    if !curve.bend_points.is_empty() {
+        let _ = write!(
+            bends,
+            "#define BENDS {}u\nstatic const float BEND_POINTS[BENDS] = {{\n{}}};\nstatic const float BENDS_OF_SLOPE[BENDS] = {{\n{}}};\n",
+            curve.bend_points.len(),
+            floats(&curve.bend_points),
+            floats(&curve.bends),
+        );
+        body.push_str(include_str!("template/bends.c"));
+    }
+    fill(
+        include_str!("template/curve.c"),
+        &[("offset", &constant(curve.offset)), ("slope", &constant(curve.slope)), ("bends", &bends), ("loop", &body)],
+    )
+}
+
+fn quantiser(context: &Context<'_>) -> String {
+    match &context.model().network {
+        Some(_) => format!("\n#define FEATURES {}u\n{}", context.model().front_end.features.len(), include_str!("template/feature.c")),
+        None => String::new(),
+    }
+}
+
+fn step(context: &Context<'_>) -> String {
+    let (model, front_end) = (context.model(), &context.model().front_end);
+    // Without a network nobody sees the features.
+    let features: &[Feature] = if model.network.is_some() { &front_end.features } else { &[] };
+    let sees = |source| features.iter().any(|feature| feature.source == source);
+    let lags = front_end.lag_coefficient < 1.0;
+    let rest = ((model.input.minimum - model.input.offset) / model.input.scale).clamp(-MAX_NORMALISED, MAX_NORMALISED);
+
+    let mut last_values = String::new();
+    if sees(FeatureSource::InputDifference) {
+        last_values.push_str("    const float last_input = first ? input : state->input;\n");
+    }
+    if lags || sees(FeatureSource::PathDifference) {
+        last_values.push_str("    const float last_path = first ? input : state->path;\n");
+    }
+    let feature_lines: String = features.iter().enumerate().map(|(index, feature)| feature_line(index, feature)).collect();
+    fill(
+        include_str!("template/front_end.c"),
+        &[
+            ("input_offset", &constant(model.input.offset)),
+            ("input_scale", &constant(model.input.scale)),
+            ("most_normalised", &constant(MAX_NORMALISED)),
+            ("rest", &constant(rest)),
+            (
+                "lag_constant",
+                &if lags { format!("static const float LAG = {}\n", constant(front_end.lag_coefficient)) } else { String::new() },
+            ),
+            ("bias", &constant(front_end.bias)),
+            ("input_weight", &constant(front_end.input_weight)),
+            ("and_features", if features.is_empty() { "" } else { ", and the network's features" }),
+            ("features_argument", if features.is_empty() { "" } else { ", int16_t *features" }),
+            ("last_values", &last_values),
+            ("path", if lags { "first ? delayed : (last_path + product(LAG, delayed - last_path))" } else { "delayed" }),
+            ("start_plays", if front_end.play_thresholds.is_empty() { "" } else { include_str!("template/start_plays.c") }),
+            ("plays", if front_end.play_thresholds.is_empty() { "" } else { include_str!("template/step_plays.c") }),
+            ("creeps", if front_end.creep_coefficients.is_empty() { "" } else { include_str!("template/step_creeps.c") }),
+            ("readout", if front_end.curve.is_some() { "bend(linear)" } else { "linear" }),
+            ("features", &feature_lines),
+            ("name", context.name.identifier()),
+        ],
+    )
+}
+
+/// `feature = (signal - offset) * gain`.
+fn feature_line(index: usize, feature: &Feature) -> String {
+    let (signal, meaning) = match feature.source {
+        FeatureSource::Input => ("input".to_owned(), "u".to_owned()),
+        FeatureSource::InputDifference => ("(input - last_input)".to_owned(), "change of u".to_owned()),
+        FeatureSource::Path => ("path".to_owned(), "v".to_owned()),
+        FeatureSource::PathDifference => ("(path - last_path)".to_owned(), "change of v".to_owned()),
+        FeatureSource::Play(play) => (format!("state->plays[{play}]"), format!("play {play}")),
+        FeatureSource::Stop(play) => {
+            (format!("((path - state->plays[{play}]) / PLAY_THRESHOLDS[{play}])"), format!("stop {play}: (v - H) / r"))
+        }
+        FeatureSource::Readout => ("readout".to_owned(), "L".to_owned()),
+        FeatureSource::Creep(creep) => (format!("state->creeps[{creep}]"), format!("creep filter {creep}")),
+    };
+    let (offset, gain) = (operand(feature.offset), float(feature.gain));
+    format!("    features[{index}] = quantise(product({signal} - {offset}, {gain})); /* {meaning} */\n")
+}

@@ -1,0 +1,15 @@
+
+/* Play operators: H = max(v - r, min(v + r, H)), with the thresholds r and the weights w of their sum s. */
+#define PLAYS @plays@u
+static const float PLAY_THRESHOLDS[PLAYS] = {
+@thresholds@};
+static const float PLAY_WEIGHTS[PLAYS] = {
+@weights@};
+
+static float play(float threshold, float path, float last)
+{
+    const float low = path - threshold;
+    const float high = path + threshold;
+
+    return (last < low) ? low : ((last > high) ? high : last);
+}
