@@ -218,7 +218,7 @@ fn compensation(path: &Path) -> Result<Compensation> {
 fn load(path: &Path) -> Result<TrainedModel> {
     if has_ending(path, "toml") {
         let physics = PhysicsModel::read(path)?;
-        return Ok(export::from_physics(&physics).with_context(|| format!("cannot export {}", path.display()))?);
+        return export::from_physics(&physics).with_context(|| format!("cannot export {}", path.display()));
     }
     Ok(network::load(path)?)
 }
