@@ -224,13 +224,13 @@ fn compensation(path: &Path) -> Result<Compensation> {
 fn load(path: &Path) -> Result<TrainedModel> {
     let refused = || format!("cannot export {}", path.display());
     match model::format(path)? {
-        Format::Physics => Ok(export::from_physics(&PhysicsModel::read(path)?).with_context(refused)?),
+        Format::Physics => export::from_physics(&PhysicsModel::read(path)?).with_context(refused),
         Format::Fitted => {
             let fitted = FittedModel::read(path)?;
             let physics = fit::chip::of_file(&fitted).with_context(|| {
                 format!("{}: the microcontroller has no form for `{}`; take the `model.blob` beside it, or a rung that has one", path.display(), fitted.name)
             })?;
-            Ok(export::from_physics(&physics).with_context(refused)?)
+            export::from_physics(&physics).with_context(refused)
         }
         Format::Discovered => bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display()),
         Format::Network | Format::Blob => Ok(network::load(path)?),
