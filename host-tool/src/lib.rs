@@ -17,6 +17,7 @@ pub mod excitation;
 pub mod experiment;
 pub mod export;
 pub mod identify;
+pub mod import;
 pub mod journal;
 pub mod link;
 pub mod model;
