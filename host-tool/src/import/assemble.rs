@@ -6,10 +6,10 @@
 
 use model_export::schema::{Feature, FeatureSource, FrontEnd, MAX_WINDOW_VALUES};
 
+use super::ImportError;
 use super::check::CheckVectors;
 use super::options::{FeatureKind, Options};
 use super::source::{SourceLayer, SourceNetwork};
-use super::ImportError;
 use crate::network::{Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use crate::recording::Signal;
 
@@ -47,12 +47,10 @@ fn channel(signal: Signal, offset: Option<f64>, scale: Option<f64>, [minimum, ma
 
 /// The power of two that brings `largest` to between 1/2 and 1.
 fn gain(largest: f64) -> f64 {
-    2f64.powi(-narrow_exponent(largest))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "exponents of f32 values are below 200")]
-fn narrow_exponent(largest: f64) -> i32 {
-    largest.log2().ceil() as i32
+    // Beyond the bounds the model is refused as out of its domain, whatever the gain.
+    #[expect(clippy::cast_possible_truncation, reason = "a whole number within the bounds")]
+    let exponent = largest.log2().ceil().clamp(-300.0, 300.0) as i32;
+    2f64.powi(-exponent)
 }
 
 /// A range that was given, or that of the check vectors, with a note.
@@ -90,7 +88,8 @@ pub fn assemble(
     let input_range = range_or_check(options.input_range, seen, "the input's range in training", "--input-range LOW,HIGH", notes)?;
     let seen = check.and_then(CheckVectors::output_range);
     let output_range = range_or_check(options.output_range, seen, "the output's range in training", "--output-range LOW,HIGH", notes)?;
-    if options.input_scale.is_none() && options.input_offset.is_none() && options.output_scale.is_none() && options.output_offset.is_none() {
+    if options.input_scale.is_none() && options.input_offset.is_none() && options.output_scale.is_none() && options.output_offset.is_none()
+    {
         notes.push("no scaling: the network takes and gives values in the channels' units".to_owned());
     }
     let input = channel(input, options.input_offset, options.input_scale, input_range);

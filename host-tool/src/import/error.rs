@@ -8,7 +8,9 @@ pub enum ImportError {
     #[error("cannot be read ({message}); check the path and its permissions")]
     Open { message: String },
     /// The file is far larger than any network that fits.
-    #[error("{bytes} bytes, at most {most} are read: a network that fits the microcontroller has less than one million; save only the weights")]
+    #[error(
+        "{bytes} bytes, at most {most} are read: a network that fits the microcontroller has less than one million; save only the weights"
+    )]
     TooLarge { bytes: u64, most: u64 },
     /// Neither safetensors nor ONNX.
     #[error("{message}")]

@@ -104,7 +104,9 @@ pub fn features(text: &str) -> Result<Vec<FeatureKind>, String> {
         "input" => Ok(vec![FeatureKind::Input]),
         "input,difference" => Ok(vec![FeatureKind::Input, FeatureKind::Difference]),
         "difference,input" => Ok(vec![FeatureKind::Difference, FeatureKind::Input]),
-        _ => Err(format!("`{text}` is none of `input`, `input,difference` and `difference,input`: other inputs have no place in the model")),
+        _ => {
+            Err(format!("`{text}` is none of `input`, `input,difference` and `difference,input`: other inputs have no place in the model"))
+        }
     }
 }
 

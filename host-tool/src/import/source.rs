@@ -63,7 +63,8 @@ pub fn expect_lstm(name: &str, rows: usize, units: usize) -> Result<(), ImportEr
         Some(3) if rows == 3 * units => "a GRU",
         Some(1) if rows == units => "a plain recurrent layer",
         _ => {
-            let problem = format!("{rows} rows for {units} units fit no recurrent layer: an LSTM has four rows a unit; save the network again");
+            let problem =
+                format!("{rows} rows for {units} units fit no recurrent layer: an LSTM has four rows a unit; save the network again");
             return Err(ImportError::tensor(name, problem));
         }
     };
@@ -138,7 +139,8 @@ impl SourceNetwork {
         }
         for pair in self.layers.windows(2) {
             if pair[1].inputs != pair[0].units {
-                let what = format!("`{}` with {} inputs after `{}` with {} units", pair[1].name, pair[1].inputs, pair[0].name, pair[0].units);
+                let what =
+                    format!("`{}` with {} inputs after `{}` with {} units", pair[1].name, pair[1].inputs, pair[0].name, pair[0].units);
                 return refuse(what, "each layer must take what the layer before gives".to_owned());
             }
         }

@@ -95,7 +95,8 @@ impl Tensor {
             return Err(ImportError::tensor(name, format!("the shape {shape:?} is too large; layers have at most 64 units")));
         };
         if count != values.len() {
-            let problem = format!("the shape {shape:?} wants {count} values, there are {}; was the file cut off? Save it again", values.len());
+            let problem =
+                format!("the shape {shape:?} wants {count} values, there are {}; was the file cut off? Save it again", values.len());
             return Err(ImportError::tensor(name, problem));
         }
         if let Some(index) = values.iter().position(|value| !value.is_finite()) {
@@ -140,7 +141,8 @@ mod tests {
 
     #[test]
     fn half_precision_bits_have_their_values() {
-        let pairs = [(0x3c00, 1.0), (0xc000, -2.0), (0x3555, 0.333_251_953_125), (0x0001, 2f64.powi(-24)), (0x7bff, 65504.0), (0x8000, 0.0)];
+        let pairs =
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x3555, 0.333_251_953_125), (0x0001, 2f64.powi(-24)), (0x7bff, 65504.0), (0x8000, 0.0)];
         for (bits, value) in pairs {
             assert_eq!(half(bits), value, "{bits:#06x}");
         }

@@ -126,14 +126,7 @@ fn layer(state: &State, module: &str, number: usize, notes: &mut Vec<String>) ->
         (None, Some(_)) => return Err(state.get(&full("bias_ih")).err().unwrap_or_else(|| ImportError::tensor(module, "is missing"))),
         (Some(_), None) => return Err(state.get(&full("bias_hh")).err().unwrap_or_else(|| ImportError::tensor(module, "is missing"))),
     };
-    Ok(SourceLayer {
-        name: shown(module, number),
-        inputs,
-        units,
-        input_weights,
-        recurrent_weights: from_hidden.values.clone(),
-        bias,
-    })
+    Ok(SourceLayer { name: shown(module, number), inputs, units, input_weights, recurrent_weights: from_hidden.values.clone(), bias })
 }
 
 fn head(state: &State, module: &str) -> Result<SourceDense, ImportError> {

@@ -8,6 +8,7 @@ mod demo;
 mod discover;
 mod evaluate;
 mod help;
+mod import_network;
 mod refusals;
 mod rig;
 mod streams;

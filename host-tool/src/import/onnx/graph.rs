@@ -110,7 +110,8 @@ impl<'a> Tables<'a> {
             match operator(node).as_str() {
                 "ConstantOfShape" => {
                     let filled = attribute(node, "value").and_then(|value| value.tensor.as_ref());
-                    return filled.is_none_or(|filled| tensor(value, filled).is_ok_and(|one| one.values.iter().all(|number| *number == 0.0)));
+                    return filled
+                        .is_none_or(|filled| tensor(value, filled).is_ok_and(|one| one.values.iter().all(|number| *number == 0.0)));
                 }
                 "Expand" | "Reshape" | "Unsqueeze" | "Squeeze" | "Identity" | "Transpose" | "Slice" | "Gather" | "Tile" | "Cast" => {
                     value = node.inputs.first().map_or("", String::as_str);
@@ -141,7 +142,10 @@ fn tensor(name: &str, constant: &Constant) -> Result<Tensor, ImportError> {
         (Some(INT64), Some(raw)) => raw.as_chunks::<8>().0.iter().map(|word| i64::from_le_bytes(*word) as f64).collect(),
         (data_type, _) => {
             let number = data_type.unwrap_or(0);
-            return Err(ImportError::tensor(name, format!("its values have ONNX type {number}; export the network in float32, not quantised")));
+            return Err(ImportError::tensor(
+                name,
+                format!("its values have ONNX type {number}; export the network in float32, not quantised"),
+            ));
         }
     };
     Tensor::new(name, shape, values)

@@ -79,7 +79,10 @@ pub fn read(node: &Node, tables: &Tables<'_>, notes: &mut Vec<String>) -> Result
     if let Some(size) = attribute(node, "hidden_size").and_then(|setting| setting.integer)
         && usize::try_from(size) != Ok(units)
     {
-        return Err(ImportError::tensor(from_input.name, format!("it has {units} units, hidden_size says {size}; export the network again")));
+        return Err(ImportError::tensor(
+            from_input.name,
+            format!("it has {units} units, hidden_size says {size}; export the network again"),
+        ));
     }
     let input_weights = our_order(&from_input.values, units * inputs);
     let recurrent_weights = our_order(from_hidden.shaped(&[1, rows, units])?, units * units);

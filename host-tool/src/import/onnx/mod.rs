@@ -52,7 +52,10 @@ pub fn read(bytes: &[u8]) -> Result<(SourceNetwork, BTreeMap<String, String>), I
     let output = |index: usize| graph.outputs.get(index).and_then(|output| output.name.as_deref()).unwrap_or("");
     for other in (1..graph.outputs.len()).map(output) {
         if !is_state(&tables, other) {
-            return Err(ImportError::refuse(format!("the output `{other}` beside `{}`", output(0)), "the model has one output; export only that"));
+            return Err(ImportError::refuse(
+                format!("the output `{other}` beside `{}`", output(0)),
+                "the model has one output; export only that",
+            ));
         }
     }
     let mut walk = Walk::default();
@@ -92,12 +95,16 @@ impl Walk {
         let first = node.inputs.first().map_or("", String::as_str);
         let kind = operator(node);
         if self.bias.is_some() && kind != "MatMul" {
-            return Err(ImportError::refuse(format!("{}, a {kind} before an addition,", shown(node)), "only a dense layer may be followed by one"));
+            return Err(ImportError::refuse(
+                format!("{}, a {kind} before an addition,", shown(node)),
+                "only a dense layer may be followed by one",
+            ));
         }
         match kind.as_str() {
-            "Identity" | "Dropout" | "Squeeze" | "Unsqueeze" | "Cast" => Ok(first),
+            // Flatten could join time and features, but then the dense layer would be wider than the LSTM.
+            "Identity" | "Dropout" | "Squeeze" | "Unsqueeze" | "Cast" | "Flatten" => Ok(first),
             "Transpose" => self.transpose(node).map(|()| first),
-            "Reshape" | "Flatten" => self.reshape(tables, node).map(|()| first),
+            "Reshape" => self.reshape(tables, node).map(|()| first),
             "Gather" | "Slice" => self.last(tables, node).map(|()| first),
             "LSTM" => {
                 match output {
@@ -107,7 +114,12 @@ impl Walk {
                         let what = format!("{}, whose last step alone feeds the next layer,", shown(node));
                         return Err(ImportError::refuse(what, "the next layer must take every step"));
                     }
-                    _ => return Err(ImportError::refuse(format!("the cell state of {} as an output", shown(node)), "take its output instead")),
+                    _ => {
+                        return Err(ImportError::refuse(
+                            format!("the cell state of {} as an output", shown(node)),
+                            "take its output instead",
+                        ));
+                    }
                 }
                 self.layers.push(lstm::read(node, tables, &mut self.notes)?);
                 Ok(first)
@@ -125,7 +137,9 @@ impl Walk {
                 format!("{}, a {kind} in the path of the signal,", shown(node)),
                 "take normalisation out of the graph and give it as --input-offset, --input-scale, --output-offset and --output-scale",
             )),
-            _ => Err(ImportError::refuse(format!("{}, the operator {kind},", shown(node)), "the model is LSTM layers and one linear output")),
+            _ => {
+                Err(ImportError::refuse(format!("{}, the operator {kind},", shown(node)), "the model is LSTM layers and one linear output"))
+            }
         }
     }
 
@@ -136,7 +150,10 @@ impl Walk {
         if keeps || self.is_scalar_path() {
             return Ok(());
         }
-        Err(ImportError::refuse(format!("{}, a Transpose that moves the features,", shown(node)), "export with the features as the last axis"))
+        Err(ImportError::refuse(
+            format!("{}, a Transpose that moves the features,", shown(node)),
+            "export with the features as the last axis",
+        ))
     }
 
     /// Whether nothing but the one output has been met: its shape does not matter.
@@ -149,7 +166,8 @@ impl Walk {
         if self.is_scalar_path() {
             return Ok(());
         }
-        let width = self.layers.last().map_or_else(|| self.dense.as_ref().map_or(0, |dense| dense.weights.len()), |(layer, _)| layer.inputs);
+        let width =
+            self.layers.last().map_or_else(|| self.dense.as_ref().map_or(0, |dense| dense.weights.len()), |(layer, _)| layer.inputs);
         let shape = node.inputs.get(1).map(|shape| tables.constant(shape));
         if let Some(Ok(shape)) = shape
             && let Some(last) = shape.values.last()
@@ -158,7 +176,7 @@ impl Walk {
             return Ok(());
         }
         Err(ImportError::refuse(
-            format!("{}, a {} to a shape that does not end in {width} features,", shown(node), operator(node)),
+            format!("{}, a Reshape to a shape that does not end in {width} features,", shown(node)),
             "export with the features as the last axis and a fixed batch size of 1",
         ))
     }
@@ -174,7 +192,7 @@ impl Walk {
             "Gather" => attribute(node, "axis").and_then(|setting| setting.integer).unwrap_or(0) as f64,
             _ => number(3).unwrap_or(-1.0),
         };
-        if self.layers.is_empty() && number(1) == Some(-1.0) && (axis == 0.0 || axis == 1.0) {
+        if self.layers.is_empty() && number(1) == Some(-1.0) && [0.0, 1.0, -2.0, -3.0].contains(&axis) {
             self.last_step = true;
             return Ok(());
         }
