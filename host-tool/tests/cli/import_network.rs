@@ -72,7 +72,6 @@ fn a_network_without_check_vectors_is_imported_and_said_to_be_unchecked() {
 
 #[test]
 fn minimum_and_maximum_stand_for_offset_and_scale() {
-    // (u - 0) / 3 is what this network saw as (u - 1.5) / 1.5 up to its own offset: only the numbers that reach the model count here.
     let bench = bench("torch_single", "safetensors");
     bench.works("import-network network.safetensors --input-min-max -1,3 --output-min-max 1,9 --out one.safetensors");
     bench.works(

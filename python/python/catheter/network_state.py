@@ -83,6 +83,7 @@ def save_torch(module, path, **channels):
     """
     import torch
 
+    containers = (torch.nn.Sequential, torch.nn.ModuleList, torch.nn.ModuleDict)
     layers = []
     for name, part in module.named_modules():
         kind = type(part)
@@ -92,7 +93,7 @@ def save_torch(module, path, **channels):
             if getattr(part, "proj_size", 0):
                 raise CannotRepresent(f"`{name}` has a projection (proj_size={part.proj_size})")
             layers.append(name)
-        elif kind in (torch.nn.Linear, torch.nn.Dropout, torch.nn.Identity, torch.nn.Sequential):
+        elif kind in (torch.nn.Linear, torch.nn.Dropout, torch.nn.Identity, *containers):
             continue
         elif kind.__module__.startswith("torch.nn."):
             raise CannotRepresent(f"`{name}` is a {kind.__name__}: LSTM, LSTMCell, Linear, Dropout and Identity are possible")

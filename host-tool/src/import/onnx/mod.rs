@@ -49,20 +49,13 @@ pub fn read(bytes: &[u8]) -> Result<(SourceNetwork, BTreeMap<String, String>), I
         metadata.entry("catheter.framework".to_owned()).or_insert_with(|| format!("ONNX of {producer}"));
     }
     let tables = Tables::new(graph);
-    let output = |index: usize| graph.outputs.get(index).and_then(|output| output.name.as_deref()).unwrap_or("");
-    for other in (1..graph.outputs.len()).map(output) {
-        if !is_state(&tables, other) {
-            return Err(ImportError::refuse(
-                format!("the output `{other}` beside `{}`", output(0)),
-                "the model has one output; export only that",
-            ));
-        }
-    }
+    let names: Vec<&str> = graph.outputs.iter().map(|output| output.name.as_deref().unwrap_or("")).collect();
     let mut walk = Walk::default();
-    let mut value = output(0);
+    let mut value = names.first().copied().unwrap_or("");
     // A cycle would go on for ever; no way is longer than the graph has operations.
     for _ in 0..=graph.nodes.len() {
         if tables.is_input(value) {
+            one_output(&tables, &names)?;
             return walk.finish().map(|network| (network, metadata));
         }
         let Some((node, index)) = tables.producer(value) else {
@@ -71,6 +64,17 @@ pub fn read(bytes: &[u8]) -> Result<(SourceNetwork, BTreeMap<String, String>), I
         value = walk.back(&tables, node, index)?;
     }
     Err(damaged("the graph runs in a circle; export the network again".to_owned()))
+}
+
+/// Refuses outputs beside the first, other than final states.
+fn one_output(tables: &Tables<'_>, names: &[&str]) -> Result<(), ImportError> {
+    match names.iter().skip(1).find(|name| !is_state(tables, name)) {
+        Some(other) => {
+            let what = format!("the output `{other}` beside `{}`", names[0]);
+            Err(ImportError::refuse(what, "the model has one output; export only that"))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Whether an output is the final state of an LSTM, which streaming networks return beside their output.
@@ -245,12 +249,12 @@ impl Walk {
 
     fn head(&mut self, node: &Node, outputs: usize, weights: Vec<f64>, bias: Vec<f64>) -> Result<(), ImportError> {
         let name = shown(node).trim_matches('`').to_owned();
-        if let Some(last) = &self.dense {
-            return Err(dense::two_dense(&name, &last.name));
-        }
         if !self.layers.is_empty() {
             let what = format!("{}, a dense layer before the LSTM,", shown(node));
             return Err(ImportError::refuse(what, "the LSTM must take the input itself; train without it"));
+        }
+        if let Some(last) = &self.dense {
+            return Err(dense::two_dense(&name, &last.name));
         }
         dense::one_output(&name, outputs)?;
         let bias = match bias[..] {
