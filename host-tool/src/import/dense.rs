@@ -11,6 +11,8 @@ pub fn two_dense(first: &str, second: &str) -> ImportError {
     )
 }
 
+/// Checks that a dense layer has one output.
+///
 /// # Errors
 /// For any number of outputs but one.
 pub fn one_output(name: &str, outputs: usize) -> Result<(), ImportError> {

@@ -117,14 +117,13 @@ fn layer(state: &State, module: &str, number: usize, notes: &mut Vec<String>) ->
     expect_lstm(&from_hidden.name, rows, units)?;
     let (_, inputs) = from_input.matrix()?;
     let input_weights = from_input.shaped(&[rows, inputs])?.to_vec();
-    let bias = match (state.tensors.get(&full("bias_ih")), state.tensors.get(&full("bias_hh"))) {
-        (Some(first), Some(second)) => first.shaped(&[rows])?.iter().zip(second.shaped(&[rows])?).map(|(a, b)| a + b).collect(),
-        (None, None) => {
-            notes.push(format!("`{}` has no biases: they are zero", shown(module, number)));
-            vec![0.0; rows]
-        }
-        (None, Some(_)) => return Err(state.get(&full("bias_ih")).err().unwrap_or_else(|| ImportError::tensor(module, "is missing"))),
-        (Some(_), None) => return Err(state.get(&full("bias_hh")).err().unwrap_or_else(|| ImportError::tensor(module, "is missing"))),
+    let (first, second) = (full("bias_ih"), full("bias_hh"));
+    let bias = if state.tensors.contains_key(&first) || state.tensors.contains_key(&second) {
+        let (first, second) = (state.get(&first)?.shaped(&[rows])?, state.get(&second)?.shaped(&[rows])?);
+        first.iter().zip(second).map(|(a, b)| a + b).collect()
+    } else {
+        notes.push(format!("`{}` has no biases: they are zero", shown(module, number)));
+        vec![0.0; rows]
     };
     Ok(SourceLayer { name: shown(module, number), inputs, units, input_weights, recurrent_weights: from_hidden.values.clone(), bias })
 }

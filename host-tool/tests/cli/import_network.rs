@@ -96,7 +96,10 @@ fn what_cannot_be_imported_is_refused_with_the_file_and_a_remedy() {
         (line("cut.safetensors", ""), &["cut.safetensors", "cut off"]),
         (line("notes.onnx", ""), &["notes.onnx", "neither a safetensors nor an ONNX"]),
         (line("network.safetensors", "--streaming"), &["network.safetensors", "--features"]),
-        (line("network.safetensors", "--features input,difference"), &["network.safetensors", "--streaming", "--window"]),
+        (
+            line("network.safetensors", "--features input,difference --input-range 0,3 --output-range 0,12"),
+            &["network.safetensors", "--streaming", "--window"],
+        ),
         (line("network.safetensors", "--features input,temperature"), &["input,temperature", "no place in the model"]),
         (line("network.safetensors", "--features input,difference --streaming"), &["--input-range", "not known"]),
         (line("network.safetensors", "--check words.csv"), &["words.csv:2", "high"]),
