@@ -1,7 +1,8 @@
 //! The host side of the catheter rig: everything behind the `catheter` command.
 //!
 //! Data flows one way through the modules: [`excitation`] makes input signals, [`plant`] turns them into recordings,
-//! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`model`] is what all models have in common,
+//! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`import`] takes
+//! networks trained elsewhere, [`model`] is what all models have in common,
 //! [`evaluate`] judges them, [`export`] takes them to the microcontroller, [`link`] speaks to it
 //! through a [`backend`], [`experiment`] plays excitations to it, [`journal`] keeps what it did and runs it again, and [`report`] shows them.
 
@@ -18,6 +19,7 @@ pub mod experiment;
 pub mod export;
 pub mod fit;
 pub mod identify;
+pub mod import;
 pub mod journal;
 pub mod link;
 pub mod model;

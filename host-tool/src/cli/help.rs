@@ -71,6 +71,19 @@ Examples:
   catheter train --preset stream-1x32 --data data/train --out small.safetensors --budget-cpu-s 250
   catheter train --preset paper-window --data data/paper/train --out window.safetensors --seed 3 --threads 1";
 
+/// Below the help of `import-network`.
+pub const IMPORT_NETWORK: &str = "\
+Without an offset or a scale the network takes and gives values in the channels' units. Options go before what the file's metadata say;
+the Python helper `save_torch` or `save_keras` writes all of them there. Exit code 1: the check failed, and no model was written.
+
+Examples:
+  catheter import-network network.safetensors --check check.csv --out model.safetensors
+  catheter import-network network.onnx --input pressure:bar --output displacement:mm --sample-period-s 0.02 --input-min-max 0,3 \
+--input-range 0,3 --output-range 0,12 --out model.safetensors
+  catheter import-network state.safetensors --input voltage:V --output displacement:um --sample-period-s 0.005 --streaming \
+--features input,difference --check check.csv --out model.safetensors
+  catheter export model.safetensors --calibration data/train --out model.blob";
+
 /// Below the help of `evaluate`.
 pub const EVALUATE: &str = "\
 The model runs freely from the first sample: it sees the input and never the measured output. Takes .toml, .safetensors and .blob;

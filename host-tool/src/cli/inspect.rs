@@ -314,13 +314,18 @@ fn print_provenance(model: &Model<'_>) {
     let unit = model.output.unit;
     say!("provenance");
     say!("  preset        {}, seed {}, tool {}", provenance.preset, provenance.seed, provenance.tool_version);
-    say!(
-        "  training data {} recordings, {} optimiser steps, SHA-256 {}",
-        provenance.training_recordings,
-        provenance.optimiser_steps,
-        if provenance.training_data_sha256.is_empty() { "unknown" } else { provenance.training_data_sha256 }
-    );
-    say!("  validation    RMSE {:.3e} {unit}", metrics.validation_rmse);
+    // Every model of ours was fitted to a recording; an imported network does not say to what.
+    if provenance.training_recordings == 0 {
+        say!("  training data unknown, and so is the validation error: the network was trained elsewhere");
+    } else {
+        say!(
+            "  training data {} recordings, {} optimiser steps, SHA-256 {}",
+            provenance.training_recordings,
+            provenance.optimiser_steps,
+            if provenance.training_data_sha256.is_empty() { "unknown" } else { provenance.training_data_sha256 }
+        );
+        say!("  validation    RMSE {:.3e} {unit}", metrics.validation_rmse);
+    }
     say!(
         "  fixed point   RMSE {:.3e} {unit} against f32, largest {:.3e} {unit}, over {} samples",
         metrics.rmse_f32_vs_fixed,

@@ -12,6 +12,7 @@ mod fit;
 mod help;
 mod hide;
 mod identify;
+mod import_network;
 mod inspect;
 mod pil;
 mod plan_experiment;
@@ -58,6 +59,8 @@ enum Command {
     #[command(after_long_help = help::EVALUATE)]
     Evaluate(evaluate::Arguments),
     Export(export::Arguments),
+    #[command(after_long_help = help::IMPORT_NETWORK)]
+    ImportNetwork(import_network::Arguments),
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::RIG)]
     Rig(rig::Arguments),
@@ -149,6 +152,7 @@ pub fn main() -> ExitCode {
         Command::Train(arguments) => train::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
+        Command::ImportNetwork(arguments) => import_network::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Rig(arguments) => rig::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),

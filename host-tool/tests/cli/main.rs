@@ -10,6 +10,7 @@ mod demo;
 mod discover;
 mod evaluate;
 mod help;
+mod import_network;
 mod refusals;
 mod rig;
 mod streams;

@@ -1,0 +1,231 @@
+//! `catheter import-network`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+use super::Outcome;
+use crate::import::options::{FeatureKind, Options, activation, features, names, number, positive, range, signal};
+use crate::import::{self, CheckVectors, Found, PARITY, Parity};
+use crate::network::{self, Activation, Mode, TrainedModel};
+use crate::recording::Signal;
+use crate::{output, say};
+
+/// Most bytes of check vectors that are read.
+const MOST_CHECK_BYTES: u64 = 1 << 26;
+
+/// Make a model from an LSTM network trained in PyTorch, Keras or anything that writes ONNX.
+///
+/// Reads one or two LSTM layers of at most 64 units and a dense output. What the model cannot represent is refused by name. With --check,
+/// nothing is written unless the model computes what the framework did.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The network: safetensors of a PyTorch or Keras state, or an ONNX graph.
+    #[arg(value_name = "FILE.safetensors|FILE.onnx")]
+    file: PathBuf,
+    /// The model to write.
+    #[arg(long, value_name = "FILE.safetensors", value_parser = output::file_argument("safetensors"))]
+    out: PathBuf,
+    /// Quantity and unit of the input, for example `pressure:bar`.
+    #[arg(long, value_name = "QUANTITY:UNIT", value_parser = signal)]
+    input: Option<Signal>,
+    /// Quantity and unit of the output, for example `displacement:mm`.
+    #[arg(long, value_name = "QUANTITY:UNIT", value_parser = signal)]
+    output: Option<Signal>,
+    /// Time between samples.
+    #[arg(long, value_name = "S", value_parser = positive)]
+    sample_period_s: Option<f64>,
+    /// Smallest and largest input in training, in its unit; the check vectors' when absent.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true)]
+    input_range: Option<Ends>,
+    /// Smallest and largest output in training, in its unit; the check vectors' when absent.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true)]
+    output_range: Option<Ends>,
+    /// The network saw `(input - OFFSET) / scale`; 0 when absent.
+    #[arg(long, value_name = "OFFSET", value_parser = number, allow_hyphen_values = true)]
+    input_offset: Option<f64>,
+    /// The network saw `(input - offset) / SCALE`; 1 when absent.
+    #[arg(long, value_name = "SCALE", value_parser = positive)]
+    input_scale: Option<f64>,
+    /// The network saw `(input - LOW) / (HIGH - LOW)`.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true, conflicts_with_all = ["input_offset", "input_scale"])]
+    input_min_max: Option<Ends>,
+    /// The network gave `(output - OFFSET) / scale`; 0 when absent.
+    #[arg(long, value_name = "OFFSET", value_parser = number, allow_hyphen_values = true)]
+    output_offset: Option<f64>,
+    /// The network gave `(output - offset) / SCALE`; 1 when absent.
+    #[arg(long, value_name = "SCALE", value_parser = positive)]
+    output_scale: Option<f64>,
+    /// The network gave `(output - LOW) / (HIGH - LOW)`.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true, conflicts_with_all = ["output_offset", "output_scale"])]
+    output_min_max: Option<Ends>,
+    /// The network's inputs in their order: `input`, `input,difference` or `difference,input`.
+    #[arg(long, value_name = "LIST", value_parser = feature_list)]
+    features: Option<FeatureList>,
+    /// What the difference of two samples was divided by; the scale of the input when absent.
+    #[arg(long, value_name = "SCALE", value_parser = positive)]
+    difference_scale: Option<f64>,
+    /// Largest change of the input from one sample to the next in training; the check vectors' when absent.
+    #[arg(long, value_name = "STEP", value_parser = positive)]
+    largest_step: Option<f64>,
+    /// Every output comes from the last SAMPLES, from zero state.
+    #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u16).range(1..), conflicts_with = "streaming")]
+    window: Option<u16>,
+    /// The state is carried from sample to sample.
+    #[arg(long)]
+    streaming: bool,
+    /// Cell activation of the LSTM layers, where the file does not tell: `tanh`, `relu` or `hard` (-1 to 1).
+    #[arg(long, value_name = "NAME", value_parser = activation)]
+    activation: Option<Activation>,
+    /// The LSTM layers in the order of the signal, where their widths leave a choice.
+    #[arg(long, value_name = "NAME,NAME", value_parser = name_list)]
+    layers: Option<NameList>,
+    /// CSV file with the columns `input` and `output` as the framework computes them, in the channels' units; an optional column
+    /// `sequence` changes where the state starts from zero.
+    #[arg(long, value_name = "FILE.csv")]
+    check: Option<PathBuf>,
+    /// Write the result as JSON to this file; folders on the way are created.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
+    json: Option<PathBuf>,
+}
+
+// `clap` takes an array, a `Vec` or an option of them for an option that is repeated.
+type Ends = Box<[f64; 2]>;
+type FeatureList = std::sync::Arc<[FeatureKind]>;
+type NameList = std::sync::Arc<[String]>;
+
+fn two_numbers(text: &str) -> Result<Ends, String> {
+    range(text).map(Box::new)
+}
+
+fn feature_list(text: &str) -> Result<FeatureList, String> {
+    features(text).map(Into::into)
+}
+
+fn name_list(text: &str) -> Result<NameList, String> {
+    names(text).map(Into::into)
+}
+
+/// What `--json` gets.
+#[derive(Serialize)]
+struct Summary<'a> {
+    source: &'a str,
+    framework: &'a str,
+    units: Vec<usize>,
+    parameters: usize,
+    activation: Option<Activation>,
+    mode: Mode,
+    written: bool,
+    /// Absent without check vectors.
+    check: Option<Parity>,
+    tolerance_of_range: f64,
+    notes: &'a [String],
+}
+
+impl Arguments {
+    fn options(&self) -> Options {
+        let offset = |given: Option<f64>, ends: &Option<Ends>| given.or(ends.as_ref().map(|ends| ends[0]));
+        let scale = |given: Option<f64>, ends: &Option<Ends>| given.or(ends.as_ref().map(|ends| ends[1] - ends[0]));
+        Options {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            sample_period_s: self.sample_period_s,
+            input_range: self.input_range.as_deref().copied(),
+            output_range: self.output_range.as_deref().copied(),
+            input_offset: offset(self.input_offset, &self.input_min_max),
+            input_scale: scale(self.input_scale, &self.input_min_max),
+            output_offset: offset(self.output_offset, &self.output_min_max),
+            output_scale: scale(self.output_scale, &self.output_min_max),
+            features: self.features.as_deref().map(<[FeatureKind]>::to_vec),
+            difference_scale: self.difference_scale,
+            largest_step: self.largest_step,
+            mode: match self.window {
+                Some(length) => Some(Mode::Window { length: length.into() }),
+                None => self.streaming.then_some(Mode::Streaming),
+            },
+            activation: self.activation,
+            layers: self.layers.as_deref().map(<[String]>::to_vec),
+            framework: None,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// On bad input.
+pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let path = arguments.file.display();
+    let inputs: Vec<PathBuf> = [Some(&arguments.file), arguments.check.as_ref()].into_iter().flatten().cloned().collect();
+    let outputs: Vec<&Path> = [Some(&arguments.out), arguments.json.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    output::refuse_overwriting(&inputs, &outputs)?;
+    let mut found = import::read(&arguments.file, arguments.options()).with_context(|| path.to_string())?;
+    let check = arguments.check.as_deref().map(|path| vectors(path, &found)).transpose()?;
+    let model = found.model(check.as_ref()).with_context(|| path.to_string())?;
+    let parity = check.as_ref().map(|check| check.compare(&model)).transpose().with_context(|| path.to_string())?;
+    let passed = parity.is_none_or(|parity| parity.passed);
+    if passed {
+        network::save(&arguments.out, &model)?;
+    }
+    print(arguments, &found, &model, parity);
+    if let Some(path) = &arguments.json {
+        let network = model.network.as_ref();
+        let summary = Summary {
+            source: found.network.kind,
+            framework: &model.provenance.preset,
+            units: network.map_or_else(Vec::new, |network| network.layers.iter().map(|layer| layer.units).collect()),
+            parameters: network.map_or(0, network::Network::parameters),
+            activation: network.map(|network| network.activation),
+            mode: model.mode,
+            written: passed,
+            check: parity,
+            tolerance_of_range: PARITY,
+            notes: &found.notes,
+        };
+        output::write_json(path, &summary)?;
+    }
+    Ok(if passed { Outcome::Success } else { Outcome::CheckFailed })
+}
+
+fn vectors(path: &Path, found: &Found) -> Result<CheckVectors> {
+    let shown = || path.display().to_string();
+    let length = std::fs::metadata(path).with_context(shown)?.len();
+    anyhow::ensure!(length <= MOST_CHECK_BYTES, "{}: {length} bytes of check vectors, some hundred rows are enough", path.display());
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    Ok(CheckVectors::parse(&bytes, path, [found.options.input.as_ref(), found.options.output.as_ref()])?)
+}
+
+fn print(arguments: &Arguments, found: &Found, model: &TrainedModel, parity: Option<Parity>) {
+    let unit = &model.output.unit;
+    if parity.is_none_or(|parity| parity.passed) {
+        let units: Vec<String> = found.network.layers.iter().map(|layer| layer.units.to_string()).collect();
+        let time = match model.mode {
+            Mode::Streaming => "streaming".to_owned(),
+            Mode::Window { length } => format!("window of {length}"),
+        };
+        say!("{}: {}, LSTM of {} units, {time}", arguments.out.display(), model.provenance.preset, units.join(" and "));
+    }
+    for note in &found.notes {
+        say!("note: {note}");
+    }
+    match parity {
+        None => say!("not checked: give --check with what the framework computes"),
+        Some(parity) if parity.passed => say!(
+            "check passed: {} samples, largest difference {:.2e} {unit}, {:.2e} of the range; allowed {PARITY:.0e}",
+            parity.samples,
+            parity.largest,
+            parity.largest_of_range
+        ),
+        Some(parity) => {
+            say!(
+                "check failed, nothing written: at sample {} the framework has {} {unit}, the model {}; that is {:.2e} of the range, allowed {PARITY:.0e}",
+                parity.at_sample,
+                parity.expected,
+                parity.computed,
+                parity.largest_of_range
+            );
+            say!("look at the offsets and scales, --features, --difference-scale, --window, and whether the vectors start from zero state");
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! From a foreign network and what was said about it to our model.
+//!
+//! The network's inputs become features of the front end. A feature must lie within -2 to 2 for the microcontroller, whatever the
+//! network saw in training, so each gets a gain that is a power of two and brings its range to within -1 to 1; the first layer's weights
+//! are divided by it, which in floating point changes nothing but exponents.
+
+use model_export::schema::{Feature, FeatureSource, FrontEnd, MAX_WINDOW_VALUES};
+
+use super::ImportError;
+use super::check::CheckVectors;
+use super::options::{FeatureKind, Options};
+use super::source::{SourceLayer, SourceNetwork};
+use crate::network::{Channel, Layer, Mode, Network, Provenance, TrainedModel};
+use crate::recording::Signal;
+
+/// Bound of the cell state: the largest that fixed point holds, because a foreign network was trained without one.
+const STATE_LIMIT: f32 = 128.0;
+
+#[expect(clippy::cast_possible_truncation, reason = "models are f32")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
+
+/// Weights as f32; a sum or quotient may have left its range.
+fn weights(name: &str, values: impl IntoIterator<Item = f64>) -> Result<Vec<f32>, ImportError> {
+    let values: Vec<f32> = values.into_iter().map(narrow).collect();
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(index) => Err(ImportError::tensor(name, format!("value {index} exceeds what f32 holds; train with weight decay"))),
+        None => Ok(values),
+    }
+}
+
+fn known<T: Clone>(value: &Option<T>, what: &'static str, option: &'static str) -> Result<T, ImportError> {
+    value.clone().ok_or(ImportError::Unknown { what, option })
+}
+
+fn channel(signal: Signal, offset: Option<f64>, scale: Option<f64>, [minimum, maximum]: [f64; 2]) -> Channel {
+    Channel {
+        quantity: signal.quantity,
+        unit: signal.unit,
+        offset: narrow(offset.unwrap_or(0.0)),
+        scale: narrow(scale.unwrap_or(1.0)),
+        minimum: narrow(minimum),
+        maximum: narrow(maximum),
+    }
+}
+
+/// The power of two that brings `largest` to between 1/2 and 1.
+fn gain(largest: f64) -> f64 {
+    // Beyond the bounds the model is refused as out of its domain, whatever the gain.
+    #[expect(clippy::cast_possible_truncation, reason = "a whole number within the bounds")]
+    let exponent = largest.log2().ceil().clamp(-300.0, 300.0) as i32;
+    2f64.powi(-exponent)
+}
+
+/// A range that was given, or that of the check vectors, with a note.
+fn range_or_check(
+    given: Option<[f64; 2]>,
+    seen: Option<[f64; 2]>,
+    what: &'static str,
+    option: &'static str,
+    notes: &mut Vec<String>,
+) -> Result<[f64; 2], ImportError> {
+    if given.is_none()
+        && let Some([low, high]) = seen
+    {
+        notes.push(format!("{what} is taken from the check vectors: {low} to {high}; {option} says otherwise"));
+    }
+    given.or(seen).ok_or(ImportError::Unknown { what, option })
+}
+
+/// Makes the model; `notes` gets what was taken from where.
+///
+/// # Errors
+/// What is not known, or does not fit.
+pub fn assemble(
+    source: &SourceNetwork,
+    options: &Options,
+    check: Option<&CheckVectors>,
+    notes: &mut Vec<String>,
+) -> Result<TrainedModel, ImportError> {
+    source.check()?;
+    let features = features(source, options)?;
+    let input = known(&options.input, "the input's quantity and unit", "--input, for example --input pressure:bar")?;
+    let output = known(&options.output, "the output's quantity and unit", "--output, for example --output displacement:mm")?;
+    let sample_period_s = known(&options.sample_period_s, "the sample period", "--sample-period-s")?;
+    let seen = check.and_then(CheckVectors::input_range);
+    let input_range = range_or_check(options.input_range, seen, "the input's range in training", "--input-range LOW,HIGH", notes)?;
+    let seen = check.and_then(CheckVectors::output_range);
+    let output_range = range_or_check(options.output_range, seen, "the output's range in training", "--output-range LOW,HIGH", notes)?;
+    if options.input_scale.is_none() && options.input_offset.is_none() && options.output_scale.is_none() && options.output_offset.is_none()
+    {
+        notes.push("no scaling: the network takes and gives values in the channels' units".to_owned());
+    }
+    let input = channel(input, options.input_offset, options.input_scale, input_range);
+    let output = channel(output, options.output_offset, options.output_scale, output_range);
+    let mode = mode(source, options, features.len())?;
+    let activation = source.activation.or(options.activation);
+    if let (Some(found), Some(said)) = (source.activation, options.activation)
+        && found != said
+    {
+        let problem = format!("{said:?} was given, the {} has {found:?}; leave the option out", source.kind);
+        return Err(ImportError::Value { name: "--activation".to_owned(), problem });
+    }
+    let activation = known(&activation, "the LSTM layers' activation", "--activation, for example --activation tanh, Keras' default")?;
+
+    let mut front_end = FrontEnd { lag_coefficient: 1.0, ..FrontEnd::default() };
+    let mut factors = Vec::new();
+    for kind in features {
+        let (feature, factor) = feature(kind, &input, options, check, notes)?;
+        // Note: as many features as there are kinds, two, far below the capacity.
+        let _ = front_end.features.push(feature);
+        factors.push(factor);
+    }
+    let mut layers = Vec::with_capacity(source.layers.len());
+    for (index, layer) in source.layers.iter().enumerate() {
+        layers.push(converted(layer, (index == 0).then_some(&factors[..]))?);
+    }
+    let dense_weights = weights(&source.dense.name, source.dense.weights.iter().copied())?;
+    let dense_bias = weights(&source.dense.name, [source.dense.bias])?[0];
+    let network = Network { activation, state_limit: STATE_LIMIT, layers, dense_weights, dense_bias };
+    let framework = options.framework.as_deref().unwrap_or(source.kind);
+    let model = TrainedModel {
+        input,
+        output,
+        sample_period_s,
+        mode,
+        front_end,
+        network: Some(network),
+        provenance: Provenance {
+            preset: format!("imported: {framework}"),
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            ..Provenance::default()
+        },
+    };
+    let invalid = |invalid: model_export::validate::Invalid| ImportError::Value {
+        name: "the model".to_owned(),
+        problem: format!("{invalid}; check the ranges and scales"),
+    };
+    model.output.as_wire().validate().map_err(invalid)?;
+    model.runner().map_err(invalid)?;
+    Ok(model)
+}
+
+/// What the network's inputs are.
+fn features(source: &SourceNetwork, options: &Options) -> Result<Vec<FeatureKind>, ImportError> {
+    let first: Option<&SourceLayer> = source.layers.first();
+    let inputs = first.map_or(0, |layer| layer.inputs);
+    let name = first.map_or("", |layer| layer.name.as_str());
+    match (&options.features, inputs) {
+        (Some(features), _) if features.len() == inputs => Ok(features.clone()),
+        (None, 1) => Ok(vec![FeatureKind::Input]),
+        (None, 2) => Err(ImportError::Unknown { what: "what the two inputs of the network are", option: "--features input,difference" }),
+        (Some(features), 1 | 2) => {
+            let problem = format!("{} given, `{name}` takes {inputs}", features.len());
+            Err(ImportError::Value { name: "--features".to_owned(), problem })
+        }
+        _ => Err(ImportError::refuse(
+            format!("`{name}` with {inputs} inputs"),
+            "the model offers the input and its difference; train with these",
+        )),
+    }
+}
+
+fn mode(source: &SourceNetwork, options: &Options, features: usize) -> Result<Mode, ImportError> {
+    let mode = match (options.mode, source.last_step_only) {
+        (Some(mode), _) => mode,
+        // State is carried where every step is an output.
+        (None, Some(false)) => Mode::Streaming,
+        (None, _) => {
+            let what = "whether the network runs over windows";
+            return Err(ImportError::Unknown { what, option: "--streaming, or --window SAMPLES if each output comes from a window" });
+        }
+    };
+    if let Mode::Window { length } = mode
+        && length.saturating_mul(features) > MAX_WINDOW_VALUES
+    {
+        let remedy = format!("at most {} samples fit; train with fewer", MAX_WINDOW_VALUES / features.max(1));
+        return Err(ImportError::refuse(format!("a window of {length} samples"), remedy));
+    }
+    Ok(mode)
+}
+
+/// A feature, and what its column of the first layer's weights is multiplied by.
+fn feature(
+    kind: FeatureKind,
+    input: &Channel,
+    options: &Options,
+    check: Option<&CheckVectors>,
+    notes: &mut Vec<String>,
+) -> Result<(Feature, f64), ImportError> {
+    let scale = f64::from(input.scale);
+    let (source, largest, ratio) = match kind {
+        FeatureKind::Input => {
+            let normalised = |value: f32| ((f64::from(value) - f64::from(input.offset)) / scale).abs();
+            (FeatureSource::Input, normalised(input.minimum).max(normalised(input.maximum)), 1.0)
+        }
+        FeatureKind::Difference => {
+            let seen = check.and_then(CheckVectors::largest_step);
+            let (what, option) = ("the largest step of the input between samples", "--largest-step");
+            if let (None, Some(step)) = (options.largest_step, seen) {
+                notes.push(format!("{what} is taken from the check vectors: {step}; {option} says otherwise"));
+            }
+            let step = known(&options.largest_step.or(seen), what, option)?;
+            // The front end gives the difference of the normalised input; the network may have seen it divided by something else.
+            (FeatureSource::InputDifference, step / scale, options.difference_scale.map_or(1.0, |divisor| scale / divisor))
+        }
+    };
+    let gain = gain(largest);
+    Ok((Feature { source, offset: 0.0, gain: narrow(gain) }, ratio / gain))
+}
+
+/// A layer in f32; `factors` scale the columns of its input.
+fn converted(layer: &SourceLayer, factors: Option<&[f64]>) -> Result<Layer, ImportError> {
+    let columns = layer.inputs;
+    let factor = |index: usize| factors.map_or(1.0, |factors| factors[index % columns]);
+    let input_weights = layer.input_weights.iter().enumerate().map(|(index, weight)| weight * factor(index));
+    Ok(Layer {
+        inputs: layer.inputs,
+        units: layer.units,
+        input_weights: weights(&layer.name, input_weights)?,
+        recurrent_weights: weights(&layer.name, layer.recurrent_weights.iter().copied())?,
+        bias: weights(&layer.name, layer.bias.iter().copied())?,
+    })
+}

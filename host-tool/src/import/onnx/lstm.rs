@@ -1,0 +1,103 @@
+//! ONNX's LSTM operator: `W`, `R` and `B` with gate order i, o, f, c, and what of its settings our layer has no place for.
+
+use super::super::ImportError;
+use super::super::source::SourceLayer;
+use super::graph::{Tables, attribute, shown};
+use super::wire::Node;
+use crate::network::Activation;
+
+/// Rows in ONNX's gate order i, o, f, c to ours, i, f, g, o.
+fn our_order(values: &[f64], width: usize) -> Vec<f64> {
+    let gate = |index: usize| &values[index * width..(index + 1) * width];
+    [gate(0), gate(2), gate(3), gate(1)].concat()
+}
+
+/// The cell activation of the setting `activations`.
+fn activation(node: &Node) -> Result<Activation, ImportError> {
+    let texts = attribute(node, "activations").map_or(&[][..], |setting| &setting.texts);
+    let names: Vec<String> = texts.iter().map(|text| String::from_utf8_lossy(text).to_lowercase()).collect();
+    let known = match names.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        [] | ["sigmoid", "tanh", "tanh"] => Some(Activation::Tanh),
+        ["sigmoid", "relu", "relu"] => Some(Activation::Relu),
+        _ => None,
+    };
+    known.ok_or_else(|| {
+        ImportError::refuse(
+            format!("{} with the activations {}", shown(node), names.join(", ")),
+            "sigmoid gates, and tanh or relu for both candidate and output, are possible",
+        )
+    })
+}
+
+/// Reads a layer and its activation; `notes` gets what a reader should know.
+///
+/// # Errors
+/// What cannot be represented, by name.
+pub fn read(node: &Node, tables: &Tables<'_>, notes: &mut Vec<String>) -> Result<(SourceLayer, Activation), ImportError> {
+    let name = shown(node);
+    let refuse = |what: &str, remedy: &str| Err(ImportError::refuse(format!("{name} with {what}"), remedy));
+    let direction = attribute(node, "direction").and_then(|setting| setting.text.as_deref()).unwrap_or(b"forward");
+    if direction != b"forward" {
+        let what = format!("direction {}", String::from_utf8_lossy(direction));
+        return refuse(&what, "a controller does not know the future; train a forward LSTM");
+    }
+    if attribute(node, "clip").is_some() {
+        return refuse("a clip of its activations' inputs", "train without clip");
+    }
+    if attribute(node, "input_forget").and_then(|setting| setting.integer).unwrap_or(0) != 0 {
+        return refuse("coupled input and forget gates (input_forget)", "train with both gates");
+    }
+    let given = |index: usize| node.inputs.get(index).map(String::as_str).filter(|input| !input.is_empty());
+    if given(7).is_some_and(|peepholes| !tables.is_zero(peepholes)) {
+        return refuse("peepholes", "train an LSTM without them");
+    }
+    if given(4).is_some() {
+        return refuse("lengths of sequences", "export without them: the model runs sample by sample");
+    }
+    for (index, what) in [(5, "hidden"), (6, "cell")] {
+        let Some(state) = given(index) else { continue };
+        if tables.is_input(state) {
+            notes.push(format!("{name}: the initial {what} state `{state}` is fed in: taken as zero at the start and carried from there"));
+        } else if !tables.is_zero(state) {
+            return refuse(&format!("an initial {what} state that is not zero"), "the model starts from zero; train it so");
+        }
+    }
+    let activation = activation(node)?;
+    let tensor = |index: usize, what: &str| match given(index) {
+        Some(value) => tables.constant(value),
+        None => Err(ImportError::tensor(format!("{what} of {name}"), "is missing; export the network again")),
+    };
+    let (from_input, from_hidden) = (tensor(1, "W")?, tensor(2, "R")?);
+    let (rows, inputs) = match from_input.shape[..] {
+        [1, rows, inputs] if rows > 0 && rows % 4 == 0 && inputs > 0 => (rows, inputs),
+        _ => {
+            let problem = format!("the shape {:?} is not 1 x 4 units x inputs; export the network again", from_input.shape);
+            return Err(ImportError::tensor(from_input.name, problem));
+        }
+    };
+    let units = rows / 4;
+    if let Some(size) = attribute(node, "hidden_size").and_then(|setting| setting.integer)
+        && usize::try_from(size) != Ok(units)
+    {
+        return Err(ImportError::tensor(
+            from_input.name,
+            format!("it has {units} units, hidden_size says {size}; export the network again"),
+        ));
+    }
+    let input_weights = our_order(&from_input.values, units * inputs);
+    let recurrent_weights = our_order(from_hidden.shaped(&[1, rows, units])?, units * units);
+    let bias = match given(3) {
+        Some(value) => {
+            let both = tables.constant(value)?;
+            let (first, second) = both.shaped(&[1, 2 * rows])?.split_at(rows);
+            let sum: Vec<f64> = first.iter().zip(second).map(|(a, b)| a + b).collect();
+            our_order(&sum, units)
+        }
+        None => {
+            notes.push(format!("{name} has no biases: they are zero"));
+            vec![0.0; rows]
+        }
+    };
+    let name = name.trim_matches('`').to_owned();
+    Ok((SourceLayer { name, inputs, units, input_weights, recurrent_weights, bias }, activation))
+}

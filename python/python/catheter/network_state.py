@@ -1,0 +1,173 @@
+"""Writes the weights of a PyTorch or Keras network for `catheter import-network`.
+
+The file is safetensors: the weights under the framework's own names, and in its metadata what weights do not tell, such as units,
+normalisation and sample period. Only numpy and safetensors are needed; PyTorch or Keras is imported by whoever made the network.
+
+    save_torch(module, "network.safetensors", input_channel="pressure:bar", output_channel="displacement:mm", sample_period_s=0.02,
+               input_range=(0.0, 3.0), output_range=(0.0, 12.0))
+    save_check("check.csv", pressure_bar, displacement_mm)
+
+Normalisation is what the training script did: the network saw `(value - offset) / scale` and gave `(value - offset) / scale`.
+"""
+
+import csv
+
+import numpy as np
+from safetensors.numpy import save_file
+
+__all__ = ["save_torch", "save_keras", "save_check", "CannotRepresent"]
+
+
+class CannotRepresent(ValueError):
+    """The network has a part that the model file has no place for; the message names it."""
+
+
+def _numbers(*values):
+    return ",".join(repr(float(value)) for value in values)
+
+
+def _metadata(
+    framework,
+    *,
+    input_channel,
+    output_channel,
+    sample_period_s,
+    input_range=None,
+    output_range=None,
+    input_offset=0.0,
+    input_scale=1.0,
+    output_offset=0.0,
+    output_scale=1.0,
+    features=("input",),
+    difference_scale=None,
+    largest_step=None,
+    window=None,
+):
+    """The metadata of both frameworks; the arguments are described at `save_torch`."""
+    entries = {
+        "catheter.framework": framework,
+        "catheter.input": input_channel,
+        "catheter.output": output_channel,
+        "catheter.sample_period_s": _numbers(sample_period_s),
+        "catheter.input_offset": _numbers(input_offset),
+        "catheter.input_scale": _numbers(input_scale),
+        "catheter.output_offset": _numbers(output_offset),
+        "catheter.output_scale": _numbers(output_scale),
+        "catheter.features": ",".join(features),
+        "catheter.window": "streaming" if window is None else str(int(window)),
+    }
+    if input_range is not None:
+        entries["catheter.input_range"] = _numbers(*input_range)
+    if output_range is not None:
+        entries["catheter.output_range"] = _numbers(*output_range)
+    if difference_scale is not None:
+        entries["catheter.difference_scale"] = _numbers(difference_scale)
+    if largest_step is not None:
+        entries["catheter.largest_step"] = _numbers(largest_step)
+    return entries
+
+
+def save_torch(module, path, **channels):
+    """Writes a `torch.nn.Module` of one or two LSTM layers and a linear output.
+
+    input_channel, output_channel: quantity and unit, for example "pressure:bar".
+    sample_period_s: time between samples.
+    input_range, output_range: smallest and largest value in training, in the channel's unit.
+    input_offset, input_scale, output_offset, output_scale: the normalisation of training; none by default.
+    features: the network's inputs in their order, "input" and "difference" (the change since the last sample).
+    difference_scale: what the difference was divided by; `input_scale` by default.
+    largest_step: largest change of the input from one sample to the next in training.
+    window: samples of a window that starts from zero state; None carries the state from sample to sample.
+
+    Raises CannotRepresent for a module with other layers.
+    """
+    import torch
+
+    containers = (torch.nn.Sequential, torch.nn.ModuleList, torch.nn.ModuleDict)
+    layers = []
+    for name, part in module.named_modules():
+        kind = type(part)
+        if kind in (torch.nn.LSTM, torch.nn.LSTMCell):
+            if getattr(part, "bidirectional", False):
+                raise CannotRepresent(f"`{name}` is bidirectional: a controller does not know the future")
+            if getattr(part, "proj_size", 0):
+                raise CannotRepresent(f"`{name}` has a projection (proj_size={part.proj_size})")
+            layers.append(name)
+        elif kind in (torch.nn.Linear, torch.nn.Dropout, torch.nn.Identity, *containers):
+            continue
+        elif kind.__module__.startswith("torch.nn."):
+            raise CannotRepresent(f"`{name}` is a {kind.__name__}: LSTM, LSTMCell, Linear, Dropout and Identity are possible")
+    metadata = _metadata(f"PyTorch {torch.__version__.split('+')[0]}", **channels)
+    metadata["catheter.activation"] = "tanh"
+    if len(layers) > 1:
+        metadata["catheter.layers"] = ",".join(layers)
+    state = {name: value.detach().cpu().contiguous().numpy() for name, value in module.state_dict().items()}
+    save_file(state, str(path), metadata)
+
+
+def _keras_activation(layer):
+    """The name under which `catheter` knows a Keras layer's cell activation."""
+    config = layer.get_config()
+    if config["recurrent_activation"] != "sigmoid":
+        raise CannotRepresent(f"`{layer.name}` has {config['recurrent_activation']} gates: only sigmoid is possible")
+    known = {"tanh": "tanh", "relu": "relu", "hard_tanh": "hard"}
+    if config["activation"] not in known:
+        raise CannotRepresent(f"`{layer.name}` has the activation {config['activation']}: tanh, relu and hard_tanh are possible")
+    return known[config["activation"]]
+
+
+def save_keras(model, path, **channels):
+    """Writes a Keras model of one or two LSTM layers and a dense output; the arguments are those of `save_torch`.
+
+    Raises CannotRepresent for a model with other layers.
+    """
+    import keras
+
+    state, order, activations = {}, [], set()
+    for layer in model.layers:
+        kind = type(layer).__name__
+        if kind == "TimeDistributed":
+            layer, kind = layer.layer, type(layer.layer).__name__
+        if kind == "LSTM":
+            if layer.get_config()["go_backwards"]:
+                raise CannotRepresent(f"`{layer.name}` runs backwards in time")
+            activations.add(_keras_activation(layer))
+            order.append(layer.name)
+        elif kind == "Dense":
+            if layer.get_config()["activation"] != "linear":
+                raise CannotRepresent(f"`{layer.name}` has the activation {layer.get_config()['activation']}: only linear is possible")
+        elif kind in ("InputLayer", "Dropout"):
+            continue
+        else:
+            raise CannotRepresent(f"`{layer.name}` is a {kind}: LSTM, Dense, TimeDistributed(Dense) and Dropout are possible")
+        for weight in layer.weights:
+            name = weight.name.split("/")[-1].split(":")[0]
+            # The states of dropout's random numbers are no weights.
+            if name in ("kernel", "recurrent_kernel", "bias"):
+                state[f"{layer.name}/{name}"] = np.ascontiguousarray(keras.ops.convert_to_numpy(weight))
+    if len(activations) > 1:
+        raise CannotRepresent(f"the LSTM layers have different activations: {', '.join(sorted(activations))}")
+    metadata = _metadata(f"Keras {keras.__version__}", **channels)
+    metadata.update({"catheter.activation": activation for activation in activations})
+    if len(order) > 1:
+        metadata["catheter.layers"] = ",".join(order)
+    save_file(state, str(path), metadata)
+
+
+def save_check(path, input_values, expected, sequence=None):
+    """Writes check vectors: input samples and the output the framework gave, both in the channels' units, not normalised.
+
+    sequence: a number per sample that changes where the network starts from zero state again; a NaN in `expected` is not compared.
+    """
+    columns = [np.asarray(input_values, dtype=float).ravel(), np.asarray(expected, dtype=float).ravel()]
+    names = ["input", "output"]
+    if sequence is not None:
+        columns.append(np.asarray(sequence, dtype=int).ravel())
+        names.append("sequence")
+    if len({len(column) for column in columns}) != 1:
+        raise ValueError(f"the columns have different lengths: {[len(column) for column in columns]}")
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in zip(*(column.tolist() for column in columns)):
+            writer.writerow("" if value != value else f"{value:.9g}" if isinstance(value, float) else value for value in row)
