@@ -339,6 +339,7 @@ impl Outcome {
             values: rows.iter().map(|(sample, _)| value(sample)).collect(),
         };
         recording.extra.push(column("sequence", &|sample| f64::from(sample.sequence.wrapping_sub(start_sequence))));
+        recording.mark_lost_samples();
         if rows.iter().all(|(sample, _)| sample.pressure_bar.is_some()) {
             recording.extra.push(column("pressure_measured_bar", &|sample| f64::from(sample.pressure_bar.unwrap_or_default())));
         }

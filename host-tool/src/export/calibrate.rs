@@ -116,6 +116,7 @@ pub fn choose(data: &[Recording], samples: usize) -> Vec<Recording> {
         part.time_s.truncate(length);
         part.input.truncate(length);
         part.output.truncate(length);
+        part.more_inputs.iter_mut().for_each(|channel| channel.values.truncate(length));
         part.gaps.retain(|start| *start < length);
         left -= length;
         chosen.push(part);

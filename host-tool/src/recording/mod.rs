@@ -205,6 +205,16 @@ impl Recording {
         }
     }
 
+    /// Makes gaps of the jumps of the `sequence` column, where there is one: the device says that samples are missing there.
+    pub fn mark_lost_samples(&mut self) {
+        let Some(sequence) = self.extra.iter().find(|column| column.name == "sequence") else { return };
+        let lost = (1..sequence.values.len()).filter(|&index| sequence.values[index] > sequence.values[index - 1] + 1.0);
+        let lost: Vec<usize> = lost.collect();
+        self.gaps.extend(lost);
+        self.gaps.sort_unstable();
+        self.gaps.dedup();
+    }
+
     /// The recording with input and output exchanged, for training an inverse: beside each sample of what was the input stands what became
     /// of it `look_ahead_s` later. The end of each stretch, whose consequences were not recorded, is left out.
     ///

@@ -45,8 +45,6 @@ pub(super) struct Part {
     lines: Vec<u64>,
     /// As [`Columns::wanted`].
     values: Vec<Vec<f64>>,
-    /// Whether samples are missing before the row, says the sequence number.
-    lost: Vec<bool>,
 }
 
 /// Reads the text of a file.
@@ -80,9 +78,11 @@ pub(super) fn read(path: &Path, text: &str, map: &ColumnMap) -> Result<Read, Rec
             values.push(wanted.factor * number(path, line, &columns.headers[wanted.index], if comma { &pointed } else { text })?);
         }
         part.lines.push(line);
-        let lost = columns.sequence.map_or(Ok(false), |column| jumps(&part.values[column]));
+        let increases = columns.sequence.is_none_or(|column| increases(&part.values[column]));
         let text = || columns.sequence.map_or("", |column| cells[columns.wanted[column].index]).to_owned();
-        part.lost.push(lost.map_err(|()| RecordingError::Sequence { path: path.into(), line, text: text() })?);
+        if !increases {
+            return Err(RecordingError::Sequence { path: path.into(), line, text: text() });
+        }
         Ok(())
     })?;
     let Some(columns) = columns else { return Err(RecordingError::Empty { path: path.into() }) };
@@ -122,16 +122,11 @@ fn layout_notes(layout: &Layout, decimal_commas: usize, map: &ColumnMap, parts: 
     notes
 }
 
-/// Whether the newest sequence number jumps.
-fn jumps(numbers: &[f64]) -> Result<bool, ()> {
+/// Whether the newest sequence number is whole and above the one before.
+fn increases(numbers: &[f64]) -> bool {
     let newest = numbers[numbers.len() - 1];
     let previous = numbers.len().checked_sub(2).map(|index| numbers[index]);
-    match previous {
-        _ if newest.fract() != 0.0 || newest < 0.0 => Err(()),
-        Some(previous) if newest <= previous => Err(()),
-        Some(previous) => Ok(newest > previous + 1.0),
-        None => Ok(false),
-    }
+    newest.fract() == 0.0 && newest >= 0.0 && previous.is_none_or(|previous| newest > previous)
 }
 
 impl Columns {
@@ -205,7 +200,7 @@ fn own_further_input(name: &str, so_far: usize) -> Option<Signal> {
 impl Part {
     /// Repairs the clock and makes a recording called `name` of the rows.
     pub(super) fn into_recording(self, path: &Path, name: &Path, map: &ColumnMap, columns: &Columns) -> Result<Recording, RecordingError> {
-        let Self { group, lines, mut values, lost, .. } = self;
+        let Self { group, lines, mut values, .. } = self;
         let rows = lines.len();
         if rows < 2 {
             return Err(RecordingError::TooShort { path: name.into(), rows });
@@ -242,9 +237,7 @@ impl Part {
             channels.push(&recording.output);
             recording.gaps = clock::gaps(&recording.time_s, &channels);
         }
-        recording.gaps.extend((0..order.len()).filter(|&place| lost[order[place]]));
-        recording.gaps.sort_unstable();
-        recording.gaps.dedup();
+        recording.mark_lost_samples();
         recording.notes = notes;
         let lines: Vec<u64> = order.iter().map(|&row| lines[row]).collect();
         let found = condition::notes(&recording, &lines);
