@@ -352,37 +352,38 @@ def arx(task):
         earliest = len(u) - 1
         return np.hstack([delay(powers, min((setting["dead_time"] + tap) * stride, earliest)) for tap in range(setting["taps"])])
 
-    def simulate(model, x, stride):
-        """`y[t] = -a y[t - stride..] + b x[t] + constant`, from the equilibrium of the first row."""
-        a, b, constant = model
-        drive = x @ b + constant
-        rest = drive[0] / (1 + a.sum())
-        out = np.empty(len(drive))
-        for phase in range(stride):
-            out[phase::stride] = rest + lfilter([1.0], np.r_[1.0, a], drive[phase::stride] - drive[0])
-        return out
+    def stacked(parts, stride):
+        """All phases of all recordings side by side, series x steps x columns; behind its end a series repeats its last value."""
+        series = [part[phase::stride] for part in parts for phase in range(stride)]
+        longest = max(len(one) for one in series)
+        return np.stack([np.concatenate([one, np.repeat(one[-1:], longest - len(one), 0)]) for one in series])
 
-    def fit(xs, ys, used, setting):
-        """Coefficients from the rows that are used; nothing when the model does not stand still by itself."""
-        stride, poles = setting["stride"], setting["poles"]
+    def simulate(model, xs, stride):
+        """`y[t] = -a y[t - stride..] + b x[t] + constant`, from the equilibrium of each recording's first row."""
+        a, b, constant = model
+        drive = stacked(xs, stride) @ b + constant
+        first = np.repeat(drive[::stride, :1], stride, axis=0)
+        out = first / (1 + a.sum()) + lfilter([1.0], np.r_[1.0, a], drive - first, axis=1)
+        results = [np.empty(len(x)) for x in xs]
+        for index, series in enumerate(out):
+            part = results[index // stride][index % stride :: stride]
+            part[:] = series[: len(part)]
+        return results
+
+    def fit(x, y, used, setting):
+        """Coefficients from the steps that are used, all stacked; nothing when the model does not stand still by itself."""
+        poles = setting["poles"]
         a = np.zeros(poles)
+        used = used[:, poles:]
         for _ in range(setting["refinements"] + 1):
-            width = poles + xs[0].shape[1] + 1
-            gram, moment, count = np.zeros((width, width)), np.zeros(width), 0
             filtered = np.r_[1.0, a]
             gain = 1 / filtered.sum()
-            for x, y, use in zip(xs, ys, used):
-                for phase in range(stride):
-                    part = slice(phase, None, stride)
-                    fy, fx = (lfilter([1.0], filtered, v - v[:1], axis=0) + v[:1] * gain for v in (y[part], x[part]))
-                    past = np.column_stack([-np.roll(fy, index + 1) for index in range(poles)])
-                    rows = np.column_stack([past, fx, np.full(len(fy), gain)])[poles:][use[part][poles:]]
-                    gram += rows.T @ rows
-                    moment += rows.T @ fy[poles:][use[part][poles:]]
-                    count += len(rows)
-            penalty = np.full(width, setting["ridge"] * count)
+            fy, fx = (lfilter([1.0], filtered, v - v[:, :1], axis=1) + v[:, :1] * gain for v in (y, x))
+            past = np.stack([-fy[:, poles - 1 - index : fy.shape[1] - 1 - index] for index in range(poles)], axis=2)
+            rows = np.concatenate([past, fx[:, poles:], np.full((*used.shape, 1), gain)], axis=2)[used]
+            penalty = np.full(rows.shape[1], setting["ridge"] * len(rows))
             penalty[:poles], penalty[-1] = 0, 0
-            solution = np.linalg.lstsq(gram + np.diag(penalty), moment, rcond=1e-12)[0]
+            solution = np.linalg.lstsq(rows.T @ rows + np.diag(penalty), rows.T @ fy[:, poles:][used], rcond=1e-12)[0]
             a, b, constant = solution[:poles], solution[poles:-1], solution[-1]
             if np.max(np.abs(np.roots(np.r_[1.0, a]))) > 0.9999:
                 return None
@@ -396,24 +397,26 @@ def arx(task):
         outer = dict(zip(grid, outer))
         if (outer["dead_time"] + outer["taps"] + 3) * outer["stride"] > shortest // 2:
             continue
+        stride = outer["stride"]
         xs = [terms(u, outer) for u in task.train]
+        x, y, folds = (stacked(parts, stride) for parts in (xs, task.outputs, task.split(task.folds)))
+        valid = stacked([np.ones(length, bool) for length in task.lengths], stride)
+        for index, length in enumerate(np.repeat(task.lengths, stride)):
+            valid[index, len(range(index % stride, length, stride)) :] = False
         for rest in itertools.product(*inner.values()):
             setting = outer | dict(zip(inner, rest))
 
             def predict(fold, rows):
-                used = [part != fold for part in task.split(task.folds)]
-                model = fit(xs, task.outputs, used, setting)
-                if model is None:
-                    return np.inf
-                return np.concatenate([simulate(model, x, setting["stride"]) for x in xs])[rows]
+                model = fit(x, y, valid & (folds != fold), setting)
+                return np.inf if model is None else np.concatenate(simulate(model, xs, stride))[rows]
 
             error = task.error(predict)
             if error < best[0]:
-                model = fit(xs, task.outputs, [np.ones(length, bool) for length in task.lengths], setting)
+                model = fit(x, y, valid, setting)
                 if model is not None:
                     best = (error, setting, model)
     error, setting, model = best
-    return error, setting, [simulate(model, terms(u, setting), setting["stride"]) for u in task.test]
+    return error, setting, simulate(model, [terms(u, setting) for u in task.test], setting["stride"])
 
 
 def forest(task):

@@ -43,6 +43,9 @@ pub struct Arguments {
     /// Of `measured`, only these maps of tests/baselines/maps.toml. Tune on `development`, publish `reporting`.
     #[arg(long, value_name = "WHICH", default_value = "development")]
     maps: measured::Maps,
+    /// Of `measured`, options of `catheter fit` for a quick look, as in `--fit-options=--no-networks`; published figures go without.
+    #[arg(long, value_name = "OPTIONS", default_value = "", hide_default_value = true, allow_hyphen_values = true)]
+    fit_options: String,
     /// Of `measured`, also whether `fit` can be fooled: copies, other names, other units, outputs that inputs cannot explain. Needs
     /// --maps development or all.
     #[arg(long)]

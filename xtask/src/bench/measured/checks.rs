@@ -74,7 +74,7 @@ fn one_map(bench: &Path, map: &'static str, columns: &str, arguments: &Arguments
         let own = format!("{FITTED}/{map}-{how}");
         fresh_folder(&own)?;
         distort(bench, map, how, &own, arguments)?;
-        let line = format!("fit --data {own}/train --columns {columns} --out {own}/fitted");
+        let line = format!("fit --data {own}/train --columns {columns} --out {own}/fitted {}", arguments.fit_options);
         Ok((own.clone(), Promise::of(&catheter_json(bench, &format!("{own}/fit"), &line)?)?))
     };
     let check = |what, passed, seen| Check { map, what, passed, seen };

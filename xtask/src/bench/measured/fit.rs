@@ -33,7 +33,7 @@ pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
         eprintln!("{name}");
         let baseline = &baselines[name];
         // One map that fails must not cost the figures of the others, and must be seen among them.
-        judged.push(match one_map(&bench, name, map, baseline) {
+        judged.push(match one_map(&bench, name, map, baseline, &arguments.fit_options) {
             Ok(judged) => judged,
             Err(error) => {
                 eprintln!("  failed: {error:#}");
@@ -45,7 +45,7 @@ pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
     print(&judged, &summary, arguments.maps);
     let checks = if arguments.checks { Some(checks::measure(&bench, &index_value, arguments)?) } else { None };
     let maps: Map<String, Value> = judged.into_iter().map(|judged| (judged.name.clone(), judged.json())).collect();
-    Ok(json!({ "role": arguments.maps.name(), "summary": summary, "maps": maps, "checks": checks }))
+    Ok(json!({ "role": arguments.maps.name(), "fit_options": arguments.fit_options, "summary": summary, "maps": maps, "checks": checks }))
 }
 
 /// Prepares the recordings and fits the baselines; gives the index of the ones and the figures of the others. What an earlier run left of these and is still true is kept.
@@ -69,12 +69,12 @@ fn prepare(recordings: &Path, bench: &Path, arguments: &Arguments) -> Result<(Va
 }
 
 /// Fits and judges one map. All paths are below the folder `bench`, where the commands run.
-fn one_map(bench: &Path, name: &str, map: &Value, baseline: &Value) -> Result<Judged> {
+fn one_map(bench: &Path, name: &str, map: &Value, baseline: &Value, options: &str) -> Result<Judged> {
     let columns = map["columns"].as_str().context("index.json names no columns")?;
     let (own, prepared) = (format!("{FITTED}/{name}"), format!("{PREPARED}/{name}"));
     fresh_folder(&own)?;
     let start = Instant::now();
-    let line = format!("fit --data {prepared}/train --columns {columns} --out {own}/fitted");
+    let line = format!("fit --data {prepared}/train --columns {columns} --out {own}/fitted {options}");
     let fitted = catheter_json(bench, &format!("{own}/fit"), &line)?;
     let fit_s = start.elapsed().as_secs_f64();
     let line = format!("evaluate --model {own}/fitted/model --data {prepared}/test --columns {columns}");
