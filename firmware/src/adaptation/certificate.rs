@@ -304,7 +304,7 @@ mod tests {
         assert_eq!(refused(CONFIG, closed(0.0, 12.0, 100)), LoopMargin);
         assert_eq!(refused(AdaptationConfig { time_constant_s: 10.0, ..CONFIG }, closed(0.0, 1.0, 100)), SlowerThanLoop);
         // Blending doubles what adaptation does to the loop.
-        let lively = closed(0.0, 10.0, 100);
+        let lively = closed(0.0, 11.5, 100);
         let narrow = AdaptationConfig { gain_minimum: 0.9, gain_maximum: 1.1, ..CONFIG };
         assert!(certify(&narrow, Some(&lively)).is_ok());
         assert_eq!(refused(narrow, ClosedLoop { blends: true, ..lively }), LoopMargin);
