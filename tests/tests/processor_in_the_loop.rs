@@ -139,6 +139,7 @@ fn adaptation_is_equal_to_the_bit() {
         adaptation_gate_share: 0.25,
         adaptation_span_mm: 14.0,
         adaptation_time_constant_s: 20.0,
+        host_timeout_ms: 1000,
         ..Settings::default()
     };
     let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
