@@ -17,6 +17,7 @@
     )
 )]
 
+pub mod adaptation;
 pub mod background;
 pub mod board;
 pub mod calibration;

@@ -39,7 +39,7 @@ use crate::model::{self, ModelFacts};
 use crate::settings::{self, STORE_KIND, STORE_VERSION, Stored};
 use crate::storage::{Flash, Slot, StorageError, Store, Upload};
 use crate::supervisor;
-use crate::tick::{Action, Answer, Command, RigFacts, TickConfig};
+use crate::tick::{Action, Answer, Command, Inconsistent, RigFacts, TickConfig};
 
 /// Replies waiting for the line.
 pub const REPLY_QUEUE: usize = 4;
@@ -430,6 +430,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             Request::PlaybackClear => self.send(token, Action::PlaybackClear, commands),
             Request::FaultRecord => self.send(token, Action::FaultRecord, commands),
             Request::ControlReport => self.send(token, Action::ControlReport, commands),
+            Request::AdaptationReport => self.send(token, Action::AdaptationReport, commands),
             Request::TraceBegin => {
                 let outcome = self.send(token, Action::TraceBegin, commands);
                 if matches!(outcome, Outcome::Sent) && self.trace == TraceProgress::Off {
@@ -522,7 +523,8 @@ impl<S: Flash, M: Flash> Desk<S, M> {
                 }
                 outcome
             }
-            Err(inconsistent) => Outcome::Done(Err(Refusal::SettingsInconsistent(inconsistent.0))),
+            Err(Inconsistent::Setting(number)) => Outcome::Done(Err(Refusal::SettingsInconsistent(number))),
+            Err(Inconsistent::Adaptation(condition)) => Outcome::Done(Err(Refusal::Uncertified(condition.number()))),
         }
     }
 

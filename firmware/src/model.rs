@@ -50,6 +50,7 @@ struct Companion {
     guard: DomainGuard,
     guard_state: DomainGuardState,
     is_outside: bool,
+    identity: [u8; 8],
 }
 
 impl Companion {
@@ -122,6 +123,7 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Runni
         companion.rebuild(model)?;
         estimator.rebuild(model, kernel).map_err(|_| Fault::ModelUnsupported)?;
         let id = header.content_hash.first_chunk::<8>().copied().unwrap_or_default();
+        companion.identity = id;
         Ok(ModelFacts { period, id })
     }
 }
@@ -153,6 +155,10 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Model
 
     fn is_outside_domain(&self) -> bool {
         self.companion.is_outside
+    }
+
+    fn identity(&self) -> [u8; 8] {
+        if self.is_ready { self.companion.identity } else { [0; 8] }
     }
 }
 

@@ -108,6 +108,11 @@ impl SensorState {
         self.value
     }
 
+    /// Ticks since its code last changed.
+    pub fn same_code_ticks(&self) -> u16 {
+        self.same_code_ticks
+    }
+
     /// Whether the sensor is believed.
     pub fn is_believed(&self) -> bool {
         self.lost.is_none()

@@ -6,6 +6,9 @@
 //!                              └─ faults ─────────────────────────────────────────┘             telemetry
 //! ```
 //!
+//! Between model and control law stands [`crate::adaptation`], while it is switched on. The comparison of laser and model
+//! ([`Fault::ModelMismatch`]) sees the model's own estimate, so that adaptation hides nothing from it.
+//!
 //! # How a board drives it
 //!
 //! Once, at the start: build a [`Rig`] with [`Rig::new`] from the settings, the board's [`RigFacts`] and a [`BootReport`]. Keep the dump
@@ -34,11 +37,14 @@ mod trace;
 
 use core::num::NonZeroU16;
 
+use model_export::link::adaptation::{AdaptationReport, Adapting};
 use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet, Notice, NoticeSet};
 use model_export::link::message::{Refusal, Reply};
 use model_export::link::state::{ResetCause, State};
 
-use crate::control::{Accepted, ControlInputs, ControlLaw, Controller, ControllerState, Demand};
+use crate::adaptation::certificate::WINDOW_MS;
+use crate::adaptation::{AdaptationState, TickFacts, WindowWatch};
+use crate::control::{Accepted, Compensator, ControlInputs, ControlLaw, Controller, ControllerState, Demand};
 use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
 use crate::number::MicroBar;
@@ -85,6 +91,10 @@ pub struct TickState {
     has_compensator: bool,
     direction: Direction,
     controller: ControllerState,
+    adaptation: AdaptationState,
+    window_watch: WindowWatch,
+    /// The model that adaptation belongs to.
+    model_identity: [u8; 8],
     supervisor: SupervisorState,
     limiter: LimiterState,
     limited: bool,
@@ -122,6 +132,9 @@ impl TickState {
             has_compensator: false,
             direction: Direction::Estimator,
             controller: ControllerState::default(),
+            adaptation: AdaptationState::default(),
+            window_watch: WindowWatch::default(),
+            model_identity: [0; 8],
             supervisor: SupervisorState::default(),
             limiter: LimiterState::default(),
             limited: false,
@@ -230,7 +243,7 @@ impl Rig {
             elapsed_ticks: elapsed,
             faults,
             causes,
-            arm_blockers: self.arm_blockers(laser, pressure, emergency_stop),
+            arm_blockers: self.arm_blockers(model, laser, pressure, emergency_stop),
             start_blockers: self.start_blockers(),
             pressure_bar: pressure.value(),
             finished: control.1,
@@ -250,6 +263,12 @@ impl Rig {
         };
         self.state.notices = self.state.notices.union(limited.notices);
         self.state.limited = !limited.notices.is_empty();
+        if self.tick.adaptation.is_some() {
+            let running = decision.state == State::Running;
+            let facts =
+                TickFacts { running, limited: self.state.limited, outside_domain: model.is_outside_domain(), lost: lost_ticks > 0, laser };
+            self.state.window_watch.tick(&facts);
+        }
         self.follow_state(model, decision, window_begins);
 
         // With everything known that this tick brought.
@@ -352,6 +371,10 @@ impl Rig {
                     self.state.has_model = model_period.is_some() && faults.is_empty();
                     self.state.estimate_mm = None;
                     model.reset();
+                    if model.identity() != self.state.model_identity {
+                        self.state.model_identity = model.identity();
+                        self.state.adaptation.reset();
+                    }
                     if faults.is_empty() {
                         pending.request = Some(Event::SelfTestPassed);
                     }
@@ -368,6 +391,11 @@ impl Rig {
                 }
                 pending.reply = Some(Reply::Done);
             }
+            Action::AdaptationReport => {
+                let nothing = AdaptationReport { gain: 1.0, ..AdaptationReport::default() };
+                let report = self.tick.adaptation.as_ref().map_or(nothing, |adaptation| adaptation.report(&self.state.adaptation));
+                pending.reply = Some(Reply::AdaptationReport(report));
+            }
             Action::ControlReport => pending.reply = Some(Reply::ControlReport(*self.state.controller.tracking.report())),
         }
         pending
@@ -375,6 +403,9 @@ impl Rig {
 
     /// Puts new settings into force. The sensors must prove themselves again: their calibration may have changed.
     fn configure(&mut self, tick: Tick) {
+        if !self.tick.adapts_alike(&tick) {
+            self.state.adaptation.reset();
+        }
         self.tick = tick;
         self.state.laser = SensorState::default();
         self.state.pressure = SensorState::default();
@@ -386,6 +417,7 @@ impl Rig {
     /// window that has just ended.
     fn realign(&mut self) {
         self.state.decimator_state = DecimatorState::default();
+        self.state.window_watch = WindowWatch::default();
         self.state.telemetry_countdown = self.tick.telemetry_period_ticks;
     }
 
@@ -456,6 +488,9 @@ impl Rig {
         if let Controller::Tracking(law) = &self.tick.controller {
             law.follow(&mut self.state.controller.tracking, &inputs);
         }
+        if window_begins {
+            self.adapt();
+        }
         if self.state.supervisor.state() != State::Running {
             self.state.set_point = 0.0;
             return (Demand::Pressure(0.0), false);
@@ -464,6 +499,20 @@ impl Rig {
         self.state.set_point = output.set_point;
         self.state.notices = self.state.notices.union(output.notices);
         (output.demand, output.finished)
+    }
+
+    /// Learns from the window that ended last.
+    fn adapt(&mut self) {
+        let Some(adaptation) = &self.tick.adaptation else { return };
+        let state = &mut self.state;
+        let [.., laser_mm] = state.filtered;
+        let raw_mm = self.tick.controller.raw_estimate_mm(&state.controller).or(state.estimate_mm).filter(|_| state.has_model);
+        let ticks = state.decimator.factor();
+        let hindrance = state.window_watch.end(ticks, &state.laser);
+        adaptation.step(&mut state.adaptation, raw_mm, laser_mm, hindrance, f32::from(ticks) / TICKS_PER_S);
+        let learns = matches!(state.adaptation.adapting(), Adapting::Both | Adapting::ZeroOnly | Adapting::NotRunning);
+        state.notices.insert_if(!learns, Notice::AdaptationFrozen);
+        state.notices.insert_if(adaptation.is_at_limit(&state.adaptation), Notice::AdaptationLimited);
     }
 
     fn control_inputs<'a>(
@@ -481,6 +530,7 @@ impl Rig {
             pressure_bar,
             displacement_mm,
             estimate_mm: self.state.estimate_mm,
+            correction: self.tick.adaptation.as_ref().map(|adaptation| adaptation.correction(&self.state.adaptation)),
             window_begins,
             window_s: f32::from(self.state.decimator.factor()) / TICKS_PER_S,
             window_displacement_mm,
@@ -490,12 +540,21 @@ impl Rig {
         }
     }
 
-    fn arm_blockers(&self, laser: Verdict, pressure: Verdict, emergency_stop: bool) -> BlockerSet {
+    /// Whether adaptation's certificate was computed for a loop at least as slow as the one with this model.
+    fn has_certified_model(&self, model: &impl ModelStep) -> bool {
+        let Some(certified_ms) = self.tick.certified_delay_ms else { return true };
+        let window = self.state.decimator.factor();
+        let delay = model.compensator().map_or(0, Compensator::look_ahead_ticks).saturating_add(window);
+        window == WINDOW_MS && delay <= certified_ms
+    }
+
+    fn arm_blockers(&self, model: &impl ModelStep, laser: Verdict, pressure: Verdict, emergency_stop: bool) -> BlockerSet {
         let mut blockers = BlockerSet::EMPTY;
         blockers.insert_if(emergency_stop, Blocker::EmergencyStopPressed);
         blockers.insert_if(self.tick.laser_required && laser.value().is_none(), Blocker::LaserNotPlausible);
         blockers.insert_if(pressure.value().is_none(), Blocker::PressureNotPlausible);
         blockers.insert_if(!self.has_wanted_model(), Blocker::ModelMissing);
+        blockers.insert_if(!self.has_certified_model(model), Blocker::AdaptationUncertified);
         blockers.insert_if(self.state.late_in_a_row > 0, Blocker::LoopLate);
         blockers.insert_if(self.state.background_age_ticks >= BACKGROUND_TICKS_ENERGISED, Blocker::BackgroundSilent);
         blockers

@@ -3,7 +3,8 @@
 
 use heapless::Vec;
 use model_export::blob::crc32;
-use model_export::link::fault::{Blocker, Fault, Notice, explain};
+use model_export::link::adaptation::{AdaptationReport, Adapting};
+use model_export::link::fault::{AdaptationCondition, Blocker, Fault, Notice, explain};
 use model_export::link::frame::{Decoder, FrameError, MAX_PAYLOAD, MAX_WIRE, encode};
 use model_export::link::hello::{Hello, HelloError};
 use model_export::link::message::*;
@@ -46,6 +47,7 @@ const WIRE: &[(&str, &str)] = &[
     ("request ControlReport", "0910b42416b88a36b600"),
     ("request TraceBegin", "0910b424172eba31c100"),
     ("request TraceEnd", "0910b42418bfa78e5100"),
+    ("request AdaptationReport", "0910b424192997892600"),
     ("reply Done", "031107059286e4ad00"),
     ("reply Refused Blocked", "04110701064803d2b07f00"),
     ("reply Refused State", "0a1107010104f9eec11900"),
@@ -68,6 +70,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused NoRecord", "09110701126ab90c2600"),
     ("reply Refused LogFull", "0911070113fc890b5100"),
     ("reply Refused Traced", "09110701145f1c6fcf00"),
+    ("reply Refused Uncertified", "0a11070115053a09684000"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -75,6 +78,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Uploaded", "0a11070680065a3018d000"),
     ("reply FaultRecord", "17110707101f8080848008cd830604c08db701ff1ff40a0103c03f0103e8400103f0400108c03f026697992900"),
     ("reply ControlReport", "0b110708a09c01ac02280c0103803e0103e8400101063e968c5a0600"),
+    ("reply AdaptationReport", "0511070902010380be010a903ff0a204681bd6d600"),
     ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d058994f07c00"),
     ("trace", "0613f0a20405020107ff8061dd2f3300"),
 ];
@@ -122,6 +126,7 @@ fn requests() -> std::vec::Vec<Request> {
         Request::ControlReport,
         Request::TraceBegin,
         Request::TraceEnd,
+        Request::AdaptationReport,
     ]
 }
 
@@ -148,6 +153,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::NoRecord,
         Refusal::LogFull,
         Refusal::Traced,
+        Refusal::Uncertified(5),
     ];
     let status = Status {
         state: State::Armed,
@@ -203,6 +209,7 @@ fn replies() -> std::vec::Vec<Reply> {
             blend_mm: 7.25,
             bound_mm: 0.125,
         }),
+        Reply::AdaptationReport(AdaptationReport { adapting: Adapting::ZeroOnly, zero_mm: -0.25, gain: 1.125, updates: 70_000 }),
     ]);
     replies
 }
@@ -337,10 +344,11 @@ fn every_variant_has_an_example() {
         Request::ControlReport => 22,
         Request::TraceBegin => 23,
         Request::TraceEnd => 24,
+        Request::AdaptationReport => 25,
     };
     let mut numbers: std::vec::Vec<_> = requests().iter().map(request_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=24).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=25).collect::<std::vec::Vec<_>>());
     let reply_number = |reply: &Reply| match reply {
         Reply::Done => 0,
         Reply::Refused(_) => 1,
@@ -351,10 +359,21 @@ fn every_variant_has_an_example() {
         Reply::Uploaded(_) => 6,
         Reply::FaultRecord(_) => 7,
         Reply::ControlReport(_) => 8,
+        Reply::AdaptationReport(_) => 9,
     };
     let mut numbers: std::vec::Vec<_> = replies().iter().map(reply_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=8).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=9).collect::<std::vec::Vec<_>>());
+}
+
+#[test]
+fn every_reason_that_adaptation_can_give_has_its_number() {
+    for (number, adapting) in (0u8..).zip(Adapting::ALL) {
+        let report = AdaptationReport { adapting, ..AdaptationReport::default() };
+        let payload = payload(&ReplyFrame { token: 7, reply: Reply::AdaptationReport(report) }.to_wire().unwrap());
+        assert_eq!(payload[..4], [0x11, 7, 9, number]);
+        assert_eq!(ReplyFrame::from_payload(&payload).unwrap().reply, Reply::AdaptationReport(report));
+    }
 }
 
 #[test]
@@ -490,10 +509,12 @@ fn everything_with_a_number_is_explained() {
     assert_eq!(explain("e17"), explain("E017"));
     assert_eq!(explain("B03").unwrap().name, "emergency-stop-pressed");
     assert_eq!(explain("N2").unwrap().name, "floor");
+    assert_eq!(explain("C05").unwrap().name, "loop-margin");
     for nonsense in ["", "E", "17", "E999", "E000", "X01", "E-1", "Ä1"] {
         assert_eq!(explain(nonsense), None, "{nonsense}");
     }
     let all = Fault::ALL.iter().map(|fault| fault.explanation());
+    let all = all.chain(AdaptationCondition::ALL.iter().map(|condition| condition.explanation()));
     let all = all.chain(Blocker::ALL.iter().map(|blocker| blocker.explanation()));
     for explanation in all.chain(Notice::ALL.iter().map(|notice| notice.explanation())) {
         assert!(explanation.meaning.ends_with('.') && explanation.remedy.ends_with('.'), "{explanation:?}");

@@ -1,6 +1,7 @@
 //! Helpers shared by the tests that need more than one package.
 
 pub mod board;
+pub mod drift;
 pub mod emulator;
 pub mod figures;
 pub mod flashable;

@@ -124,6 +124,40 @@ fn session<P: Processor>(rig: &mut Rig<P>, seed: u32) {
 }
 
 #[test]
+fn adaptation_is_equal_to_the_bit() {
+    let Some(config) = image() else { return };
+    let physics = models::model(models::physics_front_end(5, 8, 2), None, Mode::Streaming);
+    let blob = models::exported_with(&physics, 5, Some(models::compensation()));
+    let settings = Settings {
+        control_law: 2,
+        feed_forward: 3,
+        feedback_sensor: 2,
+        pid_integral_per_s: 2.0,
+        mismatch_displacement_mm: 0.0,
+        adaptation: true,
+        // The model is none of this rig: laser and estimate are far apart.
+        adaptation_gate_share: 0.25,
+        adaptation_span_mm: 14.0,
+        adaptation_time_constant_s: 20.0,
+        host_timeout_ms: 1000,
+        ..Settings::default()
+    };
+    let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
+    let points_mm: Vec<f64> = (0..300).map(|point| 5.0 - 2.5 * (f64::from(point) * 0.06).cos()).collect();
+    fn play<P: Processor>(mut rig: Rig<P>, points_mm: &[f64]) -> (Journal, Reply) {
+        experiment::settle(&mut rig).unwrap();
+        host_tool::track::run::run(&mut rig, points_mm, &mut |_, _| {}).unwrap();
+        let report = rig.request(&Request::AdaptationReport).unwrap();
+        (journal(rig), report)
+    }
+    let (target, learned) = play(qemu(&config, &flash), &points_mm);
+    let (here, also_learned) = play(host(&flash), &points_mm);
+    agree(&here, &target);
+    assert_eq!(learned, also_learned);
+    assert!(matches!(learned, Reply::AdaptationReport(report) if report.updates > 50), "{learned:?}");
+}
+
+#[test]
 fn sessions_of_sense_and_nonsense_are_equal_to_the_bit() {
     let Some(config) = image() else { return };
     for seed in [11, 12] {

@@ -126,6 +126,42 @@ fn a_boards_run_with_stops_faults_and_other_settings_is_run_again_to_the_bit_wha
 }
 
 #[test]
+fn a_run_with_adaptation_is_run_again_to_the_bit() {
+    let blob = blob();
+    let mut client = board(21, &blob);
+    let set = |client: &mut Client<Board>, name: &str, value| {
+        let number = by_name(name).unwrap().number;
+        client.command(&Request::SettingSet { number, value }).unwrap();
+    };
+    // The model is none of this rig: laser and estimate are far apart.
+    set(&mut client, "pid.proportional", SettingValue::Float(0.0));
+    set(&mut client, "adaptation.gate_share", SettingValue::Float(0.25));
+    set(&mut client, "adaptation.span_mm", SettingValue::Float(14.0));
+    set(&mut client, "adaptation.loop_delay_ms", SettingValue::Integer(200));
+    set(&mut client, "adaptation.enabled", SettingValue::Flag(true));
+    client.listen_for(Duration::from_millis(500)).unwrap();
+    let learned = |client: &mut Client<Board>| match client.request(&Request::AdaptationReport).unwrap() {
+        Reply::AdaptationReport(report) => report,
+        reply => panic!("{reply:?}"),
+    };
+    run::run(&mut client, &points_mm(21), &mut |_, _| {}).unwrap();
+    assert!(learned(&mut client).updates > 20, "{:?}", learned(&mut client));
+    let tracing = Tracing::begin(&mut client, "test", Some(&blob)).unwrap();
+    assert_eq!(learned(&mut client).updates, 0, "a rig that begins again has learned nothing");
+    run::run(&mut client, &points_mm(42), &mut |_, _| {}).unwrap();
+    // What has nothing to do with it leaves it alone, a new range does not.
+    let before = learned(&mut client);
+    set(&mut client, "telemetry.period_ms", SettingValue::Integer(40));
+    assert_eq!(learned(&mut client).updates, before.updates);
+    client.listen_for(Duration::from_millis(500)).unwrap();
+    run::run(&mut client, &points_mm(63), &mut |_, _| {}).unwrap();
+    assert!(learned(&mut client).updates > before.updates);
+    set(&mut client, "adaptation.span_mm", SettingValue::Float(13.0));
+    assert_eq!(learned(&mut client).updates, 0);
+    identical(&tracing.end(&mut client));
+}
+
+#[test]
 fn the_rig_in_this_process_tells_its_trace_over_its_link_like_a_board() {
     let blob = blob();
     let lockstep = Lockstep::new(InProcess::new(flash(&blob)), hardware(), (), "the test's rig", "virtual").unwrap();

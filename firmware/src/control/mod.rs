@@ -30,6 +30,8 @@ pub use tracking::{FeedForward, FeedbackSensor, OutsideDomain, Tracking, Trackin
 use model_export::link::fault::NoticeSet;
 use model_export::link::message::{PlaybackChunk, Quantity, Refusal};
 
+use crate::adaptation::Correction;
+
 /// What a control law sees at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ControlInputs<'a> {
@@ -41,8 +43,10 @@ pub struct ControlInputs<'a> {
     pub pressure_bar: Option<f32>,
     /// Measured displacement of this tick, mm; `None` while not plausible.
     pub displacement_mm: Option<f32>,
-    /// The model's latest estimate, mm.
+    /// The model's latest estimate, mm, as the model gives it.
     pub estimate_mm: Option<f32>,
+    /// What adaptation makes of an estimate; absent while it is switched off.
+    pub correction: Option<Correction>,
     /// Whether a window of the decimation filter begins with this tick; a law at the model's rate acts on these.
     pub window_begins: bool,
     /// Length of a window, s.
@@ -166,6 +170,14 @@ impl Controller {
     pub fn estimate_mm(&self, state: &ControllerState) -> Option<f32> {
         match self {
             Self::Tracking(_) => state.tracking.estimate_mm(),
+            _ => None,
+        }
+    }
+
+    /// The same before adaptation, mm.
+    pub fn raw_estimate_mm(&self, state: &ControllerState) -> Option<f32> {
+        match self {
+            Self::Tracking(_) => state.tracking.raw_estimate_mm(),
             _ => None,
         }
     }

@@ -136,6 +136,8 @@ pub struct TrackingState {
     blend: Option<Blend>,
     /// What stands in for the laser: the mean over the window that ended last.
     estimate_mm: Option<f32>,
+    /// The same before adaptation.
+    raw_estimate_mm: Option<f32>,
     /// Sum of the reference over the ticks of the window so far.
     window_sum_mm: f32,
     window_ticks: u16,
@@ -176,7 +178,7 @@ impl TrackingState {
         self.reference.clear();
         self.compensator.clear();
         (self.pid, self.observer) = (PidState::default(), ObserverState::default());
-        (self.blend, self.estimate_mm, self.in_use) = (None, None, None);
+        (self.blend, self.estimate_mm, self.raw_estimate_mm, self.in_use) = (None, None, None, None);
         (self.window_sum_mm, self.window_ticks, self.learned_wanted_mm) = (0.0, 0, 0.0);
         (self.demand_bar, self.transfer_bar) = (0.0, 0.0);
         self.report = ControlReport::default();
@@ -197,6 +199,11 @@ impl TrackingState {
         self.estimate_mm
     }
 
+    /// The same before adaptation, mm.
+    pub fn raw_estimate_mm(&self) -> Option<f32> {
+        self.raw_estimate_mm
+    }
+
     /// What the controllers did since the start.
     pub fn report(&self) -> &ControlReport {
         &self.report
@@ -204,6 +211,11 @@ impl TrackingState {
 }
 
 impl Tracking {
+    /// Whether the estimate is that of the compensation's physics.
+    pub fn estimates_by_physics(&self) -> bool {
+        self.estimate_by_physics
+    }
+
     /// Whether the model in use is asked for pressures.
     pub fn uses_learned_inverse(&self) -> bool {
         self.feed_forward == FeedForward::Learned
@@ -224,7 +236,11 @@ impl Tracking {
             compensator.follow(&mut state.compensator, inputs.output_bar, inputs.window_begins);
         }
         if inputs.window_begins {
-            state.estimate_mm = self.estimate_mm(state, inputs);
+            state.raw_estimate_mm = self.estimate_mm(state, inputs);
+            state.estimate_mm = match inputs.correction {
+                Some(correction) => state.raw_estimate_mm.map(|raw_mm| correction.apply(raw_mm)),
+                None => state.raw_estimate_mm,
+            };
         }
     }
 

@@ -2,9 +2,11 @@
 
 use core::num::NonZeroU16;
 
+use model_export::link::fault::AdaptationCondition;
 use model_export::link::settings::Settings;
 
 use super::{RigFacts, ValveOutput};
+use crate::adaptation::{Adaptation, AdaptationConfig, ClosedLoop, certify};
 use crate::calibration::CalibrationConfig;
 use crate::control::{
     Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
@@ -23,9 +25,14 @@ pub struct TickConfig<'a> {
     pub facts: RigFacts,
 }
 
-/// Settings that do not go together: the number of the first one to blame.
+/// Settings that do not go together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Inconsistent(pub u16);
+pub enum Inconsistent {
+    /// The number of the first one to blame.
+    Setting(u16),
+    /// Adaptation has no certificate with them: the first condition that fails.
+    Adaptation(AdaptationCondition),
+}
 
 /// Everything immutable that a tick needs.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +44,9 @@ pub struct Tick {
     pub(super) model_follower: Option<Follower>,
     pub(super) model_sees_measured: bool,
     pub(super) controller: Controller,
+    pub(super) adaptation: Option<Adaptation>,
+    /// Delay of the loop that adaptation is certified for, ms; absent while no feedback listens to the adapted estimate.
+    pub(super) certified_delay_ms: Option<u16>,
     pub(super) supervisor: Supervisor,
     pub(super) limiter: Limiter,
     pub(super) over_pressure_bar: f32,
@@ -51,7 +61,7 @@ impl TickConfig<'_> {
     /// Builds the tick.
     ///
     /// # Errors
-    /// [`Inconsistent`] names the first setting that contradicts another.
+    /// [`Inconsistent`] names the first setting that contradicts another, or the condition of adaptation's certificate that fails.
     pub fn build(&self) -> Result<Tick, Inconsistent> {
         let settings = self.settings;
         let laser_calibration = CalibrationConfig {
@@ -70,7 +80,7 @@ impl TickConfig<'_> {
             fault_below_v: settings.pressure_fault_below_v,
             fault_above_v: settings.pressure_fault_above_v,
         };
-        let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent(32))?;
+        let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent::Setting(32))?;
         let sensor = |calibration, maximum_rate_per_s| {
             SensorConfig {
                 maximum_rate_per_s,
@@ -82,8 +92,8 @@ impl TickConfig<'_> {
             .build()
         };
         let converter = &self.facts.converter;
-        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent(10))?;
-        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent(20))?;
+        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent::Setting(10))?;
+        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent::Setting(20))?;
         let limiter = LimiterConfig {
             ceiling_bar: settings.ceiling_bar,
             slew_up_bar_per_s: settings.slew_up_bar_per_s,
@@ -91,19 +101,27 @@ impl TickConfig<'_> {
             output_time_to_live_ms: narrow(settings.output_time_to_live_ms),
         }
         .build()
-        .map_err(|_| Inconsistent(1))?;
+        .map_err(|_| Inconsistent::Setting(1))?;
         // A pressure that the sensor cannot show must not be asked for: over-pressure could not be seen.
         let over_pressure_bar = settings.ceiling_bar + settings.over_pressure_margin_bar;
         if pressure.highest_value() <= over_pressure_bar {
-            return Err(Inconsistent(23));
+            return Err(Inconsistent::Setting(23));
         }
-        let full_scale = MicroBar::from_bar(settings.valve_full_scale_bar).ok_or(Inconsistent(50))?;
-        let period = |milliseconds: u32, number| NonZeroU16::new(narrow(milliseconds)).ok_or(Inconsistent(number));
+        let full_scale = MicroBar::from_bar(settings.valve_full_scale_bar).ok_or(Inconsistent::Setting(50))?;
+        let period = |milliseconds: u32, number| NonZeroU16::new(narrow(milliseconds)).ok_or(Inconsistent::Setting(number));
         let controller = match settings.control_law {
             0 => Controller::Playback(PlaybackConfig { period_ms: period(settings.playback_period_ms, 61)? }.build()),
             1 => Controller::PressureSetPoint(PressureSetPoint),
             2 => Controller::Tracking(tracking(settings, period(settings.playback_period_ms, 61)?)?.build()),
-            _ => return Err(Inconsistent(60)),
+            _ => return Err(Inconsistent::Setting(60)),
+        };
+        let closed = if settings.control_law == 2 { closed_loop(settings) } else { None };
+        let adaptation = if settings.adaptation {
+            let config = adaptation(settings);
+            certify(&config, closed.as_ref()).map_err(Inconsistent::Adaptation)?;
+            Some(config.build())
+        } else {
+            None
         };
         let model_follower = FollowerConfig {
             response_steps: 0.0,
@@ -123,10 +141,12 @@ impl TickConfig<'_> {
             model_follower: (settings.mismatch_displacement_mm > 0.0).then(|| model_follower.build()),
             model_sees_measured: settings.estimator_input_measured,
             controller,
+            adaptation,
+            certified_delay_ms: closed.filter(|_| settings.adaptation).map(|closed| closed.delay_ms),
             supervisor: SupervisorConfig { arming_timeout_s: narrow(settings.arming_timeout_s) }.build(),
             limiter,
             over_pressure_bar,
-            valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent(50))?,
+            valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent::Setting(50))?,
             valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
             host_timeout_ticks: narrow(settings.host_timeout_ms),
             maximum_late_ticks: narrow(settings.maximum_late_ticks),
@@ -139,26 +159,57 @@ impl TickConfig<'_> {
 fn tracking(settings: &Settings, period_ms: NonZeroU16) -> Result<TrackingConfig, Inconsistent> {
     Ok(TrackingConfig {
         period_ms,
-        feed_forward: FeedForward::from_number(settings.feed_forward).ok_or(Inconsistent(62))?,
-        sensor: FeedbackSensor::from_number(settings.feedback_sensor).ok_or(Inconsistent(63))?,
+        feed_forward: FeedForward::from_number(settings.feed_forward).ok_or(Inconsistent::Setting(62))?,
+        sensor: FeedbackSensor::from_number(settings.feedback_sensor).ok_or(Inconsistent::Setting(63))?,
         linear_mm_per_bar: settings.linear_mm_per_bar,
         linear_offset_mm: settings.linear_offset_mm,
         learned_look_ahead_ms: narrow(settings.learned_look_ahead_ms),
-        pid: PidConfig {
-            proportional: settings.pid_proportional,
-            integral_per_s: settings.pid_integral_per_s,
-            derivative_s: settings.pid_derivative_s,
-            derivative_filter_s: settings.pid_derivative_filter_s,
-            limit_mm: settings.pid_limit_mm,
-        },
+        pid: pid(settings),
         observer: ObserverConfig {
             time_constant_s: settings.observer_time_constant_s,
             estimate_bound_mm: settings.observer_estimate_bound_mm,
             widening_mm_per_s: settings.observer_widening_mm_per_s,
         },
         transfer_s: settings.transfer_s,
-        outside_domain: OutsideDomain::from_number(settings.outside_domain).ok_or(Inconsistent(68))?,
+        outside_domain: OutsideDomain::from_number(settings.outside_domain).ok_or(Inconsistent::Setting(68))?,
         estimate_by_physics: settings.estimate_by_physics,
+    })
+}
+
+fn pid(settings: &Settings) -> PidConfig {
+    PidConfig {
+        proportional: settings.pid_proportional,
+        integral_per_s: settings.pid_integral_per_s,
+        derivative_s: settings.pid_derivative_s,
+        derivative_filter_s: settings.pid_derivative_filter_s,
+        limit_mm: settings.pid_limit_mm,
+    }
+}
+
+/// The settings of adaptation.
+fn adaptation(settings: &Settings) -> AdaptationConfig {
+    let (one_mm, other_mm) = (settings.laser_low_mm, settings.laser_high_mm);
+    AdaptationConfig {
+        pivot_mm: settings.adaptation_pivot_mm,
+        span_mm: settings.adaptation_span_mm,
+        zero_limit: settings.adaptation_zero_limit_share,
+        gain_minimum: settings.adaptation_gain_minimum,
+        gain_maximum: settings.adaptation_gain_maximum,
+        time_constant_s: settings.adaptation_time_constant_s,
+        gate: settings.adaptation_gate_share,
+        excitation: settings.adaptation_excitation_share,
+        laser_mm: if one_mm < other_mm { [one_mm, other_mm] } else { [other_mm, one_mm] },
+    }
+}
+
+/// The feedback of a law that tracks, if it listens to the estimate.
+fn closed_loop(settings: &Settings) -> Option<ClosedLoop> {
+    let sensor = FeedbackSensor::from_number(settings.feedback_sensor)?;
+    matches!(sensor, FeedbackSensor::Estimate | FeedbackSensor::Observer).then(|| ClosedLoop {
+        pid: pid(settings),
+        delay_ms: narrow(settings.adaptation_loop_delay_ms),
+        blends: sensor == FeedbackSensor::Observer,
+        lags_inverted: FeedForward::from_number(settings.feed_forward) == Some(FeedForward::Physics),
     })
 }
 
@@ -168,6 +219,18 @@ fn narrow(value: u32) -> u16 {
 }
 
 impl Tick {
+    /// Whether what adaptation learned with `self` still means the same with `other`: the same filter, laser and estimate.
+    pub(super) fn adapts_alike(&self, other: &Self) -> bool {
+        let estimate = |tick: &Self| match &tick.controller {
+            Controller::Tracking(law) => law.estimates_by_physics(),
+            _ => false,
+        };
+        self.adaptation == other.adaptation
+            && self.laser.calibration() == other.laser.calibration()
+            && self.model_sees_measured == other.model_sees_measured
+            && estimate(self) == estimate(other)
+    }
+
     /// The limits in force.
     pub fn limiter(&self) -> &Limiter {
         &self.limiter

@@ -65,6 +65,11 @@ pub trait ModelStep {
     fn is_outside_domain(&self) -> bool {
         false
     }
+
+    /// What tells it from other models: the first bytes of its blob's content hash.
+    fn identity(&self) -> [u8; 8] {
+        [0; 8]
+    }
 }
 
 /// For a rig without a model.
@@ -118,6 +123,8 @@ pub enum Action {
     FaultRecord,
     /// Tell what the controllers did.
     ControlReport,
+    /// Tell what adaptation learned.
+    AdaptationReport,
     /// Begin again and tell every tick from the next one on; refused unless idle and vented.
     TraceBegin,
     /// Tell no more ticks.

@@ -47,9 +47,19 @@ impl Rig {
                 .then(|| state.controller.tracking.report().correction_mm),
             pressure_bar: believed(&state.pressure),
             displacement_mm: believed(&state.laser),
-            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
+            estimate_mm: self.estimate_mm(),
             host_age_ms: state.host_age_ticks,
         }
+    }
+
+    /// The estimate in use, adapted if adaptation is on: what the control law listens to, or else the model's.
+    pub(super) fn estimate_mm(&self) -> Option<f32> {
+        let state = &self.state;
+        let adapted = |raw_mm: f32| match &self.tick.adaptation {
+            Some(adaptation) => adaptation.correction(&state.adaptation).apply(raw_mm),
+            None => raw_mm,
+        };
+        self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm.map(adapted))
     }
 
     pub(super) fn context(&self, sample: RawSample, in_force: MicroBar) -> FaultRecord {
@@ -109,6 +119,8 @@ impl Rig {
         if state.telemetry_countdown > 0 {
             return None;
         }
+        let estimate_mm = self.estimate_mm();
+        let state = &mut self.state;
         state.telemetry_countdown = self.tick.telemetry_period_ticks;
         let sequence = state.telemetry_sequence;
         state.telemetry_sequence = sequence.wrapping_add(1);
@@ -127,7 +139,7 @@ impl Rig {
             set_point: state.set_point,
             pressure_bar,
             displacement_mm,
-            estimate_mm: self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm),
+            estimate_mm,
             playback_index: self.tick.controller.point_index(&state.controller),
             late_ticks: state.late_ticks,
         })

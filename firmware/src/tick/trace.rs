@@ -10,6 +10,7 @@ use model_export::link::state::{ResetCause, State};
 use model_export::link::trace::{TraceCommand, TraceExtra, TraceFlags, TraceRecord};
 
 use super::{Action, BootReport, Command, ModelStep, NoModel, Rig, Tick, TickInputs, TickOutputs, TickState};
+use crate::adaptation::WindowWatch;
 use crate::decimate::{DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
 use crate::plausibility::{FollowerState, SensorState};
@@ -118,6 +119,9 @@ impl Rig {
             has_compensator,
             direction,
             controller,
+            adaptation,
+            window_watch,
+            model_identity,
             supervisor,
             limiter,
             limited,
@@ -143,6 +147,8 @@ impl Rig {
         (*estimate_mm, *inverse_bar) = (None, None);
         *direction = super::Direction::default();
         controller.clear();
+        adaptation.reset();
+        (*window_watch, *model_identity) = (WindowWatch::default(), [0; 8]);
         supervisor.begin_again();
         *limiter = LimiterState::default();
         *set_point = 0.0;
@@ -184,7 +190,7 @@ impl Rig {
         let crc = crc32(crc, &outputs.output.0.to_le_bytes());
         let crc = crc32(crc, &state.notices.0.to_le_bytes());
         let [command_bar, pressure_bar, displacement_mm] = state.filtered;
-        let estimate_mm = self.tick.controller.estimate_mm(&state.controller).or(state.estimate_mm);
+        let estimate_mm = self.estimate_mm();
         [Some(state.set_point), command_bar, pressure_bar, displacement_mm, estimate_mm]
             .iter()
             .fold(crc, |crc, value| crc32(crc, &value.unwrap_or(f32::NAN).to_bits().to_le_bytes()))

@@ -3,16 +3,16 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use model_export::link::fault::{Blocker, Explanation, Fault, Notice, explain};
+use model_export::link::fault::{AdaptationCondition, Blocker, Explanation, Fault, Notice, explain};
 use serde::Serialize;
 
 use super::Outcome;
 use crate::{output, say};
 
-/// Say what a fault, blocker or notice means and what to do about it.
+/// Say what a fault, blocker, notice or condition means and what to do about it.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Its identifier: E017 is a fault, B003 a blocker, N002 a notice; the list of all when absent.
+    /// Its identifier: E017 is a fault, B003 a blocker, N002 a notice, C005 a condition of adaptation; the list of all when absent.
     identifier: Option<String>,
     /// Write the result as JSON to this file; folders on the way are created.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
@@ -40,7 +40,8 @@ fn all() -> Vec<(char, Explanation)> {
     let faults = Fault::ALL.iter().map(|fault| ('E', fault.explanation()));
     let blockers = Blocker::ALL.iter().map(|blocker| ('B', blocker.explanation()));
     let notices = Notice::ALL.iter().map(|notice| ('N', notice.explanation()));
-    faults.chain(blockers).chain(notices).collect()
+    let conditions = AdaptationCondition::ALL.iter().map(|condition| ('C', condition.explanation()));
+    faults.chain(blockers).chain(notices).chain(conditions).collect()
 }
 
 /// Runs the command.
@@ -55,11 +56,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let Some(explanation) = explain(identifier) else {
                 let last = |table| all().iter().filter(|(found, _)| *found == table).map(|(_, entry)| entry.number).max().unwrap_or(0);
                 bail!(
-                    "nothing has the number {identifier}; there are faults E001 to E{:03}, blockers B001 to B{:03} and notices N001 to N{:03}, \
-                     and `catheter explain` lists them all",
+                    "nothing has the number {identifier}; there are faults E001 to E{:03}, blockers B001 to B{:03}, notices N001 to N{:03} and \
+                     conditions C001 to C{:03}, and `catheter explain` lists them all",
                     last('E'),
                     last('B'),
-                    last('N')
+                    last('N'),
+                    last('C')
                 );
             };
             vec![Written::new((table, explanation))]

@@ -67,6 +67,10 @@ impl ModelStep for Heap {
     fn is_outside_domain(&self) -> bool {
         self.loaded.borrow_dependent().is_outside_domain()
     }
+
+    fn identity(&self) -> [u8; 8] {
+        self.loaded.borrow_dependent().identity()
+    }
 }
 
 impl ModelPlace for Heap {

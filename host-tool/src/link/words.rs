@@ -1,6 +1,6 @@
 //! Refusals, faults, blockers and notices as sentences.
 
-use model_export::link::fault::{BlockerSet, Explanation, Fault};
+use model_export::link::fault::{AdaptationCondition, BlockerSet, Explanation, Fault};
 use model_export::link::message::Refusal;
 use model_export::link::settings::{SettingError, by_number};
 use model_export::link::state::State;
@@ -54,6 +54,10 @@ pub fn refusal_in_words(refusal: &Refusal) -> String {
             let name = by_number(*number).map_or_else(|| format!("number {number}"), |info| info.name.to_owned());
             format!("the settings would contradict each other; the first to blame is {name}")
         }
+        Refusal::Uncertified(number) => match AdaptationCondition::from_number(*number) {
+            Some(condition) => format!("adaptation has no certificate: {}", in_words('C', &condition.explanation())),
+            None => format!("adaptation has no certificate: condition {number} of a later version fails"),
+        },
         Refusal::WrongQuantity => "the active control law does not take this kind of set-point; see the setting control.law".to_owned(),
         Refusal::NotFinite => "the value is not a number".to_owned(),
         Refusal::PlaybackIndex(index) => format!("the playback goes on at point {index}"),

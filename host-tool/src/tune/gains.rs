@@ -1,5 +1,6 @@
 //! Gains of the feedback: the best in simulation among those that keep their margins for every actuator within the intervals of the fit.
 
+use firmware::adaptation::certificate::STEEPEST;
 use firmware::control::{Actuator, Compensator, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, TrackingConfig};
 use serde::Serialize;
 
@@ -71,10 +72,16 @@ fn plants(fitted: &Fitted, inverted: bool) -> Vec<Plant> {
         let lags_s = if inverted { lags_s } else { [(lags_s[0] + sign * half).max(0.0), (lags_s[1] + sign * second_half).max(0.0)] };
         // Inverted lags that are longer than thought are a lag, shorter ones a lead; the former costs margin.
         let lag_error_s = if inverted { half + second_half } else { 0.0 };
-        let steeper = if inverted { 1.15 } else { 1.05 };
+        let steeper = if inverted { f64::from(STEEPEST) } else { 1.05 };
         all.push(Plant { gain: gain * steeper, delay_s: best.delay_s + dead_half + lag_error_s, lags_s });
     }
     all
+}
+
+/// Longest delay, s, from a correction in front of the inverse of the physics to the estimate, over the intervals of the fit.
+#[must_use]
+pub fn longest_delay_s(fitted: &Fitted) -> f64 {
+    plants(fitted, true).iter().map(|plant| plant.delay_s).fold(0.0, f64::max)
 }
 
 /// What the loop is built of.

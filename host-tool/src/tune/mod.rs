@@ -84,6 +84,20 @@ pub fn tune(recordings: &[Recording], limits: Limits, seed: u64) -> Result<Tuned
 }
 
 impl Tuned {
+    /// What adaptation must know of actuator and loop; it stays switched off.
+    fn adaptation(&self) -> SettingValues {
+        let float = |name: &str, value: f64| setting(name, SettingValue::Float(value as f32));
+        let (low_mm, high_mm) = self.fitted.range_mm;
+        // The setting's bounds; beyond them the loop has no certificate, and arming is refused with adaptation.
+        let delay_ms = (gains::longest_delay_s(&self.fitted) * 1e3).ceil().clamp(20.0, 600.0);
+        vec![
+            float("adaptation.pivot_mm", 0.5 * (low_mm + high_mm)),
+            // Within the bounds of the setting.
+            float("adaptation.span_mm", (high_mm - low_mm).clamp(0.1, 1000.0)),
+            setting("adaptation.loop_delay_ms", SettingValue::Integer(delay_ms as u32)),
+        ]
+    }
+
     /// The settings of one controller.
     #[must_use]
     pub fn settings(&self, controller: Controller) -> SettingValues {
@@ -103,6 +117,7 @@ impl Tuned {
             // The recordings' length tells how slowly the model goes astray: its bound is reached in a minute.
             float("observer.widening_mm_per_s", bound_mm / 60.0),
         ]);
+        settings.extend(self.adaptation());
         settings
     }
 }

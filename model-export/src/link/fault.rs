@@ -272,6 +272,9 @@ explained! {
         11 FaultCausePresent "fault-cause-present"
             "The cause of the latched fault is still there."
             "Remove it first; `catheter explain` tells how."
+        12 AdaptationUncertified "adaptation-uncertified"
+            "Adaptation is on, and the active model is slower or has another period than its certificate was computed for."
+            "Raise adaptation.loop_delay_ms to the model's dead time and 38 ms, use a model with a period of 20 ms, or switch adaptation off."
     }
 }
 
@@ -322,15 +325,47 @@ explained! {
         14 OutsideDomain "outside-domain"
             "The model's input is outside of what it was trained on."
             "Slow down or stay within the trained pressures, or train on more."
+        15 AdaptationFrozen "adaptation-frozen"
+            "The last window taught adaptation nothing while running: the laser, the estimate or the limiter forbids it."
+            "Nothing, unless it lasts: `catheter rig ... adaptation` tells the reason."
+        16 AdaptationLimited "adaptation-limited"
+            "Zero or gain of the estimate are at a limit of adaptation."
+            "Identify the actuator again; it is no longer the one that the model was made for."
+    }
+}
+
+explained! {
+    /// What must hold for adaptation to be switched on.
+    AdaptationCondition, AdaptationConditionSet,
+    /// A set of conditions, bit = number.
+    {
+        1 SpanWithinLaser "span-within-laser"
+            "The span around the pivot must lie within the laser's calibrated range."
+            "Correct adaptation.pivot_mm and adaptation.span_mm, or the laser's calibration."
+        2 NearTheRaw "near-the-raw"
+            "At their limits zero and gain must not move the estimate by more than 30 % of the span within the span."
+            "Lower adaptation.zero_limit_share, or bring adaptation.gain_minimum and adaptation.gain_maximum closer to one."
+        3 LagsInverted "lags-inverted"
+            "Feedback that listens to the estimate must stand beside the inverse of the physics, for which the loop is known."
+            "Set control.feed_forward to 3, or let control.sensor be 0 or 1."
+        4 LoopContracts "loop-contracts"
+            "The feedback loop without adaptation must be proven stable."
+            "Lower the gains pid.*, or correct adaptation.loop_delay_ms."
+        5 LoopMargin "loop-margin"
+            "The feedback loop must stay stable for every sequence of gains within the limits, with a margin."
+            "Lower the gains pid.*, or bring adaptation.gain_minimum and adaptation.gain_maximum closer to one."
+        6 SlowerThanLoop "slower-than-loop"
+            "Adaptation must take ten times as long as the feedback loop takes to settle."
+            "Raise adaptation.time_constant_s, or use faster feedback."
     }
 }
 
 const _: () = {
     let tables = [Fault::ALL.len(), Blocker::ALL.len(), Notice::ALL.len()];
-    assert!(tables[0] < 64 && tables[1] < 64 && tables[2] < 64);
+    assert!(tables[0] < 64 && tables[1] < 64 && tables[2] < 64 && AdaptationCondition::ALL.len() < 64);
 };
 
-/// What an identifier such as `E017` (fault), `B03` (blocker) or `N2` (notice) means; case and leading zeros do not matter.
+/// What an identifier such as `E017` (fault), `B03` (blocker), `N2` (notice) or `C5` (condition of adaptation) means; case and leading zeros do not matter.
 pub fn explain(identifier: &str) -> Option<Explanation> {
     let identifier = identifier.trim();
     let mut characters = identifier.chars();
@@ -340,6 +375,7 @@ pub fn explain(identifier: &str) -> Option<Explanation> {
         'E' => Fault::from_number(number).map(Fault::explanation),
         'B' => Blocker::from_number(number).map(Blocker::explanation),
         'N' => Notice::from_number(number).map(Notice::explanation),
+        'C' => AdaptationCondition::from_number(number).map(AdaptationCondition::explanation),
         _ => None,
     }
 }

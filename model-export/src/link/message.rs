@@ -7,6 +7,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::Kind;
+use super::adaptation::AdaptationReport;
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
 use super::frame::{self, FrameError, Wire};
 use super::settings::{SettingError, SettingValue};
@@ -138,6 +139,8 @@ pub enum Request {
     TraceBegin,
     /// Tell no more ticks.
     TraceEnd,
+    /// What adaptation learned since it was reset.
+    AdaptationReport,
 }
 
 impl Request {
@@ -211,6 +214,9 @@ pub enum Refusal {
     LogFull,
     /// Not while a trace runs.
     Traced,
+    /// Adaptation has no certificate with these settings; the number of the first condition that fails
+    /// ([`super::fault::AdaptationCondition`]).
+    Uncertified(u8),
 }
 
 /// Entry of a settings page.
@@ -346,6 +352,8 @@ pub enum Reply {
     FaultRecord(FaultRecord),
     /// Answer to [`Request::ControlReport`].
     ControlReport(ControlReport),
+    /// Answer to [`Request::AdaptationReport`].
+    AdaptationReport(AdaptationReport),
 }
 
 /// A reply with its request's token.
@@ -511,6 +519,7 @@ wire_enum!(Request {
     22 ControlReport,
     23 TraceBegin,
     24 TraceEnd,
+    25 AdaptationReport,
 });
 wire_struct!(RequestFrame { token, request });
 wire_enum!(Refusal {
@@ -535,6 +544,7 @@ wire_enum!(Refusal {
     18 NoRecord,
     19 LogFull,
     20 Traced,
+    21 Uncertified(number),
 });
 wire_struct!(SettingDifference { number, in_use, baseline });
 wire_struct!(Status {
@@ -580,6 +590,7 @@ wire_enum!(Reply {
     6 Uploaded(offset),
     7 FaultRecord(record),
     8 ControlReport(report),
+    9 AdaptationReport(report),
 });
 wire_struct!(ReplyFrame { token, reply });
 wire_struct!(Telemetry {

@@ -304,6 +304,26 @@ settings! {
         "Bound on the error of the estimate alone.";
     112 observer_widening_mm_per_s: f32 = 0.01, 0.0 ..= 1000.0, "observer.widening_mm_per_s", "mm/s",
         "How fast the bound widens without the laser.";
+    120 adaptation: bool = false, false ..= true, "adaptation.enabled", "",
+        "Whether zero and gain of the estimate follow the laser; refused unless the conditions of its certificate hold.";
+    121 adaptation_pivot_mm: f32 = 7.0, -1000.0 ..= 1000.0, "adaptation.pivot_mm", "mm",
+        "Displacement about which the gain turns: the middle of the range in use.";
+    122 adaptation_span_mm: f32 = 10.0, 0.1 ..= 1000.0, "adaptation.span_mm", "mm",
+        "Length of the range in use.";
+    123 adaptation_zero_limit_share: f32 = 0.15, 0.0 ..= 0.25, "adaptation.zero_limit_share", "",
+        "Largest zero, share of the span.";
+    124 adaptation_gain_minimum: f32 = 0.85, 0.8 ..= 1.0, "adaptation.gain_minimum", "",
+        "Smallest gain.";
+    125 adaptation_gain_maximum: f32 = 1.15, 1.0 ..= 1.25, "adaptation.gain_maximum", "",
+        "Largest gain.";
+    126 adaptation_time_constant_s: f32 = 60.0, 10.0 ..= 600.0, "adaptation.time_constant_s", "s",
+        "How fast the zero follows the laser.";
+    127 adaptation_gate_share: f32 = 0.05, 0.005 ..= 0.25, "adaptation.gate_share", "",
+        "Difference of laser and adapted estimate that is still believed, share of the span; wider after a time without the laser.";
+    128 adaptation_excitation_share: f32 = 0.1, 0.01 ..= 1.0, "adaptation.excitation_share", "",
+        "Standard deviation of the estimate, share of the span, from which on the gain is adapted.";
+    129 adaptation_loop_delay_ms: u32 = 120, 20 ..= 600, "adaptation.loop_delay_ms", "ms",
+        "Delay from the feedback's correction to the estimate that the certificate is computed for; `catheter tune` knows it.";
 }
 
 /// The information on the setting with this name, for example `limits.ceiling_bar`.

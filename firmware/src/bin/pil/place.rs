@@ -53,6 +53,10 @@ impl ModelStep for Buffer {
     fn is_outside_domain(&self) -> bool {
         self.running.is_outside_domain()
     }
+
+    fn identity(&self) -> [u8; 8] {
+        self.running.identity()
+    }
 }
 
 impl ModelPlace for Buffer {

@@ -57,6 +57,10 @@ impl ModelStep for Tenant {
     fn is_outside_domain(&self) -> bool {
         self.0.as_ref().is_some_and(|model| model.is_outside_domain())
     }
+
+    fn identity(&self) -> [u8; 8] {
+        self.0.as_ref().map_or([0; 8], |model| model.identity())
+    }
 }
 
 /// The background's side.

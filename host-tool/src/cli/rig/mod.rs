@@ -1,5 +1,6 @@
 //! `catheter rig`: speaks to a board, to the emulator or to a rig in this process.
 
+mod adaptation;
 mod model;
 mod record;
 mod settings;
@@ -63,6 +64,8 @@ enum Command {
     Vent,
     /// Confirm that a fault was read and its cause removed; the device tests itself again.
     Acknowledge,
+    /// What adaptation learned from the laser: zero and gain of the estimate, and why it stands still if it does.
+    Adaptation,
     /// Read, change and save settings.
     #[command(subcommand)]
     Settings(settings::Command),
@@ -97,6 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         Command::Explain => state::explain(&mut rig, which)?,
         Command::Vent => state::vent(&mut rig, which)?,
         Command::Acknowledge => state::acknowledge(&mut rig, which)?,
+        Command::Adaptation => adaptation::run(&mut rig, which)?,
         Command::Settings(command) => settings::run(command, &mut rig, which)?,
         Command::Model(command) => model::run(command, &mut rig, which)?,
         Command::Record(record) => record::run(record, &mut rig, which)?,
