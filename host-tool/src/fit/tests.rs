@@ -139,8 +139,9 @@ fn a_second_input_is_used_and_asked_for() {
 fn offsets_of_recordings_are_nuisances_and_not_part_of_the_model() {
     let (mut train, mut test) = paper(78, 0.001);
     // A sensor set to zero anew before each recording; the mean of the offsets is 2.
-    for (number, recording) in train.iter_mut().enumerate() {
-        let offset = 2.0 + 0.3 * (number as f64 - 2.5);
+    let offsets = [0.5, -0.3, 0.1, -0.6, 0.4, -0.1];
+    for (recording, offset) in train.iter_mut().zip(offsets) {
+        let offset = 2.0 + offset;
         recording.output.iter_mut().for_each(|value| *value += offset);
     }
     test.iter_mut().for_each(|recording| recording.output.iter_mut().for_each(|value| *value += 2.0));
@@ -149,8 +150,7 @@ fn offsets_of_recordings_are_nuisances_and_not_part_of_the_model() {
     let best = linear.min_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse)).expect("a rung");
     let file = fitted.fitted(best).expect("a file");
     assert_eq!(file.zeros.len(), train.len());
-    for (number, zero) in file.zeros.iter().enumerate() {
-        let offset = 0.3 * (number as f64 - 2.5);
+    for (zero, offset) in file.zeros.iter().zip(offsets) {
         assert!((zero.offset - offset).abs() < 0.05, "{}: {} instead of {offset}", zero.recording, zero.offset);
     }
     let error = rmse(&FittedPredictor::new(file, Path::new("m")), &test);
