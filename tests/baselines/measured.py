@@ -131,7 +131,8 @@ def renamed(tables, side):
 
 
 def unrelated(tables, _):
-    """Outputs of the next recording (of a single one: half of it later), so that inputs explain nothing. What is promised must say so."""
+    """Outputs of the next recording, so that inputs explain nothing. What is promised must say so."""
+    # A single test recording gets outputs half of it later; a single training recording that repeats itself would keep its law.
     result = []
     for index, (stem, header, rows) in enumerate(tables):
         other = tables[(index + 1) % len(tables)][2] if len(tables) > 1 else rows[len(rows) // 2 :] + rows[: len(rows) // 2]
