@@ -228,11 +228,17 @@ fn load(path: &Path) -> Result<TrainedModel> {
         Format::Fitted => {
             let fitted = FittedModel::read(path)?;
             let physics = fit::chip::of_file(&fitted).with_context(|| {
-                format!("{}: the microcontroller has no form for `{}`; take the `model.blob` beside it, or a rung that has one", path.display(), fitted.name)
+                format!(
+                    "{}: the microcontroller has no form for `{}`; take the `model.blob` beside it, or a rung that has one",
+                    path.display(),
+                    fitted.name
+                )
             })?;
             export::from_physics(&physics).with_context(refused)
         }
-        Format::Discovered => bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display()),
+        Format::Discovered => {
+            bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display())
+        }
         Format::Network | Format::Blob => Ok(network::load(path)?),
     }
 }

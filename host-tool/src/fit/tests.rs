@@ -1,9 +1,9 @@
 use std::path::Path;
 
+use super::file::FittedPredictor;
 use super::*;
 use crate::excitation::Limits;
 use crate::excitation::sets::SetConfig;
-use super::file::FittedPredictor;
 use crate::model::{self, PhysicsPredictor, Predictor};
 use crate::plant::dataset::{Dataset, SetKind};
 use crate::plant::{MeasurementNoise, Plant, PlantConfig};
@@ -67,10 +67,15 @@ fn noise_that_no_input_explains_is_not_explained() {
         }
     }
     let fitted = fit(&train, &physics_only(1), &|_| {}).expect("a ladder");
-    let spread = mean(&train.iter().map(|one| {
-        let centre = mean(&one.output);
-        mean(&one.output.iter().map(|value| (value - centre).powi(2)).collect::<Vec<_>>()).sqrt()
-    }).collect::<Vec<_>>());
+    let spread = mean(
+        &train
+            .iter()
+            .map(|one| {
+                let centre = mean(&one.output);
+                mean(&one.output.iter().map(|value| (value - centre).powi(2)).collect::<Vec<_>>()).sqrt()
+            })
+            .collect::<Vec<_>>(),
+    );
     for rung in fitted.ladder.iter().filter(|rung| rung.eligible) {
         assert!(rung.cv_rmse > 0.99 * spread, "{}: {} of {spread}", rung.name, rung.cv_rmse);
     }

@@ -2,8 +2,8 @@
 
 #[cfg(target_os = "linux")]
 mod board;
-mod check;
 mod c_source;
+mod check;
 mod contract;
 mod control;
 mod demo;
