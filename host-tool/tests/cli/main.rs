@@ -9,6 +9,7 @@ mod control;
 mod demo;
 mod discover;
 mod evaluate;
+mod fit;
 mod help;
 mod import_network;
 mod refusals;
