@@ -144,7 +144,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             calibrated.mean_rmse
         );
     }
-    let fitted = (model::format(&arguments.model)? == model::Format::Fitted).then(|| FittedModel::read(&arguments.model)).transpose()?;
+    let fitted = match model::format(&arguments.model)? {
+        model::Format::Fitted => Some(FittedModel::read(&arguments.model)?),
+        _ => None,
+    };
     if let Some(fitted) = &fitted {
         let ([low, high], unit) = (fitted.expected.interval, &fitted.output.unit);
         say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", fitted.expected.rmse);

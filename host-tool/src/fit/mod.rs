@@ -73,7 +73,7 @@ pub enum RungModel {
     /// The mean of other rungs, by index.
     Average(Vec<usize>),
     /// An identified physics model.
-    Physics(PhysicsModel),
+    Physics(Box<PhysicsModel>),
     /// A trained network.
     Network(Box<TrainedModel>),
 }

@@ -109,7 +109,8 @@ fn a_stated_calibration_sets_the_zero_of_a_new_session_and_is_not_scored() {
     let said = bench.works("evaluate --model result/model --data moved --calibrate-s 3 --json moved.json").stdout;
     assert!(said.contains("with the zero set over the first 3 s"), "{said}");
     let moved = bench.json("moved.json");
-    let (as_is, calibrated) = (moved["mean_rmse"].as_f64().expect("a number"), moved["calibrated"]["mean_rmse"].as_f64().expect("a number"));
+    let (as_is, calibrated) =
+        (moved["mean_rmse"].as_f64().expect("a number"), moved["calibrated"]["mean_rmse"].as_f64().expect("a number"));
     assert!((as_is - 0.25).abs() < 0.02 && calibrated < 0.02, "{as_is} {calibrated}");
     assert_eq!(moved["files"][0]["n"], moved["calibrated"]["files"][0]["n"], "both are judged on the same samples");
     assert_eq!(moved["files"][0]["n"], 750);
@@ -118,7 +119,8 @@ fn a_stated_calibration_sets_the_zero_of_a_new_session_and_is_not_scored() {
 #[test]
 fn what_cannot_be_fitted_is_refused_before_anything_is_written() {
     let bench = Bench::new();
-    let still = "time_s,pressure_bar,displacement_mm\n".to_owned() + &(0..200).map(|k| format!("{},1,{}\n", f64::from(k) * 0.02, k % 7)).collect::<String>();
+    let still = "time_s,pressure_bar,displacement_mm\n".to_owned()
+        + &(0..200).map(|k| format!("{},1,{}\n", f64::from(k) * 0.02, k % 7)).collect::<String>();
     bench.write("still/a.csv", still);
     bench.refuses("fit --data still --out result", &["never changes"]);
     bench.write("short/a.csv", recording_csv(0.3).lines().take(30).collect::<Vec<_>>().join("\n"));
