@@ -7,11 +7,10 @@ use anyhow::Result;
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
-use crate::evaluate::{Errors, FileErrors, Judged};
 use crate::fit::folder::{self, BlobFile};
 use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
-use crate::{output, recording, report, say};
+use crate::{output, recording, say};
 
 /// Find the model that will be best on the next recording.
 ///
@@ -122,9 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let blob = folder::write(&fitted, &arguments.out)?;
     print(&fitted, &model_path, blob.as_ref());
-    let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(&fitted));
-    output::write_atomic(&arguments.out.join("report.html"), report::fit::page(&fitted, &examples).as_bytes())?;
-    say!("report: {}", arguments.out.join("report.html").display());
+    say!("report: {}", arguments.out.join(folder::REPORT).display());
     if let Some(path) = &arguments.common.json {
         let range = &fitted.prepared.output;
         let summary = Summary {
@@ -144,19 +141,6 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_json(path, &summary)?;
     }
     Ok(Outcome::Success)
-}
-
-/// Predictions of each recording by models that it took no part in.
-fn left_out(fitted: &Fitted) -> Vec<Judged> {
-    let chosen = &fitted.ladder[fitted.chosen];
-    let pairs = fitted.prepared.recordings.iter().zip(&chosen.predictions);
-    pairs
-        .map(|(recording, predicted)| {
-            let errors = Errors::between(predicted, &recording.output);
-            let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
-            Judged { errors, first: 0, predicted: predicted.clone() }
-        })
-        .collect()
 }
 
 fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {

@@ -1,4 +1,5 @@
-//! The folder of a fit: `model`, `model.blob` where the microcontroller can hold one, and `rungs/` with every model of the ladder.
+//! The folder of a fit: `model`, `model.blob` where the microcontroller can hold one, and `rungs/` with every model of the ladder, and the
+//! report.
 
 use std::path::Path;
 
@@ -6,7 +7,11 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::{Outcome, RungModel, chip};
-use crate::{export, network, output};
+use crate::evaluate::{Errors, FileErrors, Judged};
+use crate::{export, network, output, report};
+
+/// The report.
+pub const REPORT: &str = "report.html";
 
 /// The blob beside the model.
 #[derive(Clone, Debug, Serialize)]
@@ -21,7 +26,7 @@ pub struct BlobFile {
     pub step_instructions: usize,
 }
 
-/// Writes every rung, the chosen one as `model`, and a blob where one can be made.
+/// Writes every rung, the chosen one as `model`, the report, and a blob where one can be made.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -34,6 +39,8 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
             write_rung(fitted, index, &folder.join("model"))?;
         }
     }
+    let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(fitted));
+    output::write_atomic(&folder.join(REPORT), report::fit::page(fitted, &examples).as_bytes())?;
     let blob_path = folder.join("model.blob");
     // The chosen rung, or else the best that the microcontroller can hold.
     let able = (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible);
@@ -79,4 +86,17 @@ pub fn write_rung(fitted: &Outcome, index: usize, path: &Path) -> Result<()> {
             None => Ok(()),
         },
     }
+}
+
+/// Predictions of each recording by models that it took no part in.
+fn left_out(fitted: &Outcome) -> Vec<Judged> {
+    let chosen = &fitted.ladder[fitted.chosen];
+    let pairs = fitted.prepared.recordings.iter().zip(&chosen.predictions);
+    pairs
+        .map(|(recording, predicted)| {
+            let errors = Errors::between(predicted, &recording.output);
+            let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
+            Judged { errors, first: 0, predicted: predicted.clone() }
+        })
+        .collect()
 }
