@@ -13,20 +13,29 @@ do what the commands of the same names do. `CatheterError`, a ValueError, carrie
 `catheter.network_state` writes networks of PyTorch and Keras for `catheter import-network`; it is imported on its own.
 """
 
-from ._native import (
-    CatheterError,
-    Fit,
-    Model,
-    Recording,
-    __version__,
-    discover,
-    export,
-    export_c,
-    fit,
-    load,
-    read_recordings,
-    simulate,
-)
+try:
+    from ._native import (
+        CatheterError,
+        Fit,
+        Model,
+        Recording,
+        __version__,
+        discover,
+        export,
+        export_c,
+        fit,
+        load,
+        read_recordings,
+        simulate,
+    )
+except ModuleNotFoundError as missing:
+    if missing.name != "catheter._native":
+        raise
+
+    # A checkout that was not installed: `catheter.network_state` is Python alone and shall work there too.
+    def __getattr__(name):
+        raise AttributeError(f"`catheter.{name}` needs the native part of the package; build it with `pip install ./python`")
+
 
 __all__ = [
     "CatheterError",
