@@ -1,4 +1,4 @@
-//! The project's chores: `cargo xtask test | ci | bench | firmware | flash | setup`, the same for a person and for continuous integration.
+//! The project's chores: `cargo xtask test | ci | bench | firmware | flash | python | setup`, the same for a person and for continuous integration.
 
 mod bench;
 mod checks;
@@ -6,6 +6,7 @@ mod demo;
 mod emulator;
 mod firmware;
 mod process;
+mod python;
 mod setup;
 
 use std::process::ExitCode;
@@ -22,7 +23,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Chore {
-    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the demo.
+    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the demo, the Python package.
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
@@ -33,6 +34,8 @@ enum Chore {
     PanicFree,
     /// Build, seal and flash the image with a debug probe, then show its logs.
     Flash,
+    /// Build the Python package in an environment of its own and run its tests and its notebook.
+    Python,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
     Setup,
 }
@@ -45,6 +48,7 @@ fn main() -> ExitCode {
         Chore::Firmware => setup::target().and_then(|()| firmware::build()).map(drop),
         Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
         Chore::Flash => setup::target().and_then(|()| firmware::flash()),
+        Chore::Python => python::tests(),
         Chore::Setup => setup::everything(),
     };
     match result {
@@ -66,5 +70,6 @@ fn test() -> anyhow::Result<()> {
     emulator::tests()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
-    demo::runs()
+    demo::runs()?;
+    python::tests()
 }

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::{Common, Data, Outcome};
-use crate::discover::file::{DiscoveredModel, EffectEntry, Origin};
-use crate::discover::{self, DiscoverConfig, Discovery, Finding, Start};
+use crate::discover::file::DiscoveredModel;
+use crate::discover::folder::{self, Written};
+use crate::discover::{self, DiscoverConfig, Discovery, Start};
 use crate::recording::{self, Recording};
 use crate::{model, output, report, say};
 
@@ -37,9 +38,7 @@ pub struct Arguments {
 /// # Errors
 /// On bad input or when the result cannot be written.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let outputs: Vec<PathBuf> = ["model.toml", "runner_up.toml", "microcontroller.toml", "discovery.json", "report.html"]
-        .map(|name| arguments.out.join(name))
-        .into();
+    let outputs = folder::FILES.map(|name| arguments.out.join(name));
     let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
     let recordings = arguments.data.load()?;
     let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options())? };
@@ -58,27 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     })?;
     bar.finish_and_clear();
     let discovery = &finding.discovery;
-    let model = model_of(&finding, &finding.after, discovery, &recordings);
-    write_model(&arguments.out.join("model.toml"), &model)?;
-    // What an earlier discovery left must not pass for a part of this one.
-    for name in ["runner_up.toml", "microcontroller.toml"] {
-        match std::fs::remove_file(arguments.out.join(name)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(error).with_context(|| format!("{}: an old file cannot be removed", arguments.out.join(name).display()));
-            }
-            _ => {}
-        }
-    }
-    let for_the_board = discover::physics::physics_model(&model, &recordings);
-    if let Ok(physics) = &for_the_board {
-        physics.write(&arguments.out.join("microcontroller.toml"))?;
-    }
-    if let Some(second) = &finding.second {
-        write_model(&arguments.out.join("runner_up.toml"), &model_of(&finding, second, discovery, &recordings))?;
-    }
-    output::write_json(&arguments.out.join("discovery.json"), discovery)?;
-    let page = report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
-    output::write_atomic(&arguments.out.join("report.html"), page.as_bytes())?;
+    let Written { model, for_the_board } = folder::write(&finding, &recordings, &arguments.out)?;
     if let Some(path) = &arguments.common.json {
         output::write_json(path, discovery)?;
     }
@@ -93,50 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 /// Lets a given model predict every recording.
 fn start_from(path: &Path, recordings: &[Recording], kept: &[Recording]) -> Result<Start> {
     let predictor = model::load(path)?;
-    let mut predictions = Vec::new();
-    for recording in recordings.iter().chain(kept) {
-        model::check(predictor.description(), recording, false)?;
-        predictions.push(predictor.predict(&recording.input, &recording.gaps)?);
-    }
-    Ok(Start { predictions, discovered: DiscoveredModel::read(path).ok() })
-}
-
-fn write_model(path: &Path, model: &DiscoveredModel) -> Result<()> {
-    let text = model.encode().context("cannot encode the model as TOML")?;
-    output::write_atomic(path, text.as_bytes())
-}
-
-/// The file of a model that was found.
-fn model_of(finding: &Finding, model: &discover::Model, discovery: &Discovery, recordings: &[Recording]) -> DiscoveredModel {
-    let effects = model
-        .slots
-        .iter()
-        .map(|slot| {
-            let named = discovery.effects.iter().find(|effect| effect.name == slot.form.name() && effect.form == slot.form.form());
-            EffectEntry {
-                name: slot.form.name().to_owned(),
-                form: slot.form.form().to_owned(),
-                normalised: slot.parameters.clone(),
-                weights: slot.weights.clone(),
-                parameters: named.map(|effect| effect.parameters.clone()).unwrap_or_default(),
-                intervals: named.map(|effect| effect.intervals.clone()).unwrap_or_default(),
-            }
-        })
-        .collect();
-    let origin = Origin {
-        program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
-        recordings: recordings
-            .iter()
-            .map(|recording| {
-                let name = recording.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-                format!("{name} {}", recording.sha256)
-            })
-            .collect(),
-        rmse: discovery.rmse_after,
-        rmse_before: discovery.rmse_before,
-    };
-    let signals = (recordings[0].input_signal.clone(), recordings[0].output_signal.clone());
-    DiscoveredModel::new(model, &finding.session, signals, origin, effects)
+    Start::new(predictor.as_ref(), DiscoveredModel::read(path).ok(), recordings, kept)
 }
 
 /// Says what was found.

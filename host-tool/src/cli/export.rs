@@ -5,14 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use model_export::blob::{self, Blob};
 use model_export::compensation::Compensation;
-use model_export::headroom::headroom;
-use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 use super::{Common, Outcome};
-use crate::export::c::{self, CSource, Name};
-use crate::export::{self, Comparison, Export};
-use crate::fit::{self, file::FittedModel};
+use crate::export::c::CFiles;
+use crate::export::{self, Export, Summary};
+use crate::fit::file::FittedModel;
 use crate::identify::PhysicsModel;
 use crate::model::{self, Format};
 use crate::network::{self, TrainedModel};
@@ -61,31 +58,12 @@ pub struct Arguments {
     c: Option<PathBuf>,
 }
 
-/// The result as JSON; the first five keys are a contract.
-#[derive(Serialize)]
-struct Summary<'a> {
-    bytes: usize,
-    sha256: String,
-    rmse_f32_vs_fixed: f64,
-    max_abs_f32_vs_fixed: f64,
-    /// Absent without a network: there is no accumulator.
-    accumulator_headroom: Option<f64>,
-    rmse_f32_vs_fixed_normalised: f64,
-    output_unit: &'a str,
-    /// Absent for a blob, which was exported before; so are the next two.
-    rounding: Option<&'a str>,
-    recordings: Option<usize>,
-    report: Option<&'a Comparison>,
-    /// C source and header, if they were asked for.
-    c: Vec<PathBuf>,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let c = arguments.c.as_deref().map(CFiles::new).transpose()?;
+    let c = arguments.c.as_deref().map(|path| CFiles::new(path).with_context(|| format!("--c {}", path.display()))).transpose()?;
     if model::format(&arguments.model)? == Format::Blob {
         return rewrite(arguments, c.as_ref());
     }
@@ -95,10 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let options = recording::ReadOptions { columns: arguments.columns.clone(), rate_hz: arguments.rate_hz };
     let mut recordings = recording::load_with(&arguments.calibration, &options)?;
-    // An inverse is calibrated on the recordings it was trained on; their ranges do not depend on how far it looks ahead.
-    if (model.input.unit.as_str(), model.output.unit.as_str()) == ("mm", "bar") {
-        recordings = recordings.iter().map(|recording| recording.exchanged(0.0)).collect::<Result<_, _>>()?;
-    }
+    recordings = export::as_the_model_sees(&model, recordings)?;
     let compensation = match &arguments.compensation {
         Some(path) => Some(compensation(path)?),
         None => None,
@@ -110,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let export =
         export::export_with(&model, &recordings, compensation).with_context(|| format!("cannot export {}", arguments.model.display()))?;
     if let Some(c) = &c {
-        c.write(&blob::decode(&export.bytes)?)?;
+        write_c(c, &blob::decode(&export.bytes)?)?;
     }
     if let Some(out) = &arguments.out {
         output::write_atomic(out, &export.bytes)?;
@@ -118,19 +93,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     print(&model, &export, recordings.len());
     if let Some(path) = &arguments.common.json {
-        let summary = Summary {
-            bytes: export.bytes.len(),
-            sha256: hexadecimal(&Sha256::digest(&export.bytes)),
-            rmse_f32_vs_fixed: export.comparison.rmse,
-            max_abs_f32_vs_fixed: export.comparison.max_abs,
-            accumulator_headroom: export.headroom.is_finite().then_some(export.headroom),
-            rmse_f32_vs_fixed_normalised: export.comparison.rmse_normalised,
-            output_unit: &model.output.unit,
-            rounding: Some(export.rounding),
-            recordings: Some(export.recordings),
-            report: Some(&export.comparison),
-            c: c.map(CFiles::into_paths).unwrap_or_default(),
-        };
+        let summary = Summary::of(&model, &export, c.map(CFiles::into_paths).unwrap_or_default());
         output::write_json(path, &summary)?;
     }
     Ok(Outcome::Success)
@@ -148,69 +111,27 @@ fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
         bail!("{}: a blob is written as it is; leave --out, --calibration, --columns and --compensation away", path.display());
     }
     refuse_overwriting(arguments, Some(c), std::slice::from_ref(path))?;
-    c.write(&blob).with_context(|| format!("cannot export {}", path.display()))?;
+    write_c(c, &blob).with_context(|| format!("cannot export {}", path.display()))?;
     if let Some(json) = &arguments.common.json {
-        let metrics = &blob.model.metrics;
-        let (rmse, scale) = (f64::from(metrics.rmse_f32_vs_fixed), f64::from(blob.model.output.scale));
-        let summary = Summary {
-            bytes: bytes.len(),
-            sha256: hexadecimal(&Sha256::digest(&bytes)),
-            rmse_f32_vs_fixed: rmse,
-            max_abs_f32_vs_fixed: f64::from(metrics.max_abs_f32_vs_fixed),
-            accumulator_headroom: blob.model.network.as_ref().map(|network| headroom(network).least()),
-            rmse_f32_vs_fixed_normalised: rmse / scale,
-            output_unit: blob.model.output.unit,
-            rounding: None,
-            recordings: None,
-            report: None,
-            c: vec![c.source.clone(), c.header.clone()],
-        };
+        let summary = Summary::of_blob(&bytes, &blob, vec![c.source.clone(), c.header.clone()]);
         output::write_json(json, &summary)?;
     }
     Ok(Outcome::Success)
 }
 
-/// Where C goes, and under which name.
-struct CFiles {
-    source: PathBuf,
-    header: PathBuf,
-    name: Name,
-}
-
-impl CFiles {
-    fn new(source: &Path) -> Result<Self> {
-        let stem = source.file_stem().and_then(|stem| stem.to_str()).filter(|_| has_ending(source, "c"));
-        let Some(name) = stem.and_then(Name::from_stem) else {
-            bail!("--c {}: no #include can name the header beside it; take a name of letters and digits that ends in .c", source.display());
-        };
-        let header = source.with_extension("h");
-        output::check_file(&header).map_err(|problem| anyhow::anyhow!("{}: {problem}", header.display()))?;
-        Ok(Self { source: source.to_owned(), header, name })
-    }
-
-    fn write(&self, blob: &Blob<'_>) -> Result<()> {
-        let CSource { header, source } = c::generate(blob, &self.name)?;
-        output::write_atomic(&self.header, header.as_bytes())?;
-        output::write_atomic(&self.source, source.as_bytes())?;
-        let name = self.name.identifier();
-        say!("{} and {}: {name}_reset, {name}_step, {name}_self_test", self.source.display(), self.header.display());
-        say!("compile with -ffp-contract=off and without -ffast-math; the outputs have the bits of the firmware's");
-        Ok(())
-    }
-
-    fn into_paths(self) -> Vec<PathBuf> {
-        vec![self.source, self.header]
-    }
+/// Writes the C files and says what is in them.
+fn write_c(files: &CFiles, blob: &Blob<'_>) -> Result<()> {
+    files.write(blob)?;
+    let name = files.identifier();
+    say!("{} and {}: {name}_reset, {name}_step, {name}_self_test", files.source.display(), files.header.display());
+    say!("compile with -ffp-contract=off and without -ffast-math; the outputs have the bits of the firmware's");
+    Ok(())
 }
 
 fn refuse_overwriting(arguments: &Arguments, c: Option<&CFiles>, inputs: &[PathBuf]) -> Result<()> {
     let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.json.as_deref()).collect();
     outputs.extend(c.iter().flat_map(|c| [c.source.as_path(), c.header.as_path()]));
     output::refuse_overwriting(inputs, &outputs)
-}
-
-fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|found| found == ending)
 }
 
 /// The compensation part of a blob.
@@ -225,17 +146,7 @@ fn load(path: &Path) -> Result<TrainedModel> {
     let refused = || format!("cannot export {}", path.display());
     match model::format(path)? {
         Format::Physics => export::from_physics(&PhysicsModel::read(path)?).with_context(refused),
-        Format::Fitted => {
-            let fitted = FittedModel::read(path)?;
-            let physics = fit::chip::of_file(&fitted).with_context(|| {
-                format!(
-                    "{}: the microcontroller has no form for `{}`; take the `model.blob` beside it, or a rung that has one",
-                    path.display(),
-                    fitted.name
-                )
-            })?;
-            export::from_physics(&physics).with_context(refused)
-        }
+        Format::Fitted => export::from_fitted(&FittedModel::read(path)?).with_context(|| path.display().to_string()),
         Format::Discovered => {
             bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display())
         }
@@ -274,9 +185,4 @@ fn print(model: &TrainedModel, export: &Export, given: usize) {
             layer.hidden_saturations
         );
     }
-}
-
-/// Lower-case hexadecimal.
-pub(super) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
-use crate::evaluate::{Errors, FileErrors, Judged};
-use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, RungModel, Settings, Splits};
+use crate::fit::folder::{self, BlobFile};
+use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
-use crate::{export, network, output, recording, report, say};
+use crate::{output, recording, say};
 
 /// Find the model that will be best on the next recording.
 ///
@@ -53,19 +53,10 @@ struct Summary<'a> {
     unit: &'a str,
     output_range: f64,
     model: String,
-    blob: Option<BlobSummary>,
+    blob: Option<BlobFile>,
     repeatability_details: &'a Repeatability,
     notes: &'a [String],
     seconds: f64,
-}
-
-/// The blob beside the model.
-#[derive(Clone, Debug, Serialize)]
-struct BlobSummary {
-    file: String,
-    rung: String,
-    bytes: usize,
-    step_instructions: usize,
 }
 
 /// Runs the command.
@@ -128,11 +119,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(error) = failed.into_inner().ok().flatten() {
         return Err(error);
     }
-    let blob = write(&fitted, &arguments.out)?;
+    let blob = folder::write(&fitted, &arguments.out)?;
     print(&fitted, &model_path, blob.as_ref());
-    let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(&fitted));
-    output::write_atomic(&arguments.out.join("report.html"), report::fit::page(&fitted, &examples).as_bytes())?;
-    say!("report: {}", arguments.out.join("report.html").display());
+    say!("report: {}", arguments.out.join(folder::REPORT).display());
     if let Some(path) = &arguments.common.json {
         let range = &fitted.prepared.output;
         let summary = Summary {
@@ -154,73 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// Predictions of each recording by models that it took no part in.
-fn left_out(fitted: &Fitted) -> Vec<Judged> {
-    let chosen = &fitted.ladder[fitted.chosen];
-    let pairs = fitted.prepared.recordings.iter().zip(&chosen.predictions);
-    pairs
-        .map(|(recording, predicted)| {
-            let errors = Errors::between(predicted, &recording.output);
-            let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
-            Judged { errors, first: 0, predicted: predicted.clone() }
-        })
-        .collect()
-}
-
-/// Writes every rung, the chosen one as `model`, and a blob where one can be made.
-fn write(fitted: &Fitted, folder: &Path) -> Result<Option<BlobSummary>> {
-    for (index, rung) in fitted.ladder.iter().enumerate() {
-        let stem = rung.name.replace(" + ", "-").replace([' ', ','], "-").replace("--", "-").to_lowercase();
-        let place = folder.join("rungs").join(stem);
-        write_rung(fitted, index, &place)?;
-        if index == fitted.chosen {
-            write_rung(fitted, index, &folder.join("model"))?;
-        }
-    }
-    let blob_path = folder.join("model.blob");
-    // The chosen rung, or else the best that the microcontroller can hold.
-    let able = (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible);
-    let best = able.min_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
-    let index = if fitted.ladder[fitted.chosen].on_chip { Some(fitted.chosen) } else { best };
-    let Some(index) = index else {
-        // One of an earlier fit would be taken for this one's.
-        if blob_path.exists() {
-            std::fs::remove_file(&blob_path).with_context(|| format!("{}: cannot be removed", blob_path.display()))?;
-        }
-        return Ok(None);
-    };
-    let trained = match &fitted.ladder[index].model {
-        RungModel::Network(model) => (**model).clone(),
-        RungModel::Physics(model) => export::from_physics(model)?,
-        RungModel::Linear(model) => {
-            let physics = fit::chip::physics(model, &fitted.prepared).context("the rung has no form on the chip")?;
-            export::from_physics(&physics)?
-        }
-        RungModel::Average(_) => anyhow::bail!("an average has no form on the chip"),
-    };
-    let exported = export::export(&trained, &fitted.prepared.recordings).context("the blob cannot be made")?;
-    output::write_atomic(&blob_path, &exported.bytes)?;
-    let decoded = model_export::blob::decode(&exported.bytes).context("the blob cannot be read back")?;
-    Ok(Some(BlobSummary {
-        file: blob_path.display().to_string(),
-        rung: fitted.ladder[index].name.clone(),
-        bytes: exported.bytes.len(),
-        step_instructions: firmware::estimator::step_instructions(&decoded.model),
-    }))
-}
-
-fn write_rung(fitted: &Fitted, index: usize, path: &Path) -> Result<()> {
-    match &fitted.ladder[index].model {
-        RungModel::Network(model) => Ok(network::save(path, model)?),
-        RungModel::Physics(model) => Ok(model.write(path)?),
-        RungModel::Linear(_) | RungModel::Average(_) => match fitted.fitted(index) {
-            Some(model) => model.write(path),
-            None => Ok(()),
-        },
-    }
-}
-
-fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobSummary>) {
+fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
     let output = &fitted.prepared.output;
     let (unit, range) = (&output.unit, output.maximum - output.minimum);
     let width = fitted.ladder.iter().map(|rung| rung.name.chars().count()).max().unwrap_or(0).max(5);

@@ -11,8 +11,8 @@ use model_export::headroom::{Headroom, headroom};
 use model_export::schema::{Channel, Mode, Model, Network};
 use serde::Serialize;
 
-use super::export::hexadecimal;
 use super::{Common, Outcome};
+use crate::export::hexadecimal;
 use crate::{output, say};
 
 /// Print everything about a model blob, and check it.

@@ -17,6 +17,7 @@ mod diagnosis;
 pub mod effects;
 pub mod file;
 mod find;
+pub mod folder;
 mod frozen;
 mod grid;
 mod jump_evidence;
@@ -54,6 +55,7 @@ pub use past::Past;
 pub use session::{Role, Run, Session, SessionError};
 pub use whereabouts::Disagreement;
 
+use crate::model::{self as models, Predictor};
 use crate::recording::{ExtraColumn, Recording};
 use catalogue::Place;
 use rounds::Bench;
@@ -191,6 +193,26 @@ pub struct Start {
     pub predictions: Vec<Vec<f64>>,
     /// The file, when discovery wrote it: its effects are kept, and what is found comes on top.
     pub discovered: Option<file::DiscoveredModel>,
+}
+
+impl Start {
+    /// Lets a model predict every recording; `discovered` is that model when discovery wrote it.
+    ///
+    /// # Errors
+    /// When the model was not made for the recordings or cannot be run.
+    pub fn new(
+        model: &dyn Predictor,
+        discovered: Option<file::DiscoveredModel>,
+        recordings: &[Recording],
+        kept: &[Recording],
+    ) -> anyhow::Result<Self> {
+        let mut predictions = Vec::new();
+        for recording in recordings.iter().chain(kept) {
+            models::check(model.description(), recording, false)?;
+            predictions.push(model.predict(&recording.input, &recording.gaps)?);
+        }
+        Ok(Self { predictions, discovered })
+    }
 }
 
 /// Upper tail of the normal distribution.

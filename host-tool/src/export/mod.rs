@@ -8,6 +8,7 @@ pub mod c;
 mod calibrate;
 mod report;
 mod single;
+mod summary;
 #[cfg(test)]
 mod tests;
 
@@ -21,14 +22,17 @@ use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, Quantis
 use model_export::schema;
 use sha2::{Digest, Sha256};
 
+use crate::fit::chip;
+use crate::fit::file::FittedModel;
 use crate::identify::{self, PhysicsModel};
 use crate::model::PERIOD_TOLERANCE;
 use crate::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
-use crate::recording::Recording;
+use crate::recording::{Recording, RecordingError};
 
 pub use calibrate::Calibration;
 use reference::Reference;
 pub use report::{Comparison, LayerReport, SignalReport};
+pub use summary::{Summary, hexadecimal};
 
 /// Why a model cannot be exported.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +70,15 @@ pub enum ExportError {
     /// The model does not fit the schema.
     #[error("the model cannot be written as a blob: {0}")]
     Blob(#[from] BlobError),
+    /// A fitted model with parts that the front end lacks.
+    #[error("the microcontroller has no form for `{name}`; take the `model.blob` beside it, or a rung that has one")]
+    NoForm {
+        /// The rung.
+        name: String,
+    },
+    /// A physics model that the front end cannot represent.
+    #[error(transparent)]
+    Physics(#[from] identify::ModelError),
     /// A window longer than the schema's counter.
     #[error("a window of {length} samples is too long for a blob; train with a shorter one")]
     Window {
@@ -146,6 +159,27 @@ pub fn from_physics(physics: &PhysicsModel) -> Result<TrainedModel, identify::Mo
         network: None,
         provenance,
     })
+}
+
+/// A model of `catheter fit` as a model without a network.
+///
+/// # Errors
+/// When the microcontroller has no form for it.
+pub fn from_fitted(fitted: &FittedModel) -> Result<TrainedModel, ExportError> {
+    let physics = chip::of_file(fitted).ok_or_else(|| ExportError::NoForm { name: fitted.name.clone() })?;
+    Ok(from_physics(&physics)?)
+}
+
+/// Recordings to calibrate a model with. An inverse is calibrated on the recordings it was trained on, with input and output exchanged;
+/// their ranges do not depend on how far it looks ahead.
+///
+/// # Errors
+/// When a recording is too short to be exchanged.
+pub fn as_the_model_sees(model: &TrainedModel, recordings: Vec<Recording>) -> Result<Vec<Recording>, RecordingError> {
+    if (model.input.unit.as_str(), model.output.unit.as_str()) == ("mm", "bar") {
+        return recordings.iter().map(|recording| recording.exchanged(0.0)).collect();
+    }
+    Ok(recordings)
 }
 
 /// Samples in the golden vectors: enough for several reversals, few enough to replay at every boot.

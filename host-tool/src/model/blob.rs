@@ -34,6 +34,12 @@ impl BlobModel {
         Ok(Self { bytes, description })
     }
 
+    /// The bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
     /// Replays the golden vectors that the blob carries, as the microcontroller does before it trusts the model.
     ///
     /// # Errors

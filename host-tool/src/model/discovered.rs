@@ -38,6 +38,12 @@ impl DiscoveredPredictor {
         };
         Ok(Self { model, description })
     }
+
+    /// The model itself.
+    #[must_use]
+    pub fn model(&self) -> &DiscoveredModel {
+        &self.model
+    }
 }
 
 impl Predictor for DiscoveredPredictor {

@@ -153,6 +153,14 @@ fn further_input(role: &str) -> Option<usize> {
         .filter(|number| (2..10).contains(number))
 }
 
+/// Quantity and unit of a column by its name, as in [`ColumnMap::parse`]; `role` is what a message calls it.
+///
+/// # Errors
+/// When the name has no unit.
+pub fn signal(role: &str, header: &str) -> Result<Signal, String> {
+    column_name(role, header).map(|name| name.signal)
+}
+
 /// The column behind `role=header`, with its unit.
 fn column_name(role: &str, header: &str) -> Result<ColumnName, String> {
     let bracketed = super::header::bracketed(header);

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-pub use columns::{ColumnMap, ColumnName};
+pub use columns::{ColumnMap, ColumnName, signal};
 pub use error::RecordingError;
 pub use note::{Note, Subject};
 pub use options::ReadOptions;
@@ -187,6 +187,18 @@ impl Recording {
             notes: Vec::new(),
             sha256: String::new(),
         })
+    }
+
+    /// Adds inputs beside the first; the gaps are found anew.
+    #[must_use]
+    pub fn with_more_inputs(mut self, more_inputs: Vec<Channel>) -> Self {
+        if !more_inputs.is_empty() {
+            self.more_inputs = more_inputs;
+            let mut channels = self.inputs();
+            channels.push(&self.output);
+            self.gaps = clock::gaps(&self.time_s, &channels);
+        }
+        self
     }
 
     /// All inputs, the first one first.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::columns::OPTIONAL;
 use super::table::{self, Layout, Separator};
-use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, clock, condition, header, repair};
+use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, repair};
 
 /// What a file holds.
 pub(super) struct Read {
@@ -227,16 +227,11 @@ impl Part {
             columns.more_inputs.iter().map(|signal| Channel { signal: signal.clone(), values: next() }).collect();
         let output = next();
         let extra = columns.extra.iter().map(|name| ExtraColumn { name: name.clone(), values: next() }).collect();
-        let mut recording = Recording::new(path, map.input.signal.clone(), map.output.signal.clone(), time_s, input, output)?;
+        let mut recording =
+            Recording::new(path, map.input.signal.clone(), map.output.signal.clone(), time_s, input, output)?.with_more_inputs(more_inputs);
         recording.path = name.to_path_buf();
         recording.group = group;
         recording.extra = extra;
-        if !more_inputs.is_empty() {
-            recording.more_inputs = more_inputs;
-            let mut channels = recording.inputs();
-            channels.push(&recording.output);
-            recording.gaps = clock::gaps(&recording.time_s, &channels);
-        }
         recording.mark_lost_samples();
         recording.notes = notes;
         let lines: Vec<u64> = order.iter().map(|&row| lines[row]).collect();

@@ -5,6 +5,7 @@
 //! leaves them to the compiler. *Sums* are taken in the order of the firmware, also where an addend is zero: that decides the sign of
 //! a zero. Fixed parts stand in `template/` as C, with `@word@` where a model's own numbers go.
 
+mod files;
 mod front_end;
 mod header;
 mod literal;
@@ -16,6 +17,7 @@ use model_export::blob::Blob;
 use model_export::schema::Model;
 use model_export::validate::Invalid;
 
+pub use files::CFiles;
 pub use name::Name;
 
 /// Why a blob has no C form.
