@@ -41,7 +41,7 @@ impl Kind {
         let rung = &outcome.ladder[index];
         let name = Path::new(&rung.name);
         Ok(match &rung.model {
-            fit::RungModel::Physics(model) => Self::Physics(PhysicsPredictor::new((*model).clone(), name)),
+            fit::RungModel::Physics(model) => Self::Physics(PhysicsPredictor::new((**model).clone(), name)),
             fit::RungModel::Network(model) => Self::Network(Box::new(NetworkModel::new((**model).clone(), name)?)),
             fit::RungModel::Linear(_) | fit::RungModel::Average(_) => {
                 Self::Fitted(FittedPredictor::new(outcome.fitted(index).with_context(|| format!("`{}` has no file", rung.name))?, name))

@@ -47,6 +47,14 @@ fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
     assert!(matches!(device.ask(Request::FaultRecord), Reply::FaultRecord(record) if record.first == Fault::ClockFailed.number()));
     assert_eq!(device.ask(Request::PreviousFaultRecord), Reply::Refused(Refusal::NoRecord));
 
+    // The certificate of adaptation for a feedback loop, which takes more of the stack than any other setting.
+    let loops = [(60, 2), (62, 3), (63, 3)].map(|(number, value)| (number, SettingValue::Integer(value)));
+    let gains = [(101, SettingValue::Float(2.0)), (120, SettingValue::Flag(true))];
+    for (number, value) in loops.into_iter().chain(gains) {
+        assert_eq!(device.ask(Request::SettingSet { number, value }), Reply::Done, "setting {number}");
+    }
+    let too_fast = Request::SettingSet { number: 101, value: SettingValue::Float(100.0) };
+    assert_eq!(device.ask(too_fast), Reply::Refused(Refusal::Uncertified(4)));
     // Settings work; flash that cannot be written is an answer, not an end.
     assert_eq!(device.ask(Request::SettingSet { number: 1, value: SettingValue::Float(2.5) }), Reply::Done);
     assert_eq!(device.ask(Request::SettingGet { number: 1 }), Reply::Setting(SettingValue::Float(2.5)));

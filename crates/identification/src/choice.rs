@@ -16,6 +16,8 @@ const NEAR: f64 = 1.3;
 const MATERIAL: f64 = 0.02;
 /// However uncertain the comparison, no rung is taken that is worse than the best by more than this relative error.
 const MOST: f64 = 0.03;
+/// Units below which a standard error says nothing: then the best is taken, which often is the average.
+const FEW: usize = 6;
 
 /// What a choice needs to know of a rung.
 #[derive(Clone, Debug)]
@@ -101,7 +103,8 @@ pub fn simplest(entries: &[Entry], floor: f64) -> Option<usize> {
         let log = |error: &f64| error.max(floor).max(f64::MIN_POSITIVE).ln();
         let differences: Vec<f64> =
             entries[index].errors.iter().zip(&entries[best].errors).map(|(one, best)| log(one) - log(best)).collect();
-        levels[index] - levels[best] <= standard_error(&differences).clamp(MATERIAL.ln_1p(), MOST.ln_1p())
+        let allowed = if differences.len() < FEW { 0.0 } else { standard_error(&differences).clamp(MATERIAL.ln_1p(), MOST.ln_1p()) };
+        levels[index] - levels[best] <= allowed
     })
 }
 
@@ -118,7 +121,10 @@ fn standard_error(values: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
+    /// Six units from three.
     fn entry(errors: &[f64]) -> Entry {
+        let errors: Vec<f64> = errors.iter().copied().cycle().take(2 * errors.len().max(3)).collect();
+        let errors = errors.as_slice();
         Entry { name: String::new(), errors: errors.to_vec(), predictions: Vec::new(), eligible: true }
     }
 
@@ -133,6 +139,8 @@ mod tests {
         assert_eq!(simplest(&[simple.clone(), Entry { eligible: false, ..better }], 0.0), Some(0));
         assert_eq!(simplest(&[entry(&[f64::NAN]), entry(&[1.0])], 0.0), Some(1));
         assert_eq!(simplest(&[], 0.0), None);
+        let few = |errors: &[f64]| Entry { errors: errors.to_vec(), ..entry(&[1.0]) };
+        assert_eq!(simplest(&[few(&[1.01, 1.0]), few(&[1.0, 1.0])], 0.0), Some(1), "two units tell nothing of the standard error");
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub const PRIOR_RECORDINGS: f64 = 4.0;
 pub const BLOCK_EXCESS: f64 = 0.74;
 /// See [`BLOCK_EXCESS`].
 pub const BLOCK_SPREAD: f64 = 0.5;
+/// Maps that these two were measured on.
+pub const BLOCK_MAPS: f64 = 5.0;
 
 /// The central 95 % prediction interval for the next recording's RMSE, in the unit of the errors.
 ///
@@ -31,7 +33,7 @@ pub fn next(errors: &[f64], independent: Option<usize>) -> [f64; 2] {
     // Blocks of one recording say nothing about the spread between recordings.
     let (prior, seen, count) = match independent {
         Some(independent) => (PRIOR_SPREAD, independent.saturating_sub(1) as f64, independent.max(1) as f64),
-        None => (BLOCK_SPREAD, 0.0, 1.0),
+        None => (BLOCK_SPREAD, 0.0, BLOCK_MAPS),
     };
     let freedom = PRIOR_RECORDINGS + seen;
     let variance = (PRIOR_RECORDINGS * prior * prior + seen * variance) / freedom;

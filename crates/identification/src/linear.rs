@@ -268,7 +268,7 @@ pub fn cholesky(mut matrix: Vec<f64>, mut right: Vec<f64>) -> Option<Vec<f64>> {
                 let sum: f64 = current[..row].iter().map(|value| value * value).sum();
                 let pivot = current[row] - sum;
                 // Not below rounding of the diagonal, and not NaN.
-                if !(pivot > 1e-13 * current[row]) {
+                if pivot.is_nan() || pivot <= 1e-13 * current[row] {
                     return None;
                 }
                 current[row] = pivot.sqrt();

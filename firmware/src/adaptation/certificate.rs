@@ -221,8 +221,8 @@ impl Linear {
             run(State { filtered: 1.0, ..State::ZERO });
         }
         let rho = self.largest(&rows);
-        // Not `>`: what is no number is not small.
-        if !(rho < SMALL) {
+        // What is no number is infinite here, hence not small.
+        if rho >= SMALL {
             return None;
         }
         let mut state = State::ZERO;

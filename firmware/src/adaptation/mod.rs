@@ -18,7 +18,7 @@
 //! # What holds for every input, numbers that are none included
 //! 1. `|zero|` and the gain stay within their limits, and neither moves by more than its limit times `s` in a window.
 //! 2. The covariance is positive definite and not above its caps: the Joseph form keeps it so for any gain in real numbers, and
-//!    [`Covariance::bounded`] restores it after rounding. Without excitation nothing winds up.
+//!    `Covariance::bounded` restores it after rounding. Without excitation nothing winds up.
 //!
 //! What follows from 1 for the closed loop is in [`certificate`].
 //!

@@ -111,7 +111,7 @@ fn an_hour_without_excitation_moves_no_gain_and_winds_nothing_up() {
     assert!(covariance.gain <= 20.0 * share && covariance.zero <= 2.0 * share, "{covariance:?}");
     // The estimate is right where it rests, and when the tip moves again nothing jumps.
     assert!((state.zero - 0.03).abs() < 1e-3, "{state:?}");
-    let before = *(&state);
+    let before = state;
     run(&mut state, 70 * MINUTE..71 * MINUTE, |window| 7.0 + stroke_mm(window), |_, raw_mm| Some(7.3 + 1.05 * (raw_mm - 7.0)));
     assert!((state.gain_error - before.gain_error).abs() < 0.003 && (state.zero - before.zero).abs() < 0.002, "{before:?} {state:?}");
 }

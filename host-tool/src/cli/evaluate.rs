@@ -9,6 +9,7 @@ use super::{Common, Data, Outcome};
 use crate::evaluate::ladder::{self, Entry, Ladder};
 use crate::evaluate::suite::{self, SuiteReport};
 use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, judge, mean_nrmse, mean_rmse};
+use crate::fit::file::{Expected, FittedModel};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
 use crate::{output, report, say};
@@ -27,6 +28,10 @@ pub struct Arguments {
     /// Shift each prediction by a constant so that it meets the first sample that counts (sensors without a fixed zero).
     #[arg(long)]
     tare: bool,
+    /// Judge twice, side by side: as it is, and with the zero set over so many seconds at the start of each recording, which do not count
+    /// in either.
+    #[arg(long, value_name = "S", value_parser = seconds, conflicts_with = "tare")]
+    calibrate_s: Option<f64>,
     /// Interpolate recordings of another sample period than the model's instead of refusing them.
     #[arg(long)]
     resample: bool,
@@ -72,9 +77,24 @@ struct Written<'a> {
     skip_s: f64,
     tare: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
+    calibrated: Option<Calibrated>,
+    /// What the model's own file promises for the next recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected: Option<&'a Expected>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     ladder: Option<&'a Ladder>,
     #[serde(skip_serializing_if = "Option::is_none")]
     suite: Option<&'a SuiteReport>,
+}
+
+/// Errors after a start-up calibration of the zero.
+#[derive(Clone, Debug, Serialize)]
+struct Calibrated {
+    /// Seconds that set the zero and do not count.
+    calibrate_s: f64,
+    files: Vec<FileErrors>,
+    mean_rmse: f64,
+    mean_nrmse: Option<f64>,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -99,13 +119,39 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let paths: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     output::refuse_overwriting(&paths, &outputs)?;
     let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
-    let judging = Judging { fit, skip_s: arguments.skip_s, tare: arguments.tare };
+    let calibrate_s = arguments.calibrate_s.unwrap_or(0.0);
+    // Both ways are judged on the same samples.
+    let judging = Judging { fit, skip_s: arguments.skip_s.max(calibrate_s), tare: arguments.tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
     let judged = judge(&*model, &recordings, judging, threads)?;
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
     print_errors(&*model, &files, &families);
+    let calibrated = match arguments.calibrate_s {
+        Some(calibrate_s) if calibrate_s > 0.0 => {
+            let judged = judge(&*model, &recordings, Judging { calibrate_s, ..judging }, threads)?;
+            let files: Vec<FileErrors> = judged.into_iter().map(|judged| judged.errors).collect();
+            let (mean_rmse, mean_nrmse) = (mean_rmse(&files), mean_nrmse(&files));
+            Some(Calibrated { calibrate_s, files, mean_rmse, mean_nrmse })
+        }
+        _ => None,
+    };
+    if let Some(calibrated) = &calibrated {
+        let unit = &model.description().output.unit;
+        say!(
+            "with the zero set over the first {calibrate_s} s, which do not count above either: mean RMSE {:.6} {unit}",
+            calibrated.mean_rmse
+        );
+    }
+    let fitted = match model::format(&arguments.model)? {
+        model::Format::Fitted => Some(FittedModel::read(&arguments.model)?),
+        _ => None,
+    };
+    if let Some(fitted) = &fitted {
+        let ([low, high], unit) = (fitted.expected.interval, &fitted.output.unit);
+        say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", fitted.expected.rmse);
+    }
     let ladder = if arguments.ladder { Some(climb(arguments, &*model, &recordings, judging, threads)?) } else { None };
     if let Some(ladder) = &ladder {
         print_ladder(ladder, &model.description().output.unit);
@@ -148,6 +194,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             description: model.description(),
             skip_s: arguments.skip_s,
             tare: arguments.tare,
+            calibrated,
+            expected: fitted.as_ref().map(|fitted| &fitted.expected),
             ladder: ladder.as_ref(),
             suite: suite.as_ref(),
         };

@@ -6,6 +6,7 @@ use anyhow::Result;
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
+use crate::identify::choose::Judged;
 use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
 use crate::recording::{Recording, Timing};
 use crate::{output, say};
@@ -27,8 +28,9 @@ pub struct Arguments {
     /// The model file to write.
     #[arg(long, value_name = "M.toml", value_parser = output::file_argument("toml"))]
     out: PathBuf,
-    /// Kind of model; the modified one bends the sum by a curve (asymmetry, saturation).
-    #[arg(long, value_enum, default_value_t = ModelKind::Pi)]
+    /// Kind of model; the modified one bends the sum by a curve (asymmetry, saturation). `auto` tries both, with and without dead time and
+    /// lag, and takes the simplest that is as good as the best on recordings left out.
+    #[arg(long, value_enum, default_value_t = ModelKind::Auto)]
     model: ModelKind,
     /// So many operators with thresholds on an even grid up to half the input's span.
     #[arg(long, value_name = "N", conflicts_with_all = ["free_thresholds", "thresholds"])]
@@ -51,12 +53,12 @@ pub struct Arguments {
     /// Fit a constant for each recording (a sensor set to zero anew); the model gets their mean.
     #[arg(long)]
     offset_per_recording: bool,
-    /// Dead time between input and operators: seconds or `auto`.
-    #[arg(long, default_value = "0", value_name = "S|auto", value_parser = choice)]
-    dead_time_s: Choice,
+    /// Dead time between input and operators: seconds or `auto`; 0 when nothing is said and a kind of model is.
+    #[arg(long, value_name = "S|auto", value_parser = choice)]
+    dead_time_s: Option<Choice>,
     /// Time constant of a first-order lag between input and operators: seconds or `auto`.
-    #[arg(long, default_value = "0", value_name = "S|auto", value_parser = choice)]
-    lag_s: Choice,
+    #[arg(long, value_name = "S|auto", value_parser = choice)]
+    lag_s: Option<Choice>,
     /// Segments of the modified model's curve.
     #[arg(long, default_value_t = 8, value_name = "N")]
     curve_segments: usize,
@@ -67,6 +69,7 @@ pub struct Arguments {
 /// Kind of model on the command line.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum ModelKind {
+    Auto,
     Pi,
     ModifiedPi,
 }
@@ -103,6 +106,11 @@ struct Summary<'a> {
     input_unit: &'a str,
     output_unit: &'a str,
     files: Vec<FileSummary<'a>>,
+    /// Error on what took no part, and the 95 % prediction interval for the next recording; absent for very long data.
+    cv_rmse: Option<f64>,
+    cv_interval: Option<[f64; 2]>,
+    /// All kinds that were tried.
+    kinds: &'a [Judged],
 }
 
 #[derive(Serialize)]
@@ -123,7 +131,7 @@ struct FileSummary<'a> {
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let config = FitConfig {
         kind: match arguments.model {
-            ModelKind::Pi => Kind::PrandtlIshlinskii,
+            ModelKind::Auto | ModelKind::Pi => Kind::PrandtlIshlinskii,
             ModelKind::ModifiedPi => Kind::ModifiedPrandtlIshlinskii,
         },
         thresholds: match (arguments.operators, &arguments.thresholds) {
@@ -139,8 +147,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         rest_input: arguments.rest_input,
         skip_s: arguments.skip_s,
         offsets: arguments.offset_per_recording,
-        dead_time_s: arguments.dead_time_s,
-        lag_time_constant_s: arguments.lag_s,
+        dead_time_s: arguments.dead_time_s.unwrap_or(Choice::Given(0.0)),
+        lag_time_constant_s: arguments.lag_s.unwrap_or(Choice::Given(0.0)),
         curve_segments: arguments.curve_segments,
     };
     let recordings = arguments.data.load()?;
@@ -148,16 +156,33 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());
     output::refuse_overwriting(&inputs, &outputs)?;
+    let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    // A setting that the user gave is kept in every kind.
+    let path_given = arguments.dead_time_s.is_some() || arguments.lag_s.is_some();
+    let candidates = match arguments.model {
+        ModelKind::Auto => identify::choose::kinds(&config)
+            .into_iter()
+            .filter(|(_, kind)| !path_given || kind.dead_time_s == Choice::Auto)
+            .map(|(name, kind)| {
+                let dead_time_s = arguments.dead_time_s.unwrap_or(kind.dead_time_s);
+                (name, FitConfig { dead_time_s, lag_time_constant_s: arguments.lag_s.unwrap_or(kind.lag_time_constant_s), ..kind })
+            })
+            .collect(),
+        _ => vec![("this model".to_owned(), config.clone())],
+    };
+    let (kinds, chosen) = identify::choose::judge(&recordings, &candidates, threads)?;
+    let config = candidates.get(chosen).map_or(config, |(_, config)| config.clone());
     let fit = identify::fit(&recordings, &config)?;
     fit.model.write(&arguments.out)?;
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &summary(&fit, &recordings))?;
+        output::write_json(path, &summary(&fit, &recordings, &kinds, chosen))?;
     }
     print(&fit, &recordings, arguments);
+    print_kinds(&kinds, chosen, &fit.model.output.unit);
     Ok(Outcome::Success)
 }
 
-fn summary<'a>(fit: &'a Fit, recordings: &'a [Recording]) -> Summary<'a> {
+fn summary<'a>(fit: &'a Fit, recordings: &'a [Recording], kinds: &'a [Judged], chosen: usize) -> Summary<'a> {
     let model = &fit.model;
     let files = recordings.iter().map(|recording| {
         let (rmse, nrmse, max_abs) = model.errors(recording);
@@ -193,6 +218,9 @@ fn summary<'a>(fit: &'a Fit, recordings: &'a [Recording]) -> Summary<'a> {
         input_unit: &model.input.unit,
         output_unit: &model.output.unit,
         files: files.collect(),
+        cv_rmse: kinds.get(chosen).map(|kind| kind.cv_rmse),
+        cv_interval: kinds.get(chosen).map(|kind| kind.cv_interval),
+        kinds,
     }
 }
 
@@ -225,6 +253,19 @@ fn print(fit: &Fit, recordings: &[Recording], arguments: &Arguments) {
         model.provenance.samples,
         arguments.out.display()
     );
+}
+
+fn print_kinds(kinds: &[Judged], chosen: usize, unit: &str) {
+    let Some(taken) = kinds.get(chosen) else {
+        say!("too many samples to fit them several times: no error on left-out recordings is known");
+        return;
+    };
+    for (index, kind) in kinds.iter().enumerate().filter(|_| kinds.len() > 1) {
+        let mark = if index == chosen { "  <- chosen" } else { "" };
+        say!("{:>12.6} {unit} on what was left out: {}{mark}", kind.cv_rmse, kind.name);
+    }
+    let [low, high] = taken.cv_interval;
+    say!("expect {:.4e} {unit} on the next recording, {low:.3e} to {high:.3e} with 95 %", taken.cv_rmse);
 }
 
 fn choice(text: &str) -> Result<Choice, String> {

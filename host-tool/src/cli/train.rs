@@ -61,6 +61,8 @@ const CERTIFIED_RADIUS: f64 = 0.99;
 struct Written<'a> {
     #[serde(flatten)]
     report: &'a TrainReport,
+    /// Central 95 % prediction interval for the error on the next recording, from the validation recordings.
+    next_interval: [f64; 2],
     preset: &'a str,
     seed: u64,
     threads: usize,
@@ -108,6 +110,12 @@ fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
 fn positive<T: std::str::FromStr + Into<f64> + Copy>(text: &str) -> Result<T, String> {
     let value = text.parse().ok().filter(|value: &T| (*value).into().is_finite() && (*value).into() > 0.0);
     value.ok_or_else(|| "a positive number is wanted".to_owned())
+}
+
+/// What the next recording may bring, by the recordings that validated; one or two recordings validate with their own ends.
+fn next_interval(report: &TrainReport, recordings: usize) -> [f64; 2] {
+    let errors: Vec<f64> = report.validation.iter().map(|validated| validated.rmse).collect();
+    identification::interval::next(&errors, (recordings > 2).then_some(errors.len()))
 }
 
 /// Runs the command.
@@ -167,6 +175,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             report.val_rmse,
             report.val_rmse_front_end,
         );
+        let [low, high] = next_interval(&report, recordings.len());
+        crate::say!("expect {:.5} {unit} on the next recording, {low:.5} to {high:.5} with 95 %", report.val_rmse);
         if arguments.inverse {
             // The device shows the inverse the reference as it will be, the recordings what it was on average over a sample.
             let ahead_ms = arguments.look_ahead_ms + 500.0 * model.sample_period_s;
@@ -176,6 +186,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(path) = &arguments.common.json {
         let result = Written {
             report: &report,
+            next_interval: next_interval(&report, recordings.len()),
             preset: &config.preset,
             seed: arguments.common.seed,
             threads,

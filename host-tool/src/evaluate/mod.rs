@@ -27,6 +27,9 @@ pub struct Judging {
     pub skip_s: f64,
     /// Whether a constant is added to the prediction so that it meets the first sample that counts: for sensors without a fixed zero.
     pub tare: bool,
+    /// Seconds at the start of each recording over which the prediction's mean is set to the measurement's, as a start-up calibration
+    /// would; they do not count.
+    pub calibrate_s: f64,
 }
 
 /// A recording, what a model made of it, and how far that is off.
@@ -53,14 +56,14 @@ pub fn judge(model: &dyn Predictor, recordings: &[Recording], judging: Judging, 
 
 fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> Result<Judged> {
     let mut predicted = model::predict(model, recording, judging.fit)?;
-    let begin_s = recording.time_s[0] + judging.skip_s;
+    let begin_s = recording.time_s[0] + judging.skip_s.max(judging.calibrate_s);
     let first = recording.time_s.partition_point(|&time_s| time_s < begin_s);
     if first >= recording.len() {
         let length_s = recording.time_s[recording.len() - 1] - recording.time_s[0];
         bail!(
-            "{}: lasts {length_s:.2} s, nothing is left after skipping {} s; give a smaller --skip-s",
+            "{}: lasts {length_s:.2} s, nothing is left after skipping {} s; give a smaller --skip-s or --calibrate-s",
             recording.path.display(),
-            judging.skip_s
+            judging.skip_s.max(judging.calibrate_s)
         );
     }
     if let Some(index) = predicted.iter().position(|value| !value.is_finite()) {
@@ -69,6 +72,12 @@ fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> 
             "{model}: the prediction for {path} is not finite from {:.3} s on; train or identify the model again",
             recording.time_s[index]
         );
+    }
+    if judging.calibrate_s > 0.0 {
+        let end_s = recording.time_s[0] + judging.calibrate_s;
+        let seen = recording.time_s.partition_point(|&time_s| time_s < end_s);
+        let sum: f64 = recording.output[..seen].iter().zip(&predicted).map(|(measured, predicted)| measured - predicted).sum();
+        predicted.iter_mut().for_each(|value| *value += sum / seen.max(1) as f64);
     }
     if judging.tare {
         let shift = recording.output[first] - predicted[first];

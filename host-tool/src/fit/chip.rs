@@ -62,7 +62,7 @@ fn convert(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, 
     if curve.is_some() {
         input_gain = 1.0;
     }
-    Some(PhysicsModel {
+    let physics = PhysicsModel {
         format_version: FORMAT_VERSION,
         kind: if curve.is_some() { Kind::ModifiedPrandtlIshlinskii } else { Kind::PrandtlIshlinskii },
         sample_period_s: structure.sample_period_s,
@@ -87,7 +87,9 @@ fn convert(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, 
             samples: sources.iter().map(|source| source.samples).sum(),
             data: sources.to_vec(),
         },
-    })
+    };
+    // More operators or bends than fit?
+    physics.front_end().is_ok().then_some(physics)
 }
 
 /// Ramps that follow each other from -1 to 1, as a curve of the input less its rest; none when they leave holes.

@@ -3,6 +3,8 @@
 //! A member is a weighted sum of columns (see [`identification`]); the model's output is the mean of its members. TOML, versioned, with
 //! units and provenance; everything that the simulation uses is in it.
 
+#![allow(clippy::result_large_err, reason = "errors with paths and names end the command; nothing is hot here")]
+
 use std::path::{Path, PathBuf};
 
 use identification::LinearModel;

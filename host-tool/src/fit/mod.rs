@@ -74,7 +74,7 @@ pub enum RungModel {
     /// The mean of other rungs, by index.
     Average(Vec<usize>),
     /// An identified physics model.
-    Physics(PhysicsModel),
+    Physics(Box<PhysicsModel>),
     /// A trained network.
     Network(Box<TrainedModel>),
 }
@@ -158,7 +158,7 @@ const INSTRUCTIONS: usize = 7;
 /// When the recordings do not go together or carry nothing to fit.
 pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
     let prepared = prepare::prepare(recordings)?;
-    let repeatability = repeatability::estimate(recordings);
+    let repeatability = repeatability::estimate(&prepared.recordings);
     let series = &prepared.series;
     let partition = Partition::new(series);
     let evidence = Evidence::of(&partition, prepared.duration_s);
@@ -195,7 +195,8 @@ pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progres
             ladder.extend(operators::rungs(&prepared, &partition, name == "PI + dynamics", path, evidence, settings.threads, next));
         }
     }
-    let mut notes = Vec::new();
+    let mut notes = prepared.notes.clone();
+    notes.iter().for_each(|note| tell(Progress::Note(note.clone())));
     networks::add(&mut ladder, &prepared, &partition, &repeatability, settings, tell, &mut notes, next)?;
     add_average(&mut ladder, &prepared, &partition, next);
     let best = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.cv_rmse).fold(f64::INFINITY, f64::min);

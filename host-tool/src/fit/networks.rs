@@ -48,7 +48,8 @@ fn reason_against(ladder: &[LadderRung], prepared: &Prepared, partition: &Partit
         return Some("physics is exact here".to_owned());
     }
     let repeats = repeatability.repeatability?;
-    (physics <= AT_REPEATABILITY * repeats)
+    // Physics that is clearly better than what the rig repeats proves the estimate wrong.
+    (physics <= AT_REPEATABILITY * repeats && physics >= repeats / AT_REPEATABILITY)
         .then(|| format!("physics is at what the rig itself repeats ({repeats:.3} {})", prepared.output.unit))
 }
 

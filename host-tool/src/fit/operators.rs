@@ -100,6 +100,6 @@ fn rung(
         zeros: partition.units().iter().map(zero).collect(),
         errors,
         predictions,
-        model: RungModel::Physics(model),
+        model: RungModel::Physics(Box::new(model)),
     })
 }

@@ -24,6 +24,8 @@ pub struct Prepared {
     pub output: ChannelRange,
     /// The files.
     pub sources: Vec<Source>,
+    /// What was left out or changed, in words.
+    pub notes: Vec<String>,
 }
 
 /// Samples below which nothing can be left out.
@@ -34,12 +36,13 @@ const FEWEST: usize = 60;
 /// # Errors
 /// When there are none, their channels differ, they are too short, or a channel never moves.
 pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
+    let (recordings, notes) = without_copies(recordings);
     let Some(first) = recordings.first() else { bail!("there are no recordings to fit; give --data a file or a folder of them") };
     let channels = |recording: &Recording| -> Vec<Signal> {
         let more = recording.more_inputs.iter().map(|channel| channel.signal.clone());
         [recording.input_signal.clone(), recording.output_signal.clone()].into_iter().chain(more).collect()
     };
-    for recording in recordings {
+    for recording in &recordings {
         if channels(recording) != channels(first) {
             let words = |recording: &Recording| channels(recording).iter().map(Signal::column).collect::<Vec<_>>().join(", ");
             bail!(
@@ -50,7 +53,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
             );
         }
     }
-    let period_s = resample::common_period_s(recordings);
+    let period_s = resample::common_period_s(&recordings);
     let even: Vec<Recording> = recordings.iter().map(|recording| resample::uniform(recording, period_s)).collect();
     let samples: usize = even.iter().map(Recording::len).sum();
     ensure!(samples >= FEWEST, "the recordings hold {samples} samples in all, at least {FEWEST} are wanted; record longer");
@@ -82,7 +85,21 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
         output,
         sources: recordings.iter().map(source).collect(),
         recordings: even,
+        notes,
     })
+}
+
+/// Every recording once: a copy that is left out while its twin is fitted would promise an error that no new recording meets.
+fn without_copies(recordings: &[Recording]) -> (Vec<Recording>, Vec<String>) {
+    let mut kept: Vec<Recording> = Vec::new();
+    let mut notes = Vec::new();
+    for recording in recordings {
+        match kept.iter().find(|other| other.output == recording.output && other.inputs() == recording.inputs()) {
+            Some(twin) => notes.push(format!("{} is left out: it is a copy of {}", name_of(&recording.path), name_of(&twin.path))),
+            None => kept.push(recording.clone()),
+        }
+    }
+    (kept, notes)
 }
 
 fn series(recording: &Recording) -> Series {

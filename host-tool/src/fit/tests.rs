@@ -1,9 +1,9 @@
 use std::path::Path;
 
+use super::file::FittedPredictor;
 use super::*;
 use crate::excitation::Limits;
 use crate::excitation::sets::SetConfig;
-use super::file::FittedPredictor;
 use crate::model::{self, PhysicsPredictor, Predictor};
 use crate::plant::dataset::{Dataset, SetKind};
 use crate::plant::{MeasurementNoise, Plant, PlantConfig};
@@ -37,7 +37,7 @@ fn on_the_papers_plant_physics_is_chosen_and_exact_and_the_promise_holds() {
     let chosen = &fitted.ladder[fitted.chosen];
     let RungModel::Physics(physics) = &chosen.model else { panic!("{} was chosen", chosen.name) };
     assert!(chosen.cv_rmse < 1e-6, "{}: {}", chosen.name, chosen.cv_rmse);
-    assert!(rmse(&PhysicsPredictor::new(physics.clone(), Path::new("m")), &test) < 1e-6);
+    assert!(rmse(&PhysicsPredictor::new((**physics).clone(), Path::new("m")), &test) < 1e-6);
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn what_the_ladder_promises_is_what_new_recordings_bring() {
         let fitted = fit(&train, &physics_only(1), &|_| {}).expect("a ladder");
         let chosen = &fitted.ladder[fitted.chosen];
         let error = match &chosen.model {
-            RungModel::Physics(model) => rmse(&PhysicsPredictor::new(model.clone(), Path::new("m")), &test),
+            RungModel::Physics(model) => rmse(&PhysicsPredictor::new((**model).clone(), Path::new("m")), &test),
             _ => rmse(&FittedPredictor::new(fitted.fitted(fitted.chosen).expect("a file"), Path::new("m")), &test),
         };
         let [low, high] = chosen.cv_interval;
@@ -67,10 +67,15 @@ fn noise_that_no_input_explains_is_not_explained() {
         }
     }
     let fitted = fit(&train, &physics_only(1), &|_| {}).expect("a ladder");
-    let spread = mean(&train.iter().map(|one| {
-        let centre = mean(&one.output);
-        mean(&one.output.iter().map(|value| (value - centre).powi(2)).collect::<Vec<_>>()).sqrt()
-    }).collect::<Vec<_>>());
+    let spread = mean(
+        &train
+            .iter()
+            .map(|one| {
+                let centre = mean(&one.output);
+                mean(&one.output.iter().map(|value| (value - centre).powi(2)).collect::<Vec<_>>()).sqrt()
+            })
+            .collect::<Vec<_>>(),
+    );
     for rung in fitted.ladder.iter().filter(|rung| rung.eligible) {
         assert!(rung.cv_rmse > 0.99 * spread, "{}: {} of {spread}", rung.name, rung.cv_rmse);
     }

@@ -10,6 +10,7 @@
 //! sensor was set to zero anew.
 
 mod bank;
+pub mod choose;
 mod curve;
 mod intervals;
 mod model;
@@ -320,6 +321,9 @@ fn check<'a>(recordings: &'a [Recording], config: &FitConfig) -> Result<&'a Reco
     let Some(first) = recordings.first() else { return Err(IdentifyError::NoData) };
     for recording in recordings {
         let path = recording.path.display().to_string();
+        if !recording.more_inputs.is_empty() {
+            return setting("these recordings have several inputs, this model has one; `catheter fit` takes them all");
+        }
         let kind = |recording: &Recording| format!("{} -> {}", recording.input_signal.column(), recording.output_signal.column());
         if kind(recording) != kind(first) {
             return Err(IdentifyError::Mixed { path, found: kind(recording), wanted: kind(first) });

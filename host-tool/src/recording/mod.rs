@@ -243,6 +243,23 @@ impl Recording {
         Ok(exchanged)
     }
 
+    /// The first `count` samples; `None` when fewer than two are left.
+    #[must_use]
+    pub fn until(&self, count: usize) -> Option<Self> {
+        let count = count.min(self.len());
+        if count < 2 {
+            return None;
+        }
+        let mut head = self.clone();
+        head.time_s.truncate(count);
+        head.input.truncate(count);
+        head.output.truncate(count);
+        head.more_inputs.iter_mut().for_each(|channel| channel.values.truncate(count));
+        head.extra.iter_mut().for_each(|column| column.values.truncate(count));
+        head.gaps.retain(|&gap| gap < count);
+        Some(head)
+    }
+
     /// Number of samples.
     #[must_use]
     pub fn len(&self) -> usize {

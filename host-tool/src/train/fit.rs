@@ -244,6 +244,9 @@ fn check(recordings: &[Recording]) -> Result<f64, TrainError> {
     };
     for recording in recordings {
         let path = recording.path.display();
+        if !recording.more_inputs.is_empty() {
+            return Err(TrainError::Data(format!("{path}: has several inputs, a network takes one; `catheter fit` takes them all")));
+        }
         if (&recording.input_signal, &recording.output_signal) != (&first.input_signal, &first.output_signal) {
             return Err(TrainError::Data(format!(
                 "{path}: its channels are not those of {}; train on recordings of one rig",

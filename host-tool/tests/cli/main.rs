@@ -2,13 +2,14 @@
 
 #[cfg(target_os = "linux")]
 mod board;
-mod check;
 mod c_source;
+mod check;
 mod contract;
 mod control;
 mod demo;
 mod discover;
 mod evaluate;
+mod fit;
 mod help;
 mod import_network;
 mod refusals;

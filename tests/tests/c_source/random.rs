@@ -38,7 +38,7 @@ impl RandomModel {
         };
         let input = channel(&mut noise, "a \"quantity\" */ of ??/", "µm/s²\\");
         let output = channel(&mut noise, "", "");
-        let has_network = seed % 6 != 0;
+        let has_network = !seed.is_multiple_of(6);
         if has_network {
             let units: Vec<usize> = (0..=noise.below(2)).map(|_| count(&mut noise, MOST_UNITS)).collect();
             self.network.draw(seed, front_end.features.len(), &units);
