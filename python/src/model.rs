@@ -21,7 +21,7 @@ pub enum Kind {
     Physics(PhysicsPredictor),
     Fitted(FittedPredictor),
     Discovered(DiscoveredPredictor),
-    Network(NetworkModel),
+    Network(Box<NetworkModel>),
     Blob(BlobModel),
 }
 
@@ -31,7 +31,7 @@ impl Kind {
             Format::Physics => Self::Physics(PhysicsPredictor::load(path)?),
             Format::Fitted => Self::Fitted(FittedPredictor::load(path)?),
             Format::Discovered => Self::Discovered(DiscoveredPredictor::load(path)?),
-            Format::Network => Self::Network(NetworkModel::load(path)?),
+            Format::Network => Self::Network(Box::new(NetworkModel::load(path)?)),
             Format::Blob => Self::Blob(BlobModel::load(path)?),
         })
     }
@@ -42,7 +42,7 @@ impl Kind {
         let name = Path::new(&rung.name);
         Ok(match &rung.model {
             fit::RungModel::Physics(model) => Self::Physics(PhysicsPredictor::new((**model).clone(), name)),
-            fit::RungModel::Network(model) => Self::Network(NetworkModel::new((**model).clone(), name)?),
+            fit::RungModel::Network(model) => Self::Network(Box::new(NetworkModel::new((**model).clone(), name)?)),
             fit::RungModel::Linear(_) | fit::RungModel::Average(_) => {
                 Self::Fitted(FittedPredictor::new(outcome.fitted(index).with_context(|| format!("`{}` has no file", rung.name))?, name))
             }
@@ -54,7 +54,7 @@ impl Kind {
             Self::Physics(model) => model,
             Self::Fitted(model) => model,
             Self::Discovered(model) => model,
-            Self::Network(model) => model,
+            Self::Network(model) => model.as_ref(),
             Self::Blob(model) => model,
         }
     }

@@ -11,14 +11,17 @@ pub struct LinearModel {
     pub constant: f64,
     /// One weight a column, in the output's unit.
     pub weights: Vec<f64>,
-    /// The output is held between these, in its unit: a little beyond the data, where nothing is known.
+    /// The output is held between these, in its unit: well beyond the data, where nothing is known.
     pub limits: [f64; 2],
     /// What makes the columns.
     pub structure: Structure,
 }
 
-/// How far beyond the fitted output's range a model may go, as a share of that range.
-const BEYOND: f64 = 0.1;
+/// How far beyond the fitted output's range a model of free signs may go, as a share of that range: an input beyond the data may well
+/// ask for more than was seen, but nothing is known about how much.
+const BEYOND: f64 = 1.0;
+/// The same where signs are bound: physics goes on. A limit is kept against inputs that are no pressures at all.
+const BEYOND_BOUND: f64 = 100.0;
 
 /// Why a model cannot be run.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -29,10 +32,11 @@ pub enum ModelFault {
 }
 
 impl LinearModel {
-    /// From fitted weights; `origin` is what was taken off the output before the fit, `range` the smallest and largest fitted output.
+    /// From fitted weights; `origin` is what was taken off the output before the fit, `range` the smallest and largest fitted output,
+    /// `bound` whether weights were bound in sign.
     #[must_use]
-    pub fn new(structure: Structure, weights: &Weights, origin: f64, range: (f64, f64)) -> Self {
-        let beyond = BEYOND * (range.1 - range.0);
+    pub fn new(structure: Structure, weights: &Weights, origin: f64, range: (f64, f64), bound: bool) -> Self {
+        let beyond = if bound { BEYOND_BOUND } else { BEYOND } * (range.1 - range.0);
         let limits = [range.0 - beyond, range.1 + beyond];
         Self { constant: weights.constant + origin, weights: weights.columns.clone(), limits, structure }
     }

@@ -17,6 +17,8 @@ use crate::{Fit, LinearModel, Moments, PENALTIES, Partition, Rung, Series, Signs
 /// Rows that the second moments are made from at most; longer data are thinned evenly, behind memory that moves with all samples.
 const ROWS: usize = 40_000;
 
+/// Numbers of moments kept at most: half a gigabyte.
+const KEPT: usize = 64 << 20;
 /// A penalty is as good as the best within this factor of its error.
 const NEARLY: f64 = 1.01;
 
@@ -48,6 +50,8 @@ pub struct RungResult {
     pub zeros: Vec<f64>,
     /// Error on each unit by a model and settings that it took no part in.
     pub errors: Vec<f64>,
+    /// Dead time and lag in s that each outer fold found for itself, and last those of all data.
+    pub paths: Vec<(f64, f64)>,
     /// Those models' predictions, free running, one list a recording; samples that count in no unit are not a number.
     pub predictions: Vec<Vec<f64>>,
 }
@@ -87,7 +91,13 @@ impl<'a> Search<'a> {
             return Arc::clone(found);
         }
         let made = Arc::new(moments::moments(&key.structure(&self.around), self.series, self.partition.units(), self.stride, self.origin));
-        self.known.lock().expect("the lock is whole").insert(key, Arc::clone(&made));
+        let mut known = self.known.lock().expect("the lock is whole");
+        let numbers: usize = made.iter().map(|one| one.gram.len()).sum();
+        // Rungs with many columns on many recordings would fill any memory; what is forgotten is made again.
+        if known.values().map(|kept| kept.iter().map(|one| one.gram.len()).sum::<usize>()).sum::<usize>() + numbers > KEPT {
+            known.clear();
+        }
+        known.insert(key, Arc::clone(&made));
         made
     }
 
@@ -173,7 +183,7 @@ impl<'a> Search<'a> {
             .iter()
             .map(|&unit| moments[unit].range)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |sum, one| (sum.0.min(one.0 + self.origin), sum.1.max(one.1 + self.origin)));
-        Some((LinearModel::new(structure, &weights, self.origin, range), weights, moments))
+        Some((LinearModel::new(structure, &weights, self.origin, range, signs != Signs::Free), weights, moments))
     }
 
     /// The model of a candidate; `None` when the data do not determine it.
@@ -215,7 +225,7 @@ impl<'a> Search<'a> {
 
     fn result(&self, index: usize, rung: &Rung, outer: &[crate::split::Outer], results: &[Vec<Option<Found>>]) -> Option<RungResult> {
         let mut predictions: Vec<Vec<f64>> = self.series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
-        let mut models = Vec::new();
+        let mut paths = Vec::new();
         for (fold, found) in outer.iter().zip(results) {
             let (model, ..) = self.fit(found[index].as_ref()?, &fold.training.all)?;
             for &unit in fold.test.units() {
@@ -225,13 +235,24 @@ impl<'a> Search<'a> {
                 let simulated = model.simulate(&inputs, &one.gaps);
                 predictions[unit.series][unit.samples.clone()].copy_from_slice(&simulated[unit.samples.clone()]);
             }
-            models.push(model);
+            paths.push((model.structure.dead_time_s, model.structure.lag_s));
         }
         let errors = errors(&predictions, self.series, self.partition);
         let found = results.last()?[index].clone()?;
         let (model, weights, moments) = self.fit(&found, &self.partition.training().all)?;
+        paths.push((model.structure.dead_time_s, model.structure.lag_s));
         let zeros = moments.iter().map(|one| one.rmse_with_own_zero(&weights.columns).1 + self.origin).collect();
-        Some(RungResult { name: rung.name, what: rung.what, bound: rung.bound, found, model: model.pruned(), zeros, errors, predictions })
+        Some(RungResult {
+            name: rung.name,
+            what: rung.what,
+            bound: rung.bound,
+            found,
+            model: model.pruned(),
+            zeros,
+            errors,
+            predictions,
+            paths,
+        })
     }
 }
 

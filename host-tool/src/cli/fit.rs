@@ -72,8 +72,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let recordings = recording::load_with(&arguments.data.data, &arguments.data.options())?;
     let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.file()).collect();
     let model_path = arguments.out.join("model");
-    let mut outputs = vec![model_path.as_path()];
-    outputs.extend(arguments.common.json.as_deref());
+    let written = folder::files(&arguments.out);
+    if let Some(json) = arguments.common.json.as_ref().filter(|json| written.contains(json)) {
+        anyhow::bail!("--json {}: the fit writes a file of that name itself; choose another", json.display());
+    }
+    let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let settings = Settings {

@@ -257,7 +257,7 @@ fn print(fit: &Fit, recordings: &[Recording], arguments: &Arguments) {
 
 fn print_kinds(kinds: &[Judged], chosen: usize, unit: &str) {
     let Some(taken) = kinds.get(chosen) else {
-        say!("too many samples to fit them several times: no error on left-out recordings is known");
+        say!("no error on the next recording is known: the recordings are too short, or too long, to fit parts of them");
         return;
     };
     for (index, kind) in kinds.iter().enumerate().filter(|_| kinds.len() > 1) {

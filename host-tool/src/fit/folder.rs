@@ -1,7 +1,7 @@
 //! The folder of a fit: `model`, `model.blob` where the microcontroller can hold one, and `rungs/` with every model of the ladder, and the
 //! report.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -12,6 +12,8 @@ use crate::{export, network, output, report};
 
 /// The report.
 pub const REPORT: &str = "report.html";
+/// The blob.
+const BLOB: &str = "model.blob";
 
 /// The blob beside the model.
 #[derive(Clone, Debug, Serialize)]
@@ -31,46 +33,58 @@ pub struct BlobFile {
 /// # Errors
 /// When a file cannot be written.
 pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
-    for (index, rung) in fitted.ladder.iter().enumerate() {
-        let stem = rung.name.replace(" + ", "-").replace([' ', ','], "-").replace("--", "-").to_lowercase();
-        let place = folder.join("rungs").join(stem);
-        write_rung(fitted, index, &place)?;
-        if index == fitted.chosen {
-            write_rung(fitted, index, &folder.join("model"))?;
-        }
+    // What an earlier fit left would be taken for this one's.
+    for path in files(folder).iter().filter(|path| path.file_name() != Some("model".as_ref()) && path.is_file()) {
+        std::fs::remove_file(path).with_context(|| format!("{}: cannot be replaced", path.display()))?;
     }
+    for (index, rung) in fitted.ladder.iter().enumerate() {
+        write_rung(fitted, index, &folder.join("rungs").join(stem(&rung.name)))?;
+    }
+    write_rung(fitted, fitted.chosen, &folder.join("model"))?;
     let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(fitted));
     output::write_atomic(&folder.join(REPORT), report::fit::page(fitted, &examples).as_bytes())?;
-    let blob_path = folder.join("model.blob");
-    // The chosen rung, or else the best that the microcontroller can hold.
-    let able = (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible);
-    let best = able.min_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
-    let index = if fitted.ladder[fitted.chosen].on_chip { Some(fitted.chosen) } else { best };
-    let Some(index) = index else {
-        // One of an earlier fit would be taken for this one's.
-        if blob_path.exists() {
-            std::fs::remove_file(&blob_path).with_context(|| format!("{}: cannot be removed", blob_path.display()))?;
-        }
+    // The chosen rung, or else the best that the microcontroller can hold: one whose numbers fit its formats too.
+    let mut able: Vec<usize> =
+        (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible).collect();
+    able.sort_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
+    able.sort_by_key(|&index| index != fitted.chosen);
+    let Some((index, bytes)) = able.into_iter().find_map(|index| blob(fitted, index).ok().map(|bytes| (index, bytes))) else {
         return Ok(None);
     };
+    let decoded = model_export::blob::decode(&bytes).context("the blob cannot be read back")?;
+    let path = folder.join(BLOB);
+    output::write_atomic(&path, &bytes)?;
+    Ok(Some(BlobFile {
+        file: path.display().to_string(),
+        rung: fitted.ladder[index].name.clone(),
+        bytes: bytes.len(),
+        step_instructions: firmware::estimator::step_instructions(&decoded.model),
+    }))
+}
+
+/// The blob of a rung.
+fn blob(fitted: &Outcome, index: usize) -> Result<Vec<u8>> {
     let trained = match &fitted.ladder[index].model {
         RungModel::Network(model) => (**model).clone(),
         RungModel::Physics(model) => export::from_physics(model)?,
         RungModel::Linear(model) => {
-            let physics = chip::physics(model, &fitted.prepared).context("the rung has no form on the chip")?;
-            export::from_physics(&physics)?
+            export::from_physics(&chip::physics(model, &fitted.prepared).context("the rung has no form on the chip")?)?
         }
         RungModel::Average(_) => anyhow::bail!("an average has no form on the chip"),
     };
-    let exported = export::export(&trained, &fitted.prepared.recordings).context("the blob cannot be made")?;
-    output::write_atomic(&blob_path, &exported.bytes)?;
-    let decoded = model_export::blob::decode(&exported.bytes).context("the blob cannot be read back")?;
-    Ok(Some(BlobFile {
-        file: blob_path.display().to_string(),
-        rung: fitted.ladder[index].name.clone(),
-        bytes: exported.bytes.len(),
-        step_instructions: firmware::estimator::step_instructions(&decoded.model),
-    }))
+    Ok(export::export(&trained, &fitted.prepared.recordings)?.bytes)
+}
+
+/// The name of a rung's file.
+fn stem(name: &str) -> String {
+    name.replace(" + ", "-").replace(", ", "-").replace(' ', "-").to_lowercase()
+}
+
+/// Every file that a fit may write into its folder.
+#[must_use]
+pub fn files(folder: &Path) -> Vec<PathBuf> {
+    let rungs = super::rung_names().into_iter().map(|name| folder.join("rungs").join(stem(name)));
+    ["model", BLOB, REPORT].iter().map(|name| folder.join(name)).chain(rungs).collect()
 }
 
 /// Writes one rung in the format of its kind.

@@ -148,6 +148,8 @@ pub struct Outcome {
 
 /// Networks are not trained where physics is within this factor of what the rig repeats.
 const AT_REPEATABILITY: f64 = 1.1;
+/// Errors below this share of the output's range are equal.
+const EQUAL: f64 = 1e-6;
 /// Instructions of one multiplication of a sum of columns, with its loads and its share of the comparisons: counted by hand from the
 /// Cortex-M4F's instruction set, for models that have no blob to measure.
 const INSTRUCTIONS: usize = 7;
@@ -187,12 +189,12 @@ pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progres
     let mut ladder: Vec<LadderRung> = Vec::new();
     for result in results {
         let eligible = rungs.iter().find(|rung| rung.name == result.name).is_some_and(|rung| evidence.admits(rung));
-        let path = (result.model.structure.dead_time_s, result.model.structure.lag_s);
+        let paths = result.paths.clone();
         let name = result.name;
         ladder.push(linear(result, eligible, each_s, &prepared, next));
         // Operators with free thresholds stand beside those on a grid, and share the dead time and lag found with them.
         if name == "PI" || name == "PI + dynamics" {
-            ladder.extend(operators::rungs(&prepared, &partition, name == "PI + dynamics", path, evidence, settings.threads, next));
+            ladder.extend(operators::rungs(&prepared, &partition, name == "PI + dynamics", &paths, evidence, settings.threads, next));
         }
     }
     let mut notes = prepared.notes.clone();
@@ -202,6 +204,8 @@ pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progres
     let best = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.cv_rmse).fold(f64::INFINITY, f64::min);
     // What the rig does not repeat no model can know; an estimate above what models reach is wrong.
     let floor = repeatability.repeatability.filter(|&repeats| repeats <= AT_REPEATABILITY * best).unwrap_or(0.0);
+    // Below a millionth of the range nobody can use the difference.
+    let floor = floor.max(EQUAL * (prepared.output.maximum - prepared.output.minimum));
     let entries: Vec<Entry> = ladder.iter().map(entry).collect();
     let chosen = choice::simplest(&entries, floor);
     let Some(chosen) = chosen else { anyhow::bail!("no rung of the ladder predicts these recordings at all; look at `catheter check`") };
@@ -318,6 +322,12 @@ fn fitted(prepared: &Prepared, name: &str, members: Vec<Member>, expected: Expec
         zeros,
         members,
     }
+}
+
+/// The names of all rungs that a ladder may have.
+fn rung_names() -> Vec<&'static str> {
+    let sums = physics_rungs().into_iter().map(|rung| rung.name);
+    sums.chain(operators::NAMES).chain(networks::RUNGS.map(|(name, ..)| name)).chain(["average"]).collect()
 }
 
 pub(crate) fn mean(values: &[f64]) -> f64 {

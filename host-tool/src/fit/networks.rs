@@ -25,7 +25,7 @@ const FEWEST_S: f64 = 120.0;
 /// Instructions of ten multiply-accumulates of the fixed-point network: 54,586 for 49,472, counted in QEMU (see Results).
 const PER_TEN_MACS: usize = 11;
 /// The network rungs: name, preset, and what it is.
-const RUNGS: [(&str, &str, &str); 2] = [
+pub(super) const RUNGS: [(&str, &str, &str); 2] = [
     ("hybrid", "hybrid", "identified physics, and a small LSTM that sees its signals and corrects it"),
     ("LSTM", "stream-1x32", "an LSTM on the input alone, state carried"),
 ];

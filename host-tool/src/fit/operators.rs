@@ -14,32 +14,32 @@ use crate::identify::{self, Choice, FitConfig, Kind, PhysicsModel};
 use crate::model::{PhysicsPredictor, Predictor};
 use crate::recording::Recording;
 
+/// The names of the rungs, without and with dynamics.
+pub(super) const NAMES: [&str; 4] = ["PI, free thresholds", "modified PI", "PI, free thresholds + dynamics", "modified PI + dynamics"];
 /// Samples beyond which free thresholds are not searched: a grid is as good, and the search would take minutes.
 const MOST_SAMPLES: usize = 200_000;
 
-/// The two rungs, without dead time and lag or with those given (in s). Only whole recordings can be left out of these fits, so there
+/// The two rungs, without dead time and lag or with those that each outer fold, and last all data, found for themselves (in s). Only whole recordings can be left out of these fits, so there
 /// are none where the partition is one of blocks, and none for several inputs.
 pub(super) fn rungs(
     prepared: &Prepared,
     partition: &Partition,
     dynamics: bool,
-    path: (f64, f64),
+    paths: &[(f64, f64)],
     evidence: Evidence,
     threads: usize,
     next: impl Fn(&[f64]) -> [f64; 2],
 ) -> Vec<LadderRung> {
     let samples: usize = prepared.series.iter().map(identification::Series::len).sum();
-    let delayed = path.0 > 0.0 || path.1 > 0.0;
+    let delayed = paths.iter().any(|path| path.0 > 0.0 || path.1 > 0.0);
     if partition.kind() == SplitKind::Blocks || prepared.inputs.len() > 1 || samples > MOST_SAMPLES || (dynamics && !delayed) {
         return Vec::new();
     }
-    let (names, kinds) = if dynamics {
-        (["PI, free thresholds + dynamics", "modified PI + dynamics"], [Kind::PrandtlIshlinskii, Kind::ModifiedPrandtlIshlinskii])
-    } else {
-        (["PI, free thresholds", "modified PI"], [Kind::PrandtlIshlinskii, Kind::ModifiedPrandtlIshlinskii])
-    };
+    let names = if dynamics { &NAMES[2..] } else { &NAMES[..2] };
+    let kinds = [Kind::PrandtlIshlinskii, Kind::ModifiedPrandtlIshlinskii];
     let whats = ["operators whose thresholds are found too", "the sum of the operators bent by a monotone curve"];
-    let given = if dynamics { path } else { (0.0, 0.0) };
+    let none = vec![(0.0, 0.0); paths.len()];
+    let given = if dynamics { paths } else { &none };
     let one = |index: usize| rung(prepared, partition, names[index], whats[index], kinds[index], given, evidence, threads, &next);
     (0..2).filter_map(one).collect()
 }
@@ -51,23 +51,23 @@ fn rung(
     name: &str,
     what: &str,
     kind: Kind,
-    (dead_time_s, lag_s): (f64, f64),
+    paths: &[(f64, f64)],
     evidence: Evidence,
     threads: usize,
     next: &impl Fn(&[f64]) -> [f64; 2],
 ) -> Option<LadderRung> {
     let clock = Instant::now();
-    let config =
-        FitConfig { kind, dead_time_s: Choice::Given(dead_time_s), lag_time_constant_s: Choice::Given(lag_s), ..FitConfig::default() };
-    let fit = |units: &[usize]| -> Option<PhysicsModel> {
+    let fit = |units: &[usize], (dead_time_s, lag_s): (f64, f64)| -> Option<PhysicsModel> {
+        let config =
+            FitConfig { kind, dead_time_s: Choice::Given(dead_time_s), lag_time_constant_s: Choice::Given(lag_s), ..FitConfig::default() };
         let some: Vec<Recording> = units.iter().map(|&unit| prepared.recordings[partition.units()[unit].series].clone()).collect();
         identify::fit(&some, &config).ok().map(|fit| fit.model)
     };
     let outer = partition.outer();
     // The last is all data.
-    let jobs: Vec<Vec<usize>> =
-        outer.iter().map(|fold| fold.training.all.units().to_vec()).chain([partition.training().all.units().to_vec()]).collect();
-    let mut models = for_each(&jobs, threads, |units| Ok(fit(units))).ok()?;
+    let units = outer.iter().map(|fold| fold.training.all.units().to_vec()).chain([partition.training().all.units().to_vec()]);
+    let jobs: Vec<(Vec<usize>, (f64, f64))> = units.zip(paths.iter().copied()).collect();
+    let mut models = for_each(&jobs, threads, |(units, path)| Ok(fit(units, *path))).ok()?;
     let model = models.pop()??;
     let mut predictions: Vec<Vec<f64>> = prepared.series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
     for (fold, model) in outer.iter().zip(models) {

@@ -161,3 +161,20 @@ fn offsets_of_recordings_are_nuisances_and_not_part_of_the_model() {
     let error = rmse(&FittedPredictor::new(file, Path::new("m")), &test);
     assert!(error < 0.05, "the constant is the mean of the recordings': {error}");
 }
+
+#[test]
+fn rungs_bound_in_sign_go_on_beyond_the_data() {
+    let (train, _) = paper(79, 0.002);
+    let fitted = fit(&train, &physics_only(1), &|_| {}).expect("a ladder");
+    let plant = Plant::new(PlantConfig::default()).expect("a plant");
+    // Half as far again as the data reach: the true output leaves the fitted range by a quarter and more.
+    let input: Vec<f64> = train[0].input.iter().map(|value| 1.5 * value).collect();
+    let truth = plant.respond(&input, train[0].sample_period_s);
+    let largest = truth.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let range = fitted.prepared.output.maximum - fitted.prepared.output.minimum;
+    assert!(largest > fitted.prepared.output.maximum + 0.2 * range, "the test reaches beyond the data: {largest}");
+    let rung = fitted.ladder.iter().find(|rung| rung.name == "PI").expect("a rung");
+    let RungModel::Linear(model) = &rung.model else { panic!("a sum") };
+    let predicted = model.simulate(&[&input], &[]).into_iter().fold(f64::NEG_INFINITY, f64::max);
+    assert!((predicted - largest).abs() < 0.05 * range, "{predicted} instead of {largest}");
+}

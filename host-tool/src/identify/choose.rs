@@ -3,11 +3,14 @@
 //! Whole recordings are left out in folds. One or two recordings cannot be: there the model is fitted to the first part of each and judged on
 //! the rest, through which it runs on with the memory it has. The simplest kind that is as good as the best is taken.
 
+use std::path::Path;
+
 use identification::choice::{self, Entry};
 use identification::{Partition, Series, SplitKind, interval};
 
 use super::{Choice, FitConfig, IdentifyError, Kind, PhysicsModel, fit};
 use crate::evaluate::for_each;
+use crate::model::{PhysicsPredictor, Predictor as _};
 use crate::recording::Recording;
 
 /// Share of each recording that is fitted where whole ones cannot be left out.
@@ -55,7 +58,7 @@ pub fn judge(recordings: &[Recording], candidates: &[(String, FitConfig)], threa
         return Ok((Vec::new(), 0));
     }
     // What is wrong with the data is said by a fit of all of them.
-    for (_, config) in candidates.iter().take(1) {
+    for (_, config) in candidates.first().into_iter().chain(candidates.last()) {
         fit(recordings, config)?;
     }
     let series: Vec<Series> = recordings.iter().map(series).collect();
@@ -76,6 +79,10 @@ pub fn judge(recordings: &[Recording], candidates: &[(String, FitConfig)], threa
     }
     let (low, high) =
         recordings.iter().flat_map(|one| &one.output).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &y| (low.min(y), high.max(y)));
+    // Too short to fit a part of them: nothing is known, and nothing is promised.
+    if judged.iter().all(|kind| !kind.cv_rmse.is_finite()) {
+        return Ok((Vec::new(), 0));
+    }
     let chosen = choice::simplest(&entries, EQUAL * (high - low)).unwrap_or(0);
     Ok((judged, chosen))
 }
@@ -86,8 +93,12 @@ fn folds(partition: &Partition) -> usize {
 
 /// Errors of one fold, one for each recording in it; not a number where the rest cannot be fitted.
 fn errors(recordings: &[Recording], partition: &Partition, fold: usize, config: &FitConfig) -> Vec<f64> {
+    // As `evaluate` does it: behind a gap the model starts afresh, and what is skipped does not count.
     let rmse = |model: &PhysicsModel, recording: &Recording, from: usize| {
-        let simulated = model.simulate(&recording.input);
+        let predictor = PhysicsPredictor::new(model.clone(), Path::new("identify"));
+        let Ok(simulated) = predictor.predict(&recording.input, &recording.gaps) else { return f64::NAN };
+        let begin_s = recording.time_s[0] + config.skip_s;
+        let from = from.max(recording.time_s.partition_point(|&time_s| time_s < begin_s)).min(recording.len());
         let squares: f64 = simulated[from..].iter().zip(&recording.output[from..]).map(|(one, other)| (one - other).powi(2)).sum();
         (squares / (recording.len() - from).max(1) as f64).sqrt()
     };

@@ -124,8 +124,9 @@ fn what_cannot_be_read_is_named_with_what_to_do() {
     for ending in ["toml", "safetensors", "blob"] {
         std::fs::write(folder.path().join(format!("noise.{ending}")), [0xa5; 300]).unwrap();
     }
-    refused("model.txt", &[".toml", ".safetensors", ".blob"]);
-    refused("model", &[".toml"]);
+    std::fs::write(folder.path().join("model.txt"), "of another program").unwrap();
+    refused("model.txt", &["catheter fit", "identify", "train", "export"]);
+    refused("model", &["check the path"]);
     refused("missing.safetensors", &["check the path"]);
     refused("folder.blob", &["folder"]);
     refused("noise.safetensors", &["train"]);

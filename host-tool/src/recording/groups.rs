@@ -48,6 +48,13 @@ pub fn splits(recordings: &[Recording]) -> String {
     names.dedup();
     match (recordings.len(), names.len()) {
         (0 | 1, _) => "One recording: it is cut into blocks, which says less about the next recording.".to_owned(),
+        (2, _) => "Two recordings: they are cut into blocks, which says less about the next recording.".to_owned(),
+        (count, 2) => {
+            format!(
+                "{count} recordings in 2 groups ({}), too few groups to leave one out: each recording is left out in turn.",
+                listed(&names)
+            )
+        }
         (count, 0 | 1) => format!("{count} recordings, none of which belong together: each is left out in turn."),
         (count, groups) => format!("{count} recordings in {groups} groups ({}): each group is left out in turn.", listed(&names)),
     }

@@ -34,9 +34,12 @@ pub(super) fn left_of_parabola(values: &[f64]) -> f64 {
 
 /// What the columns of `rows` leave of the values.
 pub(super) fn left(rows: &[Vec<f64>], values: &[f64]) -> Vec<f64> {
-    let weights = solve(rows, values);
+    // The ridge would hold the constant of values far from zero back.
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let values: Vec<f64> = values.iter().map(|value| value - mean).collect();
+    let weights = solve(rows, &values);
     let fitted = |row: &Vec<f64>| row.iter().zip(&weights).map(|(value, weight)| value * weight).sum::<f64>();
-    rows.iter().zip(values).map(|(row, value)| value - fitted(row)).collect()
+    rows.iter().zip(&values).map(|(row, value)| value - fitted(row)).collect()
 }
 
 /// Least-squares weights by the normal equations with a small ridge.

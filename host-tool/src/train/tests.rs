@@ -268,12 +268,15 @@ fn the_split_is_seventy_thirty_by_recording_and_by_blocks_when_there_is_only_one
 }
 
 #[test]
-fn each_of_a_few_recordings_gives_its_end_to_the_validation() {
-    let few: Vec<Recording> = (0..6).map(|seed| play_recording(seed, 100 + 10 * usize::try_from(seed).unwrap())).collect();
-    let parts = split::split(&few, 0.2, 1);
-    assert_eq!(parts, split::split(&few, 0.2, 2), "no seed decides which motions are learned");
-    for (recording, part) in few.iter().zip(&parts) {
-        let kept = recording.len() * 8 / 10;
-        assert!(part[..kept].iter().all(|&training| training) && !part[kept..].contains(&true), "{} of {}", kept, recording.len());
+fn whole_recordings_validate_from_three_on_and_two_give_their_ends() {
+    let six: Vec<Recording> = (0..6).map(|seed| play_recording(seed, 100)).collect();
+    let parts = split::split(&six, 0.2, 1);
+    assert!(parts.iter().all(|part| part.iter().all(|&training| training == part[0])), "the end of a recording is more of the same");
+    assert_eq!(parts.iter().filter(|part| !part[0]).count(), 1);
+    let two = &six[..2];
+    let parts = split::split(two, 0.2, 1);
+    assert_eq!(parts, split::split(two, 0.2, 2), "no seed decides which motions are learned");
+    for part in &parts {
+        assert!(part[..80].iter().all(|&training| training) && !part[80..].contains(&true));
     }
 }

@@ -130,3 +130,31 @@ fn what_cannot_be_fitted_is_refused_before_anything_is_written() {
     bench.write("model", "kind = \"fitted\"\nformat_version = 9\n");
     bench.refuses("evaluate --model model --data short", &["model"]);
 }
+
+#[test]
+fn nothing_of_an_earlier_fit_stays_and_nothing_that_is_read_is_replaced() {
+    let bench = Bench::new();
+    recordings(&bench, "data");
+    bench.write("result/rungs/hybrid", "of an earlier fit");
+    bench.write("result/rungs/mine.txt", "not of a fit");
+    bench.works("fit --data data --out result --no-networks");
+    assert!(!bench.path("result/rungs/hybrid").exists() && bench.path("result/rungs/mine.txt").exists());
+    bench.refuses("fit --data data --out result --no-networks --json result/model", &["--json", "choose another"]);
+    bench.write("own/rungs/pi", rig(0.3, 1.0, 0.0));
+    bench.refuses("fit --data own/rungs/pi --out own --no-networks", &["own/rungs/pi", "overwritten"]);
+}
+
+#[test]
+fn outputs_that_no_blob_can_hold_are_fitted_all_the_same() {
+    let bench = Bench::new();
+    for (index, frequency_hz) in [0.3, 0.5, 0.7].into_iter().enumerate() {
+        let mut lines = rig(frequency_hz, 0.8, 0.0).lines().map(str::to_owned).collect::<Vec<_>>();
+        for line in &mut lines[1..] {
+            line.push_str("e40");
+        }
+        bench.write(&format!("data/run{index}.csv"), lines.join("\n"));
+    }
+    let said = bench.works("fit --data data --out result --no-networks --json fit.json").stdout;
+    assert!(said.contains("no blob") && bench.json("fit.json")["blob"].is_null(), "{said}");
+    assert!(!bench.path("result/model.blob").exists() && bench.path("result/report.html").exists());
+}
