@@ -169,7 +169,7 @@ fn rungs_bound_in_sign_go_on_beyond_the_data() {
     let plant = Plant::new(PlantConfig::default()).expect("a plant");
     // Half as far again as the data reach: the true output leaves the fitted range by a quarter and more.
     let input: Vec<f64> = train[0].input.iter().map(|value| 1.5 * value).collect();
-    let truth = plant.respond(&input, train[0].sample_period_s);
+    let truth = plant.simulate(&input, train[0].sample_period_s, 1);
     let largest = truth.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let range = fitted.prepared.output.maximum - fitted.prepared.output.minimum;
     assert!(largest > fitted.prepared.output.maximum + 0.2 * range, "the test reaches beyond the data: {largest}");
