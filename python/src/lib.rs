@@ -1,7 +1,7 @@
 //! The Python package's native part, `catheter._native`: the library behind the `catheter` command with NumPy arrays in and out.
 //!
 //! Nothing is computed here. Arrays become recordings, results become dictionaries (the JSON of the command) and arrays, errors become
-//! exceptions with the tool's message. [`run`] keeps Python alive meanwhile. Documentation comments of what Python sees are in NumPy's style.
+//! exceptions with the tool's message. `run` keeps Python alive meanwhile. Documentation comments of what Python sees are in NumPy's style.
 
 mod arrays;
 mod discover;

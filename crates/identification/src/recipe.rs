@@ -36,9 +36,9 @@ pub enum OutputKey {
     /// None.
     #[default]
     Direct,
-    /// A lag, by [`lag_s`] of this step.
+    /// A lag, by `lag_s` of this step.
     Lag(u16),
-    /// An oscillator: step of [`lag_s`] for its inverse angular frequency, and index into [`DAMPINGS`].
+    /// An oscillator: step of `lag_s` for its inverse angular frequency, and index into [`DAMPINGS`].
     Oscillator(u16, u8),
 }
 
@@ -62,7 +62,7 @@ pub struct Recipe {
     pub falling: u8,
     /// Dead time in quarters of a sample.
     pub dead_quarters: u16,
-    /// Lag of the inputs by [`lag_s`]; 0 is none.
+    /// Lag of the inputs by `lag_s`; 0 is none.
     pub lag: u16,
     /// Filter of the sum.
     pub output: OutputKey,
@@ -140,7 +140,7 @@ impl Surroundings {
         Self { sample_period_s, scalings, spectrum_s, longest, seed }
     }
 
-    /// Longest lag that is tried, as a step of [`lag_s`].
+    /// Longest lag that is tried, as a step of `lag_s`.
     #[must_use]
     pub fn longest_lag(&self) -> u16 {
         (1..40).take_while(|&step| lag_s(step, 1.0) < 0.1 * self.longest as f64).last().unwrap_or(1)

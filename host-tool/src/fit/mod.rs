@@ -6,7 +6,7 @@
 //!
 //! Data flow: [`prepare`] puts recordings onto one even clock; the physics rungs of [`identification`] and those of
 //! [`crate::identify`] are searched and judged; [`networks`] are trained where physics leaves more than the rig itself repeats;
-//! [`chip`] turns what the microcontroller can hold into its own format; [`file`] is where the rest is kept, and [`folder`] all of it.
+//! [`chip`] turns what the microcontroller can hold into its own format; [`mod@file`] is where the rest is kept, and [`folder`] all of it.
 
 pub mod chip;
 pub mod file;

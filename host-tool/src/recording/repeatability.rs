@@ -1,6 +1,6 @@
 //! What a rig repeats: the error that no model of the input's history can get below.
 //!
-//! Method. Where two samples have the same past of the input, see [`super::history`], a model gives them the same output; half their mean
+//! Method. Where two samples have the same past of the input, see `history`, a model gives them the same output; half their mean
 //! squared difference is what it cannot explain. Pasts are never quite the same, so the difference is extrapolated to distance zero by a
 //! straight line over the squared distance, as in the Gamma test (Stefánsson, Končar and Jones, "A note on the Gamma test", Neural Computing
 //! & Applications 5, 1997). A least-squares surface over the past is taken off first: it vanishes from the difference at distance zero and
