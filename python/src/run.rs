@@ -1,4 +1,4 @@
-//! Long computations on a thread of their own, so that Python goes on: other threads run, Ctrl-C is heard, progress is told.
+//! Long computations on a thread of their own, so that Python goes on: other threads run, Ctrl-C is heard, progress is reported.
 //!
 //! A fit cannot be told to stop; it can only be left from inside when it tells its progress. After Ctrl-C the exception is raised at once, and
 //! the computation unwinds at its next report.

@@ -2,7 +2,7 @@
 //!
 //! The laser of this rig warms up and was remounted, by up to 0.7 % of the stroke together. Nothing that learns from it can know that, so the
 //! **reference** that estimates are held against is what the laser shows or would show, without its wrong samples and without noise. The
-//! error against the true tip is told beside it.
+//! error against the true tip is reported beside it.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -24,7 +24,7 @@ pub struct Arguments {
     common: Common,
 }
 
-/// Recordings of one file that are told one by one; of more, each different line is told once.
+/// Recordings of one file that are reported one by one; of more, each different line is reported once.
 const TOLD_APART: usize = 3;
 
 /// Runs the command.

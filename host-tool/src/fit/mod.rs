@@ -41,7 +41,7 @@ pub struct Settings {
     pub network_budget_cpu_s: Option<f64>,
 }
 
-/// What is told while it goes.
+/// What is reported while it goes.
 #[derive(Clone, Debug)]
 pub enum Progress {
     /// A model that can be used already.

@@ -104,7 +104,7 @@ fn recordings_of_other_strokes_are_told_within_a_factor_or_not_at_all() {
         recorded("r.csv", input, output)
     };
     let found = repeatability::estimate(&(10..16).map(run).collect::<Vec<_>>());
-    // Nothing repeats exactly; what is told must not be a floor far above the truth.
+    // Nothing repeats exactly; what is reported must not be a floor far above the truth.
     assert!(found.repeatability.is_none_or(|rms| (0.015..0.04).contains(&rms)), "{found:?}");
 }
 
