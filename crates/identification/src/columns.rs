@@ -88,6 +88,17 @@ pub enum Basis {
         /// Second input.
         second: usize,
     },
+    /// One scaled input behind `y'' + 2 damping w y' + w^2 y = w^2 x` with `w = 2 pi frequency_hz`: `y`, or `y' / w`.
+    Oscillator {
+        /// Which input.
+        input: usize,
+        /// Undamped natural frequency in Hz.
+        frequency_hz: f64,
+        /// Damping ratio.
+        damping: f64,
+        /// Whether it is `y' / w`.
+        rate: bool,
+    },
     /// `tanh(sum_k gains_k column_k + bias)` of columns further up.
     Sigmoid {
         /// Indices of the columns.
@@ -203,6 +214,11 @@ impl Structure {
                         }
                     }
                 }
+                Basis::Oscillator { input, frequency_hz, damping, rate } => {
+                    let oscillator = Oscillator::new(std::f64::consts::TAU * frequency_hz * self.sample_period_s, *damping, *rate);
+                    values.copy_from_slice(&scaled[*input]);
+                    segments.iter().for_each(|segment| oscillator.run(&mut values[segment.clone()]));
+                }
                 Basis::Sigmoid { columns, gains, bias } => {
                     values.fill(*bias);
                     for (&column, &gain) in columns.iter().zip(gains) {
@@ -273,7 +289,7 @@ impl Structure {
             OutputPath::Direct => {}
             OutputPath::Lag { time_constant_s } => self.low_pass(values, segments, time_constant_s),
             OutputPath::Oscillator { frequency_hz, damping } => {
-                let oscillator = Oscillator::new(std::f64::consts::TAU * frequency_hz * self.sample_period_s, damping);
+                let oscillator = Oscillator::new(std::f64::consts::TAU * frequency_hz * self.sample_period_s, damping, false);
                 for segment in segments {
                     oscillator.run(&mut values[segment.clone()]);
                 }
@@ -284,28 +300,32 @@ impl Structure {
 
 /// A second-order filter by the bilinear transformation, which keeps it stable at any step.
 struct Oscillator {
-    /// `b0 = b2`, `b1 = 2 b0`.
-    gain: f64,
-    first: f64,
-    second: f64,
+    /// Weights of the present input and of the two before.
+    forward: [f64; 3],
+    /// Weights of the two outputs before.
+    back: [f64; 2],
+    /// Output at rest over input.
+    rest: f64,
 }
 
 impl Oscillator {
-    /// `angle` is the natural angular frequency times the sample period.
-    fn new(angle: f64, damping: f64) -> Self {
+    /// `angle` is the natural angular frequency times the sample period; `rate`: its output is `y' / w` instead of `y`.
+    fn new(angle: f64, damping: f64, rate: bool) -> Self {
         // Pre-warped, so that the natural frequency is met; held below the Nyquist frequency.
         let k = (0.5 * angle.min(3.0)).tan();
         let scale = 1.0 + 2.0 * damping * k + k * k;
-        Self { gain: k * k / scale, first: 2.0 * (k * k - 1.0) / scale, second: (1.0 - 2.0 * damping * k + k * k) / scale }
+        let forward = if rate { [k / scale, 0.0, -k / scale] } else { [k * k / scale, 2.0 * k * k / scale, k * k / scale] };
+        let back = [2.0 * (k * k - 1.0) / scale, (1.0 - 2.0 * damping * k + k * k) / scale];
+        Self { forward, back, rest: f64::from(u8::from(!rate)) }
     }
 
     /// Filters in place from the equilibrium of the first value.
     fn run(&self, values: &mut [f64]) {
         let Some(&start) = values.first() else { return };
-        let (mut x1, mut x2, mut y1, mut y2) = (start, start, start, start);
+        let (mut x1, mut x2, mut y1, mut y2) = (start, start, self.rest * start, self.rest * start);
         for value in values {
             let x = *value;
-            let y = self.gain * (x + 2.0 * x1 + x2) - self.first * y1 - self.second * y2;
+            let y = self.forward[0] * x + self.forward[1] * x1 + self.forward[2] * x2 - self.back[0] * y1 - self.back[1] * y2;
             (x2, x1, y2, y1) = (x1, x, y1, y);
             *value = y;
         }

@@ -81,6 +81,7 @@ impl LinearModel {
             let basis = match &column.basis {
                 Basis::Polynomial { degree, .. } => *degree,
                 Basis::Play { .. } | Basis::Product { .. } | Basis::Ramp { .. } => 1,
+                Basis::Oscillator { .. } => 5,
                 Basis::Sigmoid { columns, .. } => columns.len() + 20,
             };
             1 + basis + column.lag.map_or(0, |lag| usize::from(lag.order))
@@ -134,6 +135,10 @@ impl LinearModel {
                 Basis::Ramp { input, from, to } => known(*input) && from.is_finite() && to.is_finite() && from < to,
                 Basis::Play { input, threshold } => known(*input) && threshold.is_finite() && *threshold >= 0.0,
                 Basis::Product { first, second } => known(*first) && known(*second),
+                Basis::Oscillator { input, frequency_hz, damping, .. } => {
+                    let positive = |value: f64| value > 0.0 && value.is_finite();
+                    known(*input) && positive(*frequency_hz) && positive(*damping)
+                }
                 Basis::Sigmoid { columns, gains, bias } => {
                     columns.len() == gains.len()
                         && columns.iter().all(|&other| other < index)

@@ -68,6 +68,8 @@ pub struct Recipe {
     pub output: OutputKey,
     /// Columns behind lags.
     pub spectrum: Spectrum,
+    /// Whether the inputs are repeated behind oscillators of all frequencies: linear dynamics of any order.
+    pub oscillators: bool,
     /// Sigmoid columns with random gains.
     pub sigmoids: u16,
     /// Whether play operators rest at an input of zero before each recording instead of at its first sample.
@@ -91,6 +93,7 @@ impl Recipe {
             lag: 0,
             output: OutputKey::Direct,
             spectrum: Spectrum::None,
+            oscillators: false,
             sigmoids: 0,
             rest_at_zero: false,
             own_zeros: false,
@@ -208,6 +211,11 @@ impl Recipe {
                 columns.push(Column { basis: basis.clone(), lag: Some(Lag { time_constant_s, order: 1 }) });
             }
         }
+        if self.oscillators {
+            for input in 0..inputs {
+                columns.extend(oscillators(input, around).map(plain));
+            }
+        }
         self.add_sigmoids(around, &mut columns);
         let rest = self.rest_at_zero.then(|| around.scalings.iter().map(|scaling| scaling.apply(0.0)).collect());
         Structure {
@@ -250,6 +258,9 @@ impl Recipe {
             for &time_constant_s in &around.spectrum_s {
                 see(columns, Column { basis: Basis::Polynomial { input, degree: 1 }, lag: Some(Lag { time_constant_s, order: 1 }) });
             }
+            if self.oscillators {
+                oscillators(input, around).for_each(|basis| see(columns, Column { basis, lag: None }));
+            }
         }
         let mut random = ChaCha8Rng::seed_from_u64(around.seed);
         let mut uniform = |half: f64| (2.0 * random.random::<f64>() - 1.0) * half;
@@ -280,7 +291,7 @@ impl Recipe {
             let (input, follows) = match column.basis {
                 Basis::Play { input, .. } => (input, self.bound == Bound::Play),
                 Basis::Polynomial { input, .. } | Basis::Ramp { input, .. } => (input, true),
-                Basis::Product { .. } | Basis::Sigmoid { .. } => return 0,
+                Basis::Product { .. } | Basis::Oscillator { .. } | Basis::Sigmoid { .. } => return 0,
             };
             // Creep of a force may relax it.
             if column.lag.is_some() && self.bound == Bound::Stop {
@@ -293,6 +304,20 @@ impl Recipe {
     }
 }
 
+/// Oscillators with the spectrum's time constants as inverse angular frequencies: with two dampings each, about a basis of the linear
+/// dynamics that these data can show (P. Heuberger, P. Van den Hof and B. Wahlberg, Modelling and Identification with Rational
+/// Orthogonal Basis Functions, 2005).
+fn oscillators(input: usize, around: &Surroundings) -> impl Iterator<Item = Basis> {
+    around.spectrum_s.iter().flat_map(move |time_constant_s| {
+        let frequency_hz = 1.0 / (std::f64::consts::TAU * time_constant_s);
+        SPECTRUM_DAMPINGS.iter().flat_map(move |&damping| {
+            [false, true].map(|rate| Basis::Oscillator { input, frequency_hz, damping, rate })
+        })
+    })
+}
+
+/// Damping ratios of the spectrum of oscillators.
+const SPECTRUM_DAMPINGS: [f64; 2] = [0.2, 0.6];
 /// Thresholds of the play operators that are repeated behind lags or seen by sigmoids.
 const LAGGED_PLAYS: [f64; 4] = [0.06, 0.2, 0.45, 0.8];
 /// Largest gain of a sigmoid.

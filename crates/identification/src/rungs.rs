@@ -120,7 +120,7 @@ pub fn physics_rungs() -> Vec<Rung> {
             "a polynomial, and its terms behind a spectrum of lags",
             &["polynomial + dynamics"],
             |recipe, _| Recipe { spectrum: Spectrum::Curve, ..recipe },
-            &[spectra, outputs, dead_times, lags, degrees, zeros],
+            &[oscillators, spectra, outputs, dead_times, lags, degrees, zeros],
             1,
         ),
         free(
@@ -128,7 +128,7 @@ pub fn physics_rungs() -> Vec<Rung> {
             "play operators and a polynomial, and their terms behind a spectrum of lags",
             &["operators + dynamics"],
             |recipe, _| Recipe { spectrum: Spectrum::Input, ..recipe },
-            &[spectra, outputs, dead_times, lags, degrees, counts, rests, zeros],
+            &[oscillators, spectra, outputs, dead_times, lags, degrees, counts, rests, zeros],
             1,
         ),
         free(
@@ -136,7 +136,7 @@ pub fn physics_rungs() -> Vec<Rung> {
             "the best of the above and random sigmoids of input, play operators and lags",
             &["operators + spectrum", "polynomial + spectrum"],
             |recipe, _| Recipe { sigmoids: 60, ..recipe },
-            &[sigmoids, zeros],
+            &[oscillators, sigmoids, zeros],
             1,
         ),
     ]
@@ -225,6 +225,10 @@ fn spectra(recipe: &Recipe, _: &Surroundings) -> Vec<Recipe> {
     let all = [Spectrum::None, Spectrum::Input, Spectrum::Curve, Spectrum::Plays];
     let able = |spectrum: &Spectrum| recipe.plays > 0 || *spectrum != Spectrum::Plays;
     all.into_iter().filter(able).map(|spectrum| Recipe { spectrum, ..recipe.clone() }).collect()
+}
+
+fn oscillators(recipe: &Recipe, _: &Surroundings) -> Vec<Recipe> {
+    vec![Recipe { oscillators: !recipe.oscillators, ..recipe.clone() }]
 }
 
 fn sigmoids(recipe: &Recipe, _: &Surroundings) -> Vec<Recipe> {
