@@ -74,24 +74,97 @@ fn level(errors: &[f64], floor: f64) -> f64 {
     if mean.is_finite() && errors.iter().all(|error| error.is_finite()) { mean } else { f64::INFINITY }
 }
 
-/// The rungs whose mean is worth a try, by index, and that mean's predictions and errors; `None` when fewer than two are near the best.
+/// Shares of rungs in a weighted mean, none negative, one in sum; and that mean as an entry.
+#[derive(Clone, Debug)]
+pub struct Average {
+    /// Index of each member among the entries, and its share.
+    pub members: Vec<(usize, f64)>,
+    /// Errors and predictions; the shares behind those of a fold come from the other folds.
+    pub entry: Entry,
+}
+
+/// The weighted mean of the rungs that are near the best (stacked regression: L. Breiman, Machine Learning 24, 1996); `None` when fewer
+/// than two are near.
+///
+/// The shares minimise the squared error of predictions by models that took no part, relative to that of the members on each unit.
+/// Where units are few, or blocks of one recording, all shares are equal.
 #[must_use]
-pub fn average(entries: &[Entry], series: &[Series], partition: &Partition) -> Option<(Vec<usize>, Entry)> {
+pub fn average(entries: &[Entry], series: &[Series], partition: &Partition) -> Option<Average> {
     let best = entries.iter().filter(|entry| entry.eligible).map(|entry| level(&entry.errors, 0.0)).fold(f64::INFINITY, f64::min);
     let near = |index: &usize| entries[*index].eligible && level(&entries[*index].errors, 0.0) <= best + NEAR.ln();
     let members: Vec<usize> = (0..entries.len()).filter(near).collect();
     if members.len() < 2 || !best.is_finite() {
         return None;
     }
-    let share = 1.0 / members.len() as f64;
-    let mean = |recording: usize| -> Vec<f64> {
-        (0..series[recording].len())
-            .map(|sample| members.iter().map(|&member| share * entries[member].predictions[recording][sample]).sum())
-            .collect()
-    };
-    let predictions: Vec<Vec<f64>> = (0..series.len()).map(mean).collect();
+    let stacking = Stacking::new(&members, entries, series, partition);
+    let mut predictions: Vec<Vec<f64>> = series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
+    for fold in 0..partition.folds() {
+        let shares = stacking.shares(|unit| partition.fold_of(unit) != fold);
+        for (_, unit) in partition.units().iter().enumerate().filter(|(index, _)| partition.fold_of(*index) == fold) {
+            for sample in unit.samples.clone() {
+                let parts = members.iter().zip(&shares).map(|(&member, share)| share * entries[member].predictions[unit.series][sample]);
+                predictions[unit.series][sample] = parts.sum();
+            }
+        }
+    }
     let errors = errors(&predictions, series, partition);
-    Some((members, Entry { name: "average".to_owned(), errors, predictions, eligible: true }))
+    let shares = stacking.shares(|_| true);
+    let members = members.into_iter().zip(shares).filter(|&(_, share)| share > 0.0).collect();
+    Some(Average { members, entry: Entry { name: "average".to_owned(), errors, predictions, eligible: true } })
+}
+
+/// Products of the members' residuals, one square matrix a unit.
+struct Stacking {
+    members: usize,
+    /// Whether the data can tell shares at all.
+    decides: bool,
+    products: Vec<Vec<f64>>,
+}
+
+/// Pull of the shares towards equal ones, as a share of the members' mean square.
+const EVEN: f64 = 0.1;
+
+impl Stacking {
+    fn new(members: &[usize], entries: &[Entry], series: &[Series], partition: &Partition) -> Self {
+        let count = members.len();
+        let of = |unit: &crate::Unit| {
+            let output = &series[unit.series].output;
+            let mut product = vec![0.0; count * count];
+            for sample in unit.samples.clone() {
+                let residual = |member: usize| entries[members[member]].predictions[unit.series][sample] - output[sample];
+                for row in 0..count {
+                    for column in 0..count {
+                        product[row * count + column] += residual(row) * residual(column);
+                    }
+                }
+            }
+            // Every unit counts alike, however long and however hard.
+            let trace: f64 = (0..count).map(|member| product[member * (count + 1)]).sum();
+            product.iter_mut().for_each(|value| *value /= trace.max(f64::MIN_POSITIVE));
+            product
+        };
+        let decides = partition.kind() != SplitKind::Blocks && partition.units().len() >= FEW;
+        Self { members: count, decides, products: partition.units().iter().map(of).collect() }
+    }
+
+    /// Shares from the units that take part.
+    fn shares(&self, takes_part: impl Fn(usize) -> bool) -> Vec<f64> {
+        let count = self.members;
+        let even = vec![1.0 / count as f64; count];
+        if !self.decides {
+            return even;
+        }
+        let mut gram = vec![0.0; count * count];
+        for (_, product) in self.products.iter().enumerate().filter(|(unit, _)| takes_part(*unit)) {
+            gram.iter_mut().zip(product).for_each(|(sum, value)| *sum += value);
+        }
+        let trace: f64 = (0..count).map(|member| gram[member * (count + 1)]).sum();
+        (0..count).for_each(|member| gram[member * (count + 1)] += EVEN * trace / count as f64);
+        // The minimum of w'Gw with w >= 0 and sum(w) = 1 lies on the ray of v, the non-negative solution of Gv = 1.
+        let Some(ray) = crate::nnls::solve_definite(&gram, &vec![1.0; count], &vec![true; count], &vec![false; count]) else { return even };
+        let sum: f64 = ray.iter().sum();
+        if sum > 0.0 { ray.iter().map(|value| value / sum).collect() } else { even }
+    }
 }
 
 /// The index of the rung to ship: of the `entries`, simplest first, the first that is as good as the best.
@@ -141,6 +214,47 @@ mod tests {
         assert_eq!(simplest(&[], 0.0), None);
         let few = |errors: &[f64]| Entry { errors: errors.to_vec(), ..entry(&[1.0]) };
         assert_eq!(simplest(&[few(&[1.01, 1.0]), few(&[1.0, 1.0])], 0.0), Some(1), "two units tell nothing of the standard error");
+    }
+
+    /// Eight recordings; the first member errs by one half, the second by minus one, the third by ten.
+    #[test]
+    fn shares_cancel_errors_and_are_judged_by_folds_that_took_no_part_in_them() {
+        let output: Vec<f64> = (0..50).map(|k| (f64::from(k) * 0.3).sin()).collect();
+        let series: Vec<Series> = (0..8)
+            .map(|index| Series {
+                name: format!("r{index}"),
+                group: String::new(),
+                inputs: vec![output.clone()],
+                output: output.clone(),
+                gaps: Vec::new(),
+                skip: 0,
+            })
+            .collect();
+        let partition = Partition::new(&series);
+        let member = |offset: f64| {
+            let predictions: Vec<Vec<f64>> = (0..8).map(|_| output.iter().map(|value| value + offset).collect()).collect();
+            let errors = errors(&predictions, &series, &partition);
+            Entry { name: String::new(), errors, predictions, eligible: true }
+        };
+        let made = average(&[member(0.9), member(-1.0), member(10.0)], &series, &partition).expect("two are near");
+        let shares: Vec<f64> = made.members.iter().map(|member| member.1).collect();
+        assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12 && shares.iter().all(|&share| share > 0.0));
+        assert_eq!(made.members.iter().map(|member| member.0).collect::<Vec<_>>(), [0, 1], "the third is far from the best");
+        assert!(made.entry.errors.iter().all(|&error| error < 0.05), "the errors cancel: {:?}", made.entry.errors);
+        // A fold where the first alone would be best is judged by the shares of the others.
+        let odd = |offset: f64| {
+            let mut entry = member(offset);
+            let odd: Vec<usize> = (0..8).filter(|&unit| partition.fold_of(unit) == 0).collect();
+            for &unit in &odd {
+                entry.predictions[unit] = output.iter().map(|value| value + if offset > 0.0 { 0.5 } else { 1.5 }).collect();
+            }
+            entry.errors = errors(&entry.predictions, &series, &partition);
+            entry
+        };
+        let made = average(&[odd(0.9), odd(-1.0)], &series, &partition).expect("two are near");
+        for unit in (0..8).filter(|&unit| partition.fold_of(unit) == 0) {
+            assert!((0.9..1.05).contains(&made.entry.errors[unit]), "{:?}", made.entry.errors);
+        }
     }
 
     #[test]

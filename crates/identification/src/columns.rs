@@ -414,6 +414,28 @@ mod tests {
     }
 
     #[test]
+    fn an_oscillator_gives_position_and_rate() {
+        let (frequency_hz, damping) = (0.8, 0.3);
+        let w = std::f64::consts::TAU * frequency_hz;
+        // At the natural frequency the position lags by a quarter turn with a gain of 1 / (2 damping), and the rate is in phase.
+        let drive: Vec<f64> = (0..4000).map(|k| (w * f64::from(k) * 0.01).sin()).collect();
+        let oscillator = |rate| plain(Basis::Oscillator { input: 0, frequency_hz, damping, rate });
+        let mut made = Vec::new();
+        structure(vec![oscillator(false), oscillator(true)])
+            .for_each_column(&[&drive, &drive], &[], |_, values| made.push(values.to_vec()));
+        for k in 3000..4000 {
+            let angle = w * k as f64 * 0.01;
+            assert!((made[0][k] + angle.cos() / (2.0 * damping)).abs() < 2e-3, "{k}");
+            assert!((made[1][k] - angle.sin() / (2.0 * damping)).abs() < 2e-3, "{k}");
+        }
+        let still = vec![0.7; 50];
+        structure(vec![oscillator(false), oscillator(true)]).for_each_column(&[&still, &still], &[], |index, values| {
+            let rest = if index == 0 { 0.7 } else { 0.0 };
+            assert!(values.iter().all(|value| (value - rest).abs() < 1e-12), "it starts at rest");
+        });
+    }
+
+    #[test]
     fn a_gap_starts_memory_anew() {
         let x: Vec<f64> = (0..60).map(|k| (f64::from(k) * 0.2).sin()).collect();
         let columns = vec![Column { basis: Basis::Play { input: 0, threshold: 0.4 }, lag: Some(Lag { time_constant_s: 0.1, order: 2 }) }];

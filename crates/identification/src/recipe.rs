@@ -310,9 +310,9 @@ impl Recipe {
 fn oscillators(input: usize, around: &Surroundings) -> impl Iterator<Item = Basis> {
     around.spectrum_s.iter().flat_map(move |time_constant_s| {
         let frequency_hz = 1.0 / (std::f64::consts::TAU * time_constant_s);
-        SPECTRUM_DAMPINGS.iter().flat_map(move |&damping| {
-            [false, true].map(|rate| Basis::Oscillator { input, frequency_hz, damping, rate })
-        })
+        SPECTRUM_DAMPINGS
+            .iter()
+            .flat_map(move |&damping| [false, true].map(|rate| Basis::Oscillator { input, frequency_hz, damping, rate }))
     })
 }
 

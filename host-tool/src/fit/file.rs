@@ -1,7 +1,7 @@
 //! The file of a fitted physics model: what `catheter fit` writes where no other format holds what was found.
 //!
-//! A member is a weighted sum of columns (see [`identification`]); the model's output is the mean of its members. TOML, versioned, with
-//! units and provenance; everything that the simulation uses is in it.
+//! A member is a weighted sum of columns (see [`identification`]); the model's output is the mean of its members, weighted with their
+//! shares. TOML, versioned, with units and provenance; everything that the simulation uses is in it.
 
 #![allow(clippy::result_large_err, reason = "errors with paths and names end the command; nothing is hot here")]
 
@@ -18,7 +18,7 @@ use crate::recording::Signal;
 /// The file's `kind`.
 pub const KIND: &str = "fitted";
 /// Version of the file's layout.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// What the next recording may bring, and how it was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +47,8 @@ pub struct Zero {
 pub struct Member {
     /// Name of the rung.
     pub name: String,
+    /// Its share of the output.
+    pub share: f64,
     /// The sum.
     #[serde(flatten)]
     pub model: LinearModel,
@@ -76,7 +78,7 @@ pub struct FittedModel {
     /// Constants of those recordings.
     #[serde(default)]
     pub zeros: Vec<Zero>,
-    /// Parts, whose mean is the output.
+    /// Parts, whose weighted mean is the output.
     pub members: Vec<Member>,
 }
 
@@ -103,6 +105,10 @@ impl FittedModel {
         if self.members.is_empty() {
             return Some("it has no members".to_owned());
         }
+        let sum: f64 = self.members.iter().map(|member| member.share).sum();
+        if self.members.iter().any(|member| !(0.0..=1.0).contains(&member.share)) || (sum - 1.0).abs() > 1e-9 {
+            return Some("the members' shares must lie between 0 and 1 and add up to 1".to_owned());
+        }
         for member in &self.members {
             if let Err(fault) = member.model.check() {
                 return Some(format!("member `{}`: {fault}", member.name));
@@ -125,11 +131,10 @@ impl FittedModel {
     /// The output for inputs of one length, free running from the equilibrium of the first sample of each stretch between `gaps`.
     #[must_use]
     pub fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Vec<f64> {
-        let share = 1.0 / self.members.len() as f64;
         let mut sum = vec![0.0; inputs.first().map_or(0, |input| input.len())];
         for member in &self.members {
             let one = member.model.simulate(inputs, gaps);
-            sum.iter_mut().zip(one).for_each(|(sum, value)| *sum += share * value);
+            sum.iter_mut().zip(one).for_each(|(sum, value)| *sum += member.share * value);
         }
         sum
     }

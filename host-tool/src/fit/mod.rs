@@ -71,8 +71,8 @@ pub enum Progress {
 pub enum RungModel {
     /// A weighted sum of columns.
     Linear(LinearModel),
-    /// The mean of other rungs, by index.
-    Average(Vec<usize>),
+    /// The weighted mean of other rungs, by index and share.
+    Average(Vec<(usize, f64)>),
     /// An identified physics model.
     Physics(Box<PhysicsModel>),
     /// A trained network.
@@ -178,7 +178,7 @@ pub fn fit(recordings: &[Recording], settings: &Settings, tell: &(dyn Fn(Progres
     {
         let expected =
             Expected { rmse: found.score, interval: next(&[found.score]), left_out: "a first look: inner folds only".to_owned() };
-        let member = Member { name: "first look".to_owned(), model: model.pruned() };
+        let member = Member { name: "first look".to_owned(), share: 1.0, model: model.pruned() };
         tell(Progress::First(Box::new(fitted(&prepared, "first look", vec![member], expected, Vec::new()))));
     }
 
@@ -239,26 +239,24 @@ fn linear(result: RungResult, eligible: bool, seconds: f64, prepared: &Prepared,
 fn add_average(ladder: &mut Vec<LadderRung>, prepared: &Prepared, partition: &Partition, next: impl Fn(&[f64]) -> [f64; 2]) {
     let sums: Vec<usize> = (0..ladder.len()).filter(|&index| matches!(ladder[index].model, RungModel::Linear(_))).collect();
     let entries: Vec<Entry> = sums.iter().map(|&index| entry(&ladder[index])).collect();
-    let Some((members, average)) = choice::average(&entries, &prepared.series, partition) else { return };
-    let members: Vec<usize> = members.into_iter().map(|member| sums[member]).collect();
-    let total = |of: fn(&LadderRung) -> usize| members.iter().map(|&member| of(&ladder[member])).sum();
-    let names: Vec<&str> = members.iter().map(|&member| ladder[member].name.as_str()).collect();
-    let count = members.len() as f64;
-    let zeros =
-        (0..partition.units().len()).map(|unit| members.iter().map(|&member| ladder[member].zeros[unit]).sum::<f64>() / count).collect();
+    let Some(average) = choice::average(&entries, &prepared.series, partition) else { return };
+    let members: Vec<(usize, f64)> = average.members.into_iter().map(|(member, share)| (sums[member], share)).collect();
+    let total = |of: fn(&LadderRung) -> usize| members.iter().map(|&(member, _)| of(&ladder[member])).sum();
+    let names: Vec<String> = members.iter().map(|&(member, share)| format!("{:.0} % {}", 100.0 * share, ladder[member].name)).collect();
+    let zero = |unit: usize| members.iter().map(|&(member, share)| share * ladder[member].zeros[unit]).sum();
     ladder.push(LadderRung {
         name: "average".to_owned(),
-        what: format!("the mean of {}", names.join(", ")),
-        cv_rmse: mean(&average.errors),
-        cv_interval: next(&average.errors),
+        what: format!("the weighted mean of {}", names.join(", ")),
+        cv_rmse: mean(&average.entry.errors),
+        cv_interval: next(&average.entry.errors),
         parameters: total(|rung| rung.parameters),
         step_instructions: total(|rung| rung.step_instructions),
         on_chip: false,
         eligible: true,
         seconds: 0.0,
-        errors: average.errors,
-        predictions: average.predictions,
-        zeros,
+        errors: average.entry.errors,
+        predictions: average.entry.predictions,
+        zeros: (0..partition.units().len()).map(zero).collect(),
         model: RungModel::Average(members),
     });
 }
@@ -285,16 +283,18 @@ impl Outcome {
     #[must_use]
     pub fn fitted(&self, rung: usize) -> Option<FittedModel> {
         let rung = &self.ladder[rung];
-        let member = |rung: &LadderRung| match &rung.model {
-            RungModel::Linear(model) => Some(Member { name: rung.name.clone(), model: model.clone() }),
+        let member = |rung: &LadderRung, share: f64| match &rung.model {
+            RungModel::Linear(model) => Some(Member { name: rung.name.clone(), share, model: model.clone() }),
             _ => None,
         };
         let members: Vec<Member> = match &rung.model {
-            RungModel::Average(members) => members.iter().map(|&index| member(&self.ladder[index])).collect::<Option<_>>()?,
-            _ => vec![member(rung)?],
+            RungModel::Average(members) => {
+                members.iter().map(|&(index, share)| member(&self.ladder[index], share)).collect::<Option<_>>()?
+            }
+            _ => vec![member(rung, 1.0)?],
         };
         let expected = Expected { rmse: rung.cv_rmse, interval: rung.cv_interval, left_out: self.splits.what.clone() };
-        let constant = members.iter().map(|member| member.model.constant).sum::<f64>() / members.len() as f64;
+        let constant = members.iter().map(|member| member.share * member.model.constant).sum::<f64>();
         let offsets = rung.zeros.iter().map(|zero| zero - constant).collect();
         Some(fitted(&self.prepared, &rung.name, members, expected, offsets))
     }
