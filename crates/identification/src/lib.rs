@@ -36,4 +36,4 @@ pub use recipe::{Bound, Recipe, Spectrum};
 pub use regression::{BOUND_PENALTIES, PENALTIES, Signs, Weights};
 pub use rungs::{Rung, physics_rungs};
 pub use series::Series;
-pub use split::{Fit, Partition, Select, SplitKind, Test, Unit};
+pub use split::{Fit, Partition, Select, SplitKind, Test, Training, Unit};

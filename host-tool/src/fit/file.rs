@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 use identification::LinearModel;
 use serde::{Deserialize, Serialize};
 
+use super::judging::Calibrated;
+use super::nuisance::Nuisance;
 use crate::identify::{ChannelRange, Source};
 use crate::model::{Arithmetic, Description, ModelError, Predictor};
 use crate::output;
@@ -30,16 +32,9 @@ pub struct Expected {
     pub interval: [f64; 2],
     /// What was left out, in words.
     pub left_out: String,
-}
-
-/// Constant of one recording.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Zero {
-    /// File name of the recording.
-    pub recording: String,
-    /// How far its outputs lie above the model, in the output's unit; a nuisance of the data, no part of the simulation.
-    pub offset: f64,
+    /// The same with the zero set at the start of the recording; absent where blocks were left out, whose starts are no start-up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<Calibrated>,
 }
 
 /// A part of the model.
@@ -73,9 +68,9 @@ pub struct FittedModel {
     pub expected: Expected,
     /// Files that it was fitted to.
     pub data: Vec<Source>,
-    /// Constants of those recordings.
-    #[serde(default)]
-    pub zeros: Vec<Zero>,
+    /// What moved the output of those recordings and is no part of the simulation.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<Nuisance>,
     /// Parts, whose mean is the output.
     pub members: Vec<Member>,
 }

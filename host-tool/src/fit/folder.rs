@@ -46,7 +46,7 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
     // The chosen rung, or else the best that the microcontroller can hold: one whose numbers fit its formats too.
     let mut able: Vec<usize> =
         (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible).collect();
-    able.sort_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
+    able.sort_by(|&a, &b| fitted.ladder[a].shape_rmse.total_cmp(&fitted.ladder[b].shape_rmse));
     able.sort_by_key(|&index| index != fitted.chosen);
     let Some((index, bytes)) = able.into_iter().find_map(|index| blob(fitted, index).ok().map(|bytes| (index, bytes))) else {
         return Ok(None);

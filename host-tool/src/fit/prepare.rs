@@ -1,7 +1,7 @@
 //! Recordings as a fit takes them: one even clock for all, the same channels, and stretches between gaps.
 
 use anyhow::{Result, bail, ensure};
-use identification::Series;
+use identification::{Covariate, Series};
 
 use super::file::{name_of, range};
 use crate::identify::{ChannelRange, Source};
@@ -24,6 +24,8 @@ pub struct Prepared {
     pub output: ChannelRange,
     /// The files.
     pub sources: Vec<Source>,
+    /// Slow signals that the zero may answer to, one list of values a recording.
+    pub covariates: Vec<Covariate>,
     /// What was left out or changed, in words.
     pub notes: Vec<String>,
 }
@@ -78,6 +80,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
     let source =
         |recording: &Recording| Source { file: name_of(&recording.path), sha256: recording.sha256.clone(), samples: recording.len() };
     Ok(Prepared {
+        covariates: super::nuisance::covariates(&even),
         series,
         period_s,
         duration_s: samples as f64 * period_s,
