@@ -158,39 +158,78 @@ pub(crate) fn decide_on_steps(candidates: &Candidates, left: &[Left], range: f64
     found
 }
 
-/// Decides on covariates and zeros of whole recordings, beside steps that are found.
-pub(crate) fn decide_on_zeros(candidates: &Candidates, left: &[Left], mut found: Nuisances) -> Nuisances {
-    if left.len() < FEWEST {
-        return found;
+/// Names the most significant covariate that is not named yet, if it is significant and matters; whether there was one. What is left by
+/// either reference may show it: the one with zeros of their own where those are large, the other where recordings are at different
+/// operating points, whose levels tell nothing once each has a zero.
+pub(crate) fn name_covariate(candidates: &Candidates, left: &[Left], found: &mut Nuisances) -> bool {
+    if left.len() < FEWEST_LINE {
+        return false;
     }
-    decide_on_covariates(candidates, left, &mut found);
-    let halves: Vec<Halves> = left.iter().map(|one| Halves::of(candidates, one, &found)).collect();
-    let mean = halves.iter().map(Halves::mean).sum::<f64>() / halves.len() as f64;
-    let before = match found.covariates.iter().any(Option::is_some) {
-        true => halves.iter().map(|one| one.square_about(mean)).sum::<f64>(),
-        false => square_as_is(candidates, left, &found),
+    let plain = Nuisances { covariates: vec![None; found.covariates.len()], ..found.clone() };
+    let columns: Vec<Vec<f64>> = candidates.covariates.iter().map(|one| means(one, candidates, left, found)).collect();
+    let named: Vec<usize> = (0..columns.len()).filter(|&index| found.covariates[index].is_some()).collect();
+    let free: Vec<usize> = (0..columns.len()).filter(|index| !named.contains(index)).collect();
+    let freedom = left.len() as f64 - named.len() as f64 - 2.0;
+    if freedom < 1.0 {
+        return false;
+    }
+    let trial = |with_zeros: bool, more: usize| {
+        let halves: Vec<Halves> = left.iter().map(|one| Halves::of(candidates, one, one.values(with_zeros), &plain)).collect();
+        let zeros: Vec<f64> = halves.iter().map(Halves::mean).collect();
+        // Mean square of what each recording leaves about a zero that is predicted from the others.
+        let scatter: f64 = halves.iter().map(|one| one.square_about(one.mean())).sum();
+        let now: Vec<&[f64]> = named.iter().map(|&index| columns[index].as_slice()).collect();
+        let with: Vec<&[f64]> = now.iter().copied().chain([columns[more].as_slice()]).collect();
+        let (_, without, _) = line(&now, &zeros)?;
+        let (coefficients, squares, left_out) = line(&with, &zeros)?;
+        let chance = f_beyond((without - squares) / (squares / freedom).max(f64::MIN_POSITIVE), 1.0, freedom);
+        Some((chance, left_out + scatter, more, coefficients))
     };
+    let trials = [true, false].into_iter().flat_map(|with_zeros| free.iter().filter_map(move |&more| trial(with_zeros, more)));
+    let tried = 2.0 * free.len() as f64;
+    let before = square_as_is(candidates, left, found);
+    let good = trials.filter(|(chance, after, ..)| chance * tried < LEVEL && *after < (1.0 - COVARIATE_MATTERS) * before);
+    let Some((_, _, more, coefficients)) = good.min_by(|one, other| one.1.total_cmp(&other.1)) else { return false };
+    for (index, coefficient) in named.into_iter().chain([more]).zip(coefficients) {
+        found.covariates[index] = Some(coefficient);
+    }
+    true
+}
+
+/// Estimates the named covariates anew from what is left by the reference with or without zeros.
+pub(crate) fn estimate_covariates(candidates: &Candidates, left: &[Left], with_zeros: bool, found: &mut Nuisances) {
+    let named: Vec<usize> = (0..found.covariates.len()).filter(|&index| found.covariates[index].is_some()).collect();
+    if named.is_empty() {
+        return;
+    }
+    let plain = Nuisances { covariates: vec![None; found.covariates.len()], ..found.clone() };
+    let zeros: Vec<f64> = left.iter().map(|one| Halves::of(candidates, one, one.values(with_zeros), &plain).mean()).collect();
+    let columns: Vec<Vec<f64>> = named.iter().map(|&index| means(&candidates.covariates[index], candidates, left, found)).collect();
+    if let Some((coefficients, ..)) = line(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>(), &zeros) {
+        named.iter().zip(coefficients).for_each(|(&index, coefficient)| found.covariates[index] = Some(coefficient));
+    }
+}
+
+/// Decides whether each recording has a zero of its own, beside steps and covariates that are named.
+pub(crate) fn decide_on_zeros(candidates: &Candidates, left: &[Left], found: &mut Nuisances) {
+    if left.len() < FEWEST {
+        return;
+    }
+    let halves: Vec<Halves> = left.iter().map(|one| Halves::of(candidates, one, &one.left, found)).collect();
+    let mean = halves.iter().map(Halves::mean).sum::<f64>() / halves.len() as f64;
     let after: f64 = halves.iter().map(Halves::crossed).sum();
     let between = halves.iter().map(|one| 2.0 * (one.mean() - mean).powi(2)).sum::<f64>() / (halves.len() - 1) as f64;
     let within = halves.iter().map(|one| 0.5 * (one.first - one.second).powi(2)).sum::<f64>() / halves.len() as f64;
     let chance = f_beyond(between / within.max(f64::MIN_POSITIVE), (halves.len() - 1) as f64, halves.len() as f64);
-    found.zeros = chance < LEVEL && after < (1.0 - ZEROS_MATTER) * before;
-    found
+    found.zeros = chance < LEVEL && after < (1.0 - ZEROS_MATTER) * square_as_is(candidates, left, found);
 }
 
 /// Estimates what is named, from what a reference that all recordings took part in leaves.
 pub(crate) fn estimate(candidates: &Candidates, left: &[Left], found: &mut Nuisances) {
-    let named: Vec<usize> = (0..found.covariates.len()).filter(|&index| found.covariates[index].is_some()).collect();
-    let halves = |found: &Nuisances| -> Vec<Halves> { left.iter().map(|one| Halves::of(candidates, one, found)).collect() };
-    if !named.is_empty() {
-        let plain = Nuisances { covariates: vec![None; found.covariates.len()], ..found.clone() };
-        let zeros: Vec<f64> = halves(&plain).iter().map(Halves::mean).collect();
-        let columns: Vec<Vec<f64>> = named.iter().map(|&index| means(&candidates.covariates[index], candidates, left, found)).collect();
-        if let Some((coefficients, ..)) = line(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>(), &zeros) {
-            named.iter().zip(coefficients).for_each(|(&index, coefficient)| found.covariates[index] = Some(coefficient));
-        }
+    if found.zeros {
+        estimate_covariates(candidates, left, true, found);
     }
-    let halves = halves(found);
+    let halves: Vec<Halves> = left.iter().map(|one| Halves::of(candidates, one, &one.left, found)).collect();
     let mean = halves.iter().map(Halves::mean).sum::<f64>() / halves.len().max(1) as f64;
     for (one, halves) in left.iter().zip(&halves) {
         found.offsets[one.series] = halves.mean() - mean;
@@ -213,58 +252,28 @@ fn means(covariate: &Covariate, candidates: &Candidates, left: &[Left], found: &
     left.iter().map(mean).collect()
 }
 
-/// Mean square of the error as it is, summed over recordings.
+/// Mean square of the error of the reference without zeros, the covariates' part taken off, summed over recordings.
 fn square_as_is(candidates: &Candidates, left: &[Left], found: &Nuisances) -> f64 {
     let of = |one: &Left| {
         let kept = before_step(candidates, one, found);
         let count = kept.len().max(1) as f64;
-        kept.map(|place| one.as_is[place].powi(2)).sum::<f64>() / count
+        let left = |place: usize| one.as_is[place] - found.moved(candidates, one.series, one.samples[place]);
+        kept.map(|place| left(place).powi(2)).sum::<f64>() / count
     };
     left.iter().map(of).sum()
-}
-
-/// Adds covariates, the most significant first, as long as they are significant and matter.
-fn decide_on_covariates(candidates: &Candidates, left: &[Left], found: &mut Nuisances) {
-    if left.len() < FEWEST_LINE {
-        return;
-    }
-    let halves: Vec<Halves> = left.iter().map(|one| Halves::of(candidates, one, found)).collect();
-    let zeros: Vec<f64> = halves.iter().map(Halves::mean).collect();
-    let columns: Vec<Vec<f64>> = candidates.covariates.iter().map(|one| means(one, candidates, left, found)).collect();
-    // Mean square of what each recording leaves about a zero that is predicted from the others.
-    let scatter: f64 = halves.iter().map(|one| one.square_about(one.mean())).sum();
-    let mut best = square_as_is(candidates, left, found);
-    let mut named: Vec<usize> = Vec::new();
-    loop {
-        let with = |more: usize| -> Vec<&[f64]> { named.iter().chain([&more]).map(|&index| columns[index].as_slice()).collect() };
-        let now: Vec<&[f64]> = named.iter().map(|&index| columns[index].as_slice()).collect();
-        let Some((_, without, _)) = line(&now, &zeros) else { break };
-        let freedom = zeros.len() as f64 - named.len() as f64 - 2.0;
-        if freedom < 1.0 {
-            break;
-        }
-        let trial = |more: usize| {
-            let (coefficients, squares, left_out) = line(&with(more), &zeros)?;
-            let chance = f_beyond((without - squares) / (squares / freedom).max(f64::MIN_POSITIVE), 1.0, freedom);
-            Some((chance, more, coefficients, left_out + scatter))
-        };
-        let trials = (0..columns.len()).filter(|index| !named.contains(index)).filter_map(trial);
-        let Some((chance, index, coefficients, after)) = trials.min_by(|one, other| one.0.total_cmp(&other.0)) else { break };
-        if chance * columns.len() as f64 >= LEVEL || after >= (1.0 - COVARIATE_MATTERS) * best {
-            break;
-        }
-        named.push(index);
-        best = after;
-        for (&index, coefficient) in named.iter().zip(coefficients) {
-            found.covariates[index] = Some(coefficient);
-        }
-    }
 }
 
 /// Places of what is left that lie before a step that is named.
 fn before_step(candidates: &Candidates, one: &Left, found: &Nuisances) -> std::ops::Range<usize> {
     let step = candidates.steps[one.series].filter(|_| found.steps[one.series]).unwrap_or(usize::MAX);
     0..one.samples.partition_point(|&sample| sample < step)
+}
+
+impl Left {
+    /// What the reference with zeros in its weights leaves, or the one without.
+    fn values(&self, with_zeros: bool) -> &[f64] {
+        if with_zeros { &self.left } else { &self.as_is }
+    }
 }
 
 /// The two halves of what is left of a recording before its step, the covariates' part taken off.
@@ -277,10 +286,10 @@ struct Halves {
 }
 
 impl Halves {
-    fn of(candidates: &Candidates, one: &Left, found: &Nuisances) -> Self {
+    fn of(candidates: &Candidates, one: &Left, values: &[f64], found: &Nuisances) -> Self {
         let places = before_step(candidates, one, found);
         let values: Vec<f64> =
-            places.map(|place| one.left[place] - found.moved(candidates, one.series, one.samples[place])).collect();
+            places.map(|place| values[place] - found.moved(candidates, one.series, one.samples[place])).collect();
         let (first, second) = values.split_at(values.len() / 2);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let square = |values: &[f64]| {

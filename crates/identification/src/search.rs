@@ -20,6 +20,8 @@ const ROWS: usize = 40_000;
 
 /// Numbers of moments kept at most: half a gigabyte.
 const KEPT: usize = 64 << 20;
+/// Rounds in which a reference's weights and coefficients of covariates are estimated in turn.
+const ROUNDS: usize = 4;
 /// A penalty is as good as the best within this factor of its error.
 const NEARLY: f64 = 1.01;
 
@@ -167,13 +169,24 @@ impl<'a> Search<'a> {
         let mut found = nuisance::decide_on_steps(&self.candidates, &left, high - low);
         if self.partition.kind() != SplitKind::Blocks {
             let recipe = Recipe { own_zeros: false, ..reference.recipe.clone() };
-            let plain = Found { recipe, nuisances: Arc::new(found.clone()), ..reference.clone() };
-            let mut as_is = Vec::new();
-            for (fit, select) in &training.inner {
-                self.add_left(&mut as_is, &plain, fit, select.units())?;
+            let mut as_is = |found: &Nuisances, left: &mut Vec<Left>| -> Option<()> {
+                let plain = Found { recipe: recipe.clone(), nuisances: Arc::new(found.clone()), ..reference.clone() };
+                let mut made = Vec::new();
+                for (fit, select) in &training.inner {
+                    self.add_left(&mut made, &plain, fit, select.units())?;
+                }
+                left.iter_mut().zip(made).for_each(|(one, other)| one.as_is = other.left);
+                Some(())
+            };
+            as_is(&found, &mut left)?;
+            while nuisance::name_covariate(&self.candidates, &left, &mut found) {
+                // Weights and coefficients in turn, until they agree.
+                for _ in 0..ROUNDS {
+                    as_is(&found, &mut left)?;
+                    nuisance::estimate_covariates(&self.candidates, &left, false, &mut found);
+                }
             }
-            left.iter_mut().zip(as_is).for_each(|(one, other)| one.as_is = other.left);
-            found = nuisance::decide_on_zeros(&self.candidates, &left, found);
+            nuisance::decide_on_zeros(&self.candidates, &left, &mut found);
         }
         if !found.is_empty() {
             let mut inside = Vec::new();

@@ -3,6 +3,7 @@
 //! Terms. *RMSE* is the root mean square of prediction less measurement, free running. *NRMSE* is the RMSE over the range (maximum less
 //! minimum) of the recording's output, over the samples that count. The *mean RMSE* is the mean over files, each counting the same.
 
+pub mod beyond;
 pub mod compare;
 pub mod ladder;
 pub mod metrics;

@@ -98,6 +98,19 @@ impl FittedModel {
         if self.members.is_empty() {
             return Some("it has no members".to_owned());
         }
+        let range = |one: &ChannelRange| one.minimum <= one.maximum && (one.maximum - one.minimum).is_finite();
+        if self.inputs.is_empty() || !self.inputs.iter().chain([&self.output]).all(range) {
+            return Some("an input or the output has no range of two ascending numbers".to_owned());
+        }
+        let promise = |rmse: f64, [low, high]: [f64; 2]| rmse >= 0.0 && low >= 0.0 && low <= high;
+        let expected = &self.expected;
+        let calibrated = |one: &Calibrated| promise(one.rmse, one.interval) && one.calibrate_s > 0.0 && one.calibrate_s.is_finite();
+        if !promise(expected.rmse, expected.interval) || !expected.calibrated.as_ref().is_none_or(calibrated) {
+            return Some("the error that it promises is not a number with an interval".to_owned());
+        }
+        if self.nuisances.iter().any(|one| !(one.mean.is_finite() && one.values.iter().all(|value| value.value.is_finite()))) {
+            return Some("a nuisance has a value that is not finite".to_owned());
+        }
         for member in &self.members {
             if let Err(fault) = member.model.check() {
                 return Some(format!("member `{}`: {fault}", member.name));
