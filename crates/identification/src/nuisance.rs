@@ -20,7 +20,7 @@ use crate::{Partition, Series};
 /// Chance at which a test names what is not there.
 pub const LEVEL: f64 = 0.005;
 /// Mean square error that zeros must take away, as a share, and that a covariate must.
-const ZEROS_MATTER: f64 = 0.3;
+const ZEROS_MATTER: f64 = 0.5;
 const COVARIATE_MATTERS: f64 = 0.15;
 /// Share of what the reference leaves of a recording that a step must explain.
 const STEP_CLEAR: f64 = 0.5;
@@ -210,8 +210,9 @@ pub(crate) fn estimate_covariates(candidates: &Candidates, left: &[Left], with_z
     }
 }
 
-/// Decides whether each recording has a zero of its own, beside steps and covariates that are named.
-pub(crate) fn decide_on_zeros(candidates: &Candidates, left: &[Left], found: &mut Nuisances) {
+/// Decides whether each recording has a zero of its own, beside steps and covariates that are named. `inside` is what the reference
+/// without zeros leaves of recordings that it was fitted to: levels that it can explain at all may belong to an operating point.
+pub(crate) fn decide_on_zeros(candidates: &Candidates, left: &[Left], inside: &[Left], found: &mut Nuisances) {
     if left.len() < FEWEST {
         return;
     }
@@ -221,7 +222,8 @@ pub(crate) fn decide_on_zeros(candidates: &Candidates, left: &[Left], found: &mu
     let between = halves.iter().map(|one| 2.0 * (one.mean() - mean).powi(2)).sum::<f64>() / (halves.len() - 1) as f64;
     let within = halves.iter().map(|one| 0.5 * (one.first - one.second).powi(2)).sum::<f64>() / halves.len() as f64;
     let chance = f_beyond(between / within.max(f64::MIN_POSITIVE), (halves.len() - 1) as f64, halves.len() as f64);
-    found.zeros = chance < LEVEL && after < (1.0 - ZEROS_MATTER) * square_as_is(candidates, left, found);
+    let before = square_as_is(candidates, left, found).min(square_as_is(candidates, inside, found));
+    found.zeros = chance < LEVEL && after < (1.0 - ZEROS_MATTER) * before;
 }
 
 /// Estimates what is named, from what a reference that all recordings took part in leaves.

@@ -169,7 +169,7 @@ impl<'a> Search<'a> {
         let mut found = nuisance::decide_on_steps(&self.candidates, &left, high - low);
         if self.partition.kind() != SplitKind::Blocks {
             let recipe = Recipe { own_zeros: false, ..reference.recipe.clone() };
-            let mut as_is = |found: &Nuisances, left: &mut Vec<Left>| -> Option<()> {
+            let as_is = |found: &Nuisances, left: &mut Vec<Left>| -> Option<()> {
                 let plain = Found { recipe: recipe.clone(), nuisances: Arc::new(found.clone()), ..reference.clone() };
                 let mut made = Vec::new();
                 for (fit, select) in &training.inner {
@@ -186,7 +186,11 @@ impl<'a> Search<'a> {
                     nuisance::estimate_covariates(&self.candidates, &left, false, &mut found);
                 }
             }
-            nuisance::decide_on_zeros(&self.candidates, &left, &mut found);
+            let plain = Found { recipe, nuisances: Arc::new(found.clone()), ..reference.clone() };
+            let mut inside = Vec::new();
+            self.add_left(&mut inside, &plain, &training.all, training.all.units())?;
+            inside.iter_mut().for_each(|one| one.as_is.clone_from(&one.left));
+            nuisance::decide_on_zeros(&self.candidates, &left, &inside, &mut found);
         }
         if !found.is_empty() {
             let mut inside = Vec::new();

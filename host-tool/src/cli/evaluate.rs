@@ -12,7 +12,7 @@ use crate::evaluate::suite::{self, SuiteReport};
 use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse};
 use crate::fit::file::{Expected, FittedModel};
 use crate::fit::nuisance::Nuisance;
-use crate::identify::ChannelRange;
+use crate::identify::{ChannelRange, PhysicsModel};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
 use crate::{output, report, say};
@@ -134,14 +134,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let judged = judge(&*model, &recordings, judging, threads)?;
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
-    let fitted = match model::format(&arguments.model)? {
-        model::Format::Fitted => Some(FittedModel::read(&arguments.model)?),
-        _ => None,
-    };
-    let ranges = ranges(model.description(), fitted.as_ref());
-    let beyond = beyond::beyond(&ranges, &recordings);
+    let promise = Promise::read(&arguments.model, model.description())?;
+    let expected = promise.expected.as_ref();
+    let beyond = beyond::beyond(&promise.ranges, &recordings);
     // The start-up that the model's own promise is for, where recordings are long enough for it.
-    let stated = fitted.as_ref().and_then(|fitted| fitted.expected.calibrated.as_ref()).map(|one| one.calibrate_s);
+    let stated = expected.and_then(|expected| expected.calibrated.as_ref()).map(|one| one.calibrate_s);
     let long_enough = |&calibrate_s: &f64| recordings.iter().all(|one| first_behind(one, calibrate_s) < one.len());
     let calibrate_s = arguments.calibrate_s.or_else(|| stated.filter(|_| !arguments.tare).filter(long_enough));
     let calibrated = match calibrate_s {
@@ -163,15 +160,15 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             calibrated.mean_rmse
         );
     }
-    if let Some(fitted) = &fitted {
-        let ([low, high], unit) = (fitted.expected.interval, &fitted.output.unit);
-        say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", fitted.expected.rmse);
-        if let Some(promise) = &fitted.expected.calibrated {
+    if let Some(expected) = expected {
+        let ([low, high], unit) = (expected.interval, &model.description().output.unit);
+        say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", expected.rmse);
+        if let Some(promise) = &expected.calibrated {
             let ([low, high], seconds) = (promise.interval, promise.calibrate_s);
             say!("and calibrated over {seconds} s {:.6} {unit}, {low:.6} to {high:.6}", promise.rmse);
         }
-        fitted.nuisances.iter().for_each(|one| say!("when it was fitted, {}; that is no part of the model", one.sentence()));
     }
+    promise.nuisances.iter().for_each(|one| say!("when it was fitted, {}; that is no part of the model", one.sentence()));
     beyond.iter().for_each(|one| say!("warning: {}", one.sentence()));
     let ladder = if arguments.ladder { Some(climb(arguments, &*model, &recordings, judging, threads)?) } else { None };
     if let Some(ladder) = &ladder {
@@ -216,9 +213,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             skip_s: arguments.skip_s,
             tare: arguments.tare,
             calibrated,
-            expected: fitted.as_ref().map(|fitted| &fitted.expected),
+            expected,
             beyond_range: &beyond,
-            nuisances: fitted.as_ref().map_or(&[], |fitted| &fitted.nuisances),
+            nuisances: &promise.nuisances,
             ladder: ladder.as_ref(),
             suite: suite.as_ref(),
         };
@@ -252,11 +249,32 @@ fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |share| format!("{:.3} %", 100.0 * share))
 }
 
-/// The ranges that a model was made from, one an input, as far as its file has them.
-fn ranges(description: &Description, fitted: Option<&FittedModel>) -> Vec<ChannelRange> {
-    let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());
-    let first = description.input_range.map(|(minimum, maximum)| ChannelRange { quantity, unit, minimum, maximum });
-    fitted.map_or_else(|| first.into_iter().collect(), |fitted| fitted.inputs.clone())
+/// What a model's file says beside the model.
+struct Promise {
+    /// The ranges that it was made from, one an input, as far as its file has them.
+    ranges: Vec<ChannelRange>,
+    expected: Option<Expected>,
+    nuisances: Vec<Nuisance>,
+}
+
+impl Promise {
+    fn read(path: &Path, description: &Description) -> Result<Self> {
+        Ok(match model::format(path)? {
+            model::Format::Fitted => {
+                let model = FittedModel::read(path)?;
+                Self { ranges: model.inputs, expected: Some(model.expected), nuisances: model.nuisances }
+            }
+            model::Format::Physics => {
+                let model = PhysicsModel::read(path)?;
+                Self { ranges: vec![model.input], expected: model.expected, nuisances: model.nuisances }
+            }
+            _ => {
+                let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());
+                let range = description.input_range.map(|(minimum, maximum)| ChannelRange { quantity, unit, minimum, maximum });
+                Self { ranges: range.into_iter().collect(), expected: None, nuisances: Vec::new() }
+            }
+        })
+    }
 }
 
 fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyErrors], calibrated: Option<&Calibrated>) {

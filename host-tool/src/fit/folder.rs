@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::{Outcome, RungModel, chip};
+use crate::identify::PhysicsModel;
 use crate::evaluate::{Errors, FileErrors, Judged};
 use crate::{export, network, output, report};
 
@@ -94,7 +95,10 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
 pub fn write_rung(fitted: &Outcome, index: usize, path: &Path) -> Result<()> {
     match &fitted.ladder[index].model {
         RungModel::Network(model) => Ok(network::save(path, model)?),
-        RungModel::Physics(model) => Ok(model.write(path)?),
+        RungModel::Physics(model) => {
+            let nuisances = fitted.ladder[index].nuisances.clone();
+            Ok(PhysicsModel { expected: Some(fitted.expected(index)), nuisances, ..(**model).clone() }.write(path)?)
+        }
         RungModel::Linear(_) | RungModel::Average(_) => match fitted.fitted(index) {
             Some(model) => model.write(path),
             None => Ok(()),

@@ -363,23 +363,29 @@ fn splits(prepared: &Prepared, partition: &Partition, evidence: Evidence) -> Spl
 impl Outcome {
     /// The model file of a rung that is a sum of columns or a mean of such; `None` for the others, which have formats of their own.
     #[must_use]
-    pub fn fitted(&self, rung: usize) -> Option<FittedModel> {
-        let rung = &self.ladder[rung];
+    pub fn fitted(&self, index: usize) -> Option<FittedModel> {
+        let rung = &self.ladder[index];
         let member = |rung: &LadderRung| match &rung.model {
             RungModel::Linear(model) => Some(Member { name: rung.name.clone(), model: model.clone() }),
             _ => None,
         };
         let members: Vec<Member> = match &rung.model {
-            RungModel::Average(members) => members.iter().map(|&index| member(&self.ladder[index])).collect::<Option<_>>()?,
+            RungModel::Average(members) => members.iter().map(|&one| member(&self.ladder[one])).collect::<Option<_>>()?,
             _ => vec![member(rung)?],
         };
-        let expected = Expected {
+        Some(fitted(&self.prepared, &rung.name, members, self.expected(index), rung.nuisances.clone()))
+    }
+
+    /// What a rung promises for the next recording.
+    #[must_use]
+    pub fn expected(&self, rung: usize) -> Expected {
+        let rung = &self.ladder[rung];
+        Expected {
             rmse: rung.cv_rmse,
             interval: rung.cv_interval,
             left_out: self.splits.what.clone(),
             calibrated: rung.calibrated.clone(),
-        };
-        Some(fitted(&self.prepared, &rung.name, members, expected, rung.nuisances.clone()))
+        }
     }
 }
 
