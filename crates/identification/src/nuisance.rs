@@ -25,7 +25,17 @@ const COVARIATE_MATTERS: f64 = 0.15;
 /// Share of what the reference leaves of a recording that a step must explain.
 const STEP_CLEAR: f64 = 0.5;
 /// Steps below this share of the output's range are of no interest.
-const STEP_SMALL: f64 = 0.003;
+const STEP_SMALL: f64 = 0.01;
+/// A step is sharp: within two windows of this share of a recording it shows so much of its height, and no other place shows more than
+/// such a share of that.
+const STEP_WINDOW: f64 = 0.02;
+const STEP_SHARP: f64 = 0.7;
+const STEP_ELSEWHERE: f64 = 0.5;
+/// Strokes of the input that a recording must have, and each side of a step: fewer say too little of what the input explains.
+const STROKES: usize = 8;
+const STROKES_BESIDE: usize = 3;
+/// A stroke moves an input by this share of its range in the recording.
+const STROKE: f64 = 0.2;
 /// Places of a step are tried between this share of a recording and one less this share.
 const STEP_MARGIN: f64 = 0.15;
 /// Blocks of a recording whose means tell a step.
@@ -344,13 +354,59 @@ fn height_is_clear(one: &Left, step: usize, range: f64) -> bool {
     let height = coefficients[0];
     let mean = one.left.iter().sum::<f64>() / count as f64;
     let square = one.left.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count as f64;
+    if !is_sharp(&one.left, edge, height) {
+        return false;
+    }
     // The place was chosen among many: as many as there are blocks.
     let clear = chance * (STEP_BLOCKS as f64) < LEVEL && stepped < sloped;
     clear && height.powi(2) * share * (1.0 - share) > STEP_CLEAR * square && height.abs() > STEP_SMALL * range
 }
 
+/// Whether values jump at a place, by about a height, and nowhere else: the error of a model of the input changes with the input, and
+/// that more than once.
+fn is_sharp(values: &[f64], edge: usize, height: f64) -> bool {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
+    let window = ((STEP_WINDOW * values.len() as f64) as usize).max(3);
+    let mut sums = vec![0.0];
+    sums.extend(values.iter().scan(0.0, |sum, value| {
+        *sum += value;
+        Some(*sum)
+    }));
+    let jump = |at: usize| ((sums[at + window] - sums[at]) - (sums[at] - sums[at - window])).abs() / window as f64;
+    let places = window..=values.len().saturating_sub(window);
+    if !places.contains(&edge) || jump(edge) < STEP_SHARP * height.abs() {
+        return false;
+    }
+    let elsewhere = places.filter(|at| at.abs_diff(edge) >= window).map(jump).fold(0.0, f64::max);
+    elsewhere <= STEP_ELSEWHERE * jump(edge)
+}
+
+/// Samples at which the input that turns most often turns.
+fn turns(series: &Series) -> Vec<usize> {
+    let of = |values: &Vec<f64>| {
+        let values = &values[series.skip.min(values.len())..];
+        let (low, high) = range(values.iter().copied());
+        let (mut extreme, mut rising, mut found) = (values.first().copied().unwrap_or(0.0), true, Vec::new());
+        for (index, &value) in values.iter().enumerate() {
+            let beyond = if rising { value - extreme } else { extreme - value };
+            if beyond > 0.0 {
+                extreme = value;
+            } else if beyond < -STROKE * (high - low) {
+                found.push(series.skip + index);
+                (extreme, rising) = (value, !rising);
+            }
+        }
+        found
+    };
+    series.inputs.iter().map(of).max_by_key(Vec::len).unwrap_or_default()
+}
+
 /// The most likely place of a step in one recording by itself: the maximum of the likelihood ratio of a step beside columns of the input.
 fn place(series: &Series, columns: impl Fn(&Series, &[usize]) -> Vec<Vec<f64>>) -> Option<usize> {
+    let turns = turns(series);
+    if turns.len() < STROKES {
+        return None;
+    }
     let counted = series.skip..series.len();
     let stride = counted.len().div_ceil(SCANNED).max(1);
     let kept: Vec<usize> = counted.step_by(stride).collect();
@@ -395,7 +451,7 @@ fn place(series: &Series, columns: impl Fn(&Series, &[usize]) -> Vec<Vec<f64>>) 
             best = (gain, Some(kept[place]));
         }
     }
-    best.1
+    best.1.filter(|place| (STROKES_BESIDE..=turns.len() - STROKES_BESIDE).contains(&turns.partition_point(|turn| turn < place)))
 }
 
 /// Least squares of values on a constant and columns: coefficients of the columns, sum of squares left, and the sum of squares left where

@@ -43,7 +43,7 @@ fn recording(map: Map, excitation: Excitation, noise: f64, number: usize, random
     };
     let wave = |index: usize| {
         let angle = std::f64::consts::TAU * PERIOD_S * index as f64;
-        amplitude * (0.7 * (slow_hz * angle + phase).sin() + 0.3 * (fast_hz * angle).sin())
+        amplitude * (0.55 * (slow_hz * angle + phase).sin() + 0.45 * (fast_hz * angle).sin())
     };
     let input: Vec<f64> = (0..SAMPLES).map(|index| centre + (index as f64 / 40.0).min(1.0) * wave(index)).collect();
     let mut plays = [input[0]; 3];
@@ -117,25 +117,111 @@ fn names(found: &Nuisances) -> Vec<&'static str> {
 }
 
 #[test]
-#[ignore = "exploration"]
-fn explore() {
-    for map in [Map::Bent] {
-        for excitation in [Excitation::OperatingPoints, Excitation::Sines] {
-            for count in [4, 8, 14] {
-                for hidden in [
-                    Hidden::default(),
-                    Hidden { zeros: 0.005, ..Hidden::default() },
-                    Hidden { zeros: 0.02, ..Hidden::default() },
-                    Hidden { zeros: 0.01, drift: 0.1, temperature: 0.1, step: 0.05 },
-                ] {
-                    let mut counts: std::collections::BTreeMap<String, usize> = std::collections::BTreeMap::new();
-                    for seed in 10..18 {
-                        let found = decide(&set(map, excitation, 0.02, count, hidden, seed));
-                        *counts.entry(names(&found).join("+")).or_default() += 1;
+fn where_nothing_is_hidden_nothing_is_named() {
+    let (mut tried, mut named) = (0, Vec::new());
+    for map in [Map::Operators, Map::Creep, Map::Bent] {
+        for excitation in [Excitation::Sines, Excitation::OperatingPoints] {
+            for count in [4, 9] {
+                for seed in 20..25 {
+                    tried += 1;
+                    let names = names(&decide(&set(map, excitation, 0.02, count, Hidden::default(), seed)));
+                    if !names.is_empty() {
+                        named.push(format!("{map:?} {excitation:?}, {count} recordings, seed {seed}: {names:?}"));
                     }
-                    println!("{map:?} {excitation:?} {count} {hidden:?}: {counts:?}");
                 }
             }
         }
+    }
+    // Four kinds at half a percent each, and a loop that the reference cannot follow.
+    assert!(50 * named.len() <= tried, "{tried} sets: {named:#?}");
+}
+
+#[test]
+fn each_nuisance_is_named_alone() {
+    let hidden = |zeros, drift, temperature, step| Hidden { zeros, drift, temperature, step };
+    for seed in 30..33 {
+        for (hidden, wanted) in [
+            // Three times the noise; what is smaller than the error is not named and does no harm.
+            (hidden(0.01, 0.0, 0.0, 0.0), "zeros"),
+            (hidden(0.02, 0.0, 0.0, 0.0), "zeros"),
+            (hidden(0.05, 0.0, 0.0, 0.0), "zeros"),
+            (hidden(0.0, 0.1, 0.0, 0.0), "drift"),
+            (hidden(0.0, 0.0, 0.05, 0.0), "temperature"),
+            (hidden(0.0, 0.0, 0.0, 0.05), "step"),
+        ] {
+            let found = decide(&set(Map::Operators, Excitation::Sines, 0.02, 8, hidden, seed));
+            assert_eq!(names(&found), [wanted], "seed {seed}, {hidden:?}");
+        }
+        let all = hidden(0.02, 0.1, 0.1, 0.05);
+        let found = decide(&set(Map::Operators, Excitation::Sines, 0.02, 14, all, seed));
+        assert_eq!(names(&found), ["zeros", "drift", "temperature", "step"], "seed {seed}");
+    }
+}
+
+#[test]
+fn what_is_named_has_the_size_that_was_hidden() {
+    let hidden = Hidden { zeros: 0.01, drift: 0.1, temperature: 0.1, step: 0.05 };
+    let made = set(Map::Operators, Excitation::Sines, 0.02, 14, hidden, 40);
+    let partition = Partition::new(&made.series);
+    let search = Search::new(&made.series, &partition, PERIOD_S, 1).with_covariates(made.covariates.clone());
+    let found = search.nuisances(&partition.training());
+    let slopes: Vec<f64> =
+        search.covariates().zip(&found.covariates).map(|((_, _, half), coefficient)| coefficient.expect("named") / half).collect();
+    // A tenth of the range over 6.5 h, and over 6 degrees.
+    assert!((slopes[0] - 0.1 * RANGE / 6.5).abs() < 0.02, "{slopes:?}");
+    assert!((slopes[1] - 0.1 * RANGE / 6.0).abs() < 0.02, "{slopes:?}");
+    for (number, height) in found.heights.iter().enumerate() {
+        if let Some(place) = search.step(&found, number) {
+            assert!(number % 3 == 1 && place.abs_diff(SAMPLES / 2 + 23) <= 1, "{number}: {place}");
+            assert!((height - 0.05 * RANGE).abs() < 0.02, "{number}: {height}");
+        }
+    }
+    assert_eq!(found.steps.iter().filter(|&&step| step).count(), 5, "{:?}", found.steps);
+    // What slopes take of the zeros they cannot give back: zeros are compared with what is left of them.
+    let centre = made.offsets.iter().sum::<f64>() / made.offsets.len() as f64;
+    let errors: f64 = found.offsets.iter().zip(&made.offsets).map(|(found, hidden)| (found - hidden + centre).powi(2)).sum();
+    assert!((errors / made.offsets.len() as f64).sqrt() < 0.5 * hidden.zeros * RANGE, "{:?} {:?}", found.offsets, made.offsets);
+}
+
+#[test]
+fn one_recording_shows_a_step_and_no_zero() {
+    let made = set(Map::Operators, Excitation::Sines, 0.02, 2, Hidden { step: 0.05, zeros: 0.05, ..Hidden::default() }, 50);
+    assert_eq!(names(&decide(&made)), ["step"]);
+    let none = set(Map::Creep, Excitation::Sines, 0.02, 2, Hidden::default(), 51);
+    assert_eq!(names(&decide(&none)), [""; 0]);
+}
+
+#[test]
+fn a_shape_is_found_beside_zeros_as_well_as_without() {
+    let rungs: Vec<_> = identification::physics_rungs().into_iter().filter(|rung| ["PI", "PI + dynamics"].contains(&rung.name)).collect();
+    let test = set(Map::Operators, Excitation::Sines, 0.0, 6, Hidden::default(), 60);
+    let shape = |hidden: Hidden| {
+        let made = set(Map::Operators, Excitation::Sines, 0.02, 8, hidden, 61);
+        let partition = Partition::new(&made.series);
+        let search = Search::new(&made.series, &partition, PERIOD_S, 1).with_covariates(made.covariates.clone());
+        let training = partition.training();
+        let found = search.ladder(&rungs, &training).into_iter().flatten().min_by(|one, other| one.score.total_cmp(&other.score)).expect("a rung");
+        let model = search.model(&found, &training.all).expect("a model");
+        let one = |series: &Series| {
+            let predicted = model.simulate(&[&series.inputs[0]], &[]);
+            let left: Vec<f64> = series.output.iter().zip(predicted).map(|(measured, predicted)| measured - predicted).collect();
+            let mean = left.iter().sum::<f64>() / left.len() as f64;
+            left.iter().map(|left| (left - mean).powi(2)).sum::<f64>() / left.len() as f64
+        };
+        (test.series.iter().map(one).sum::<f64>() / test.series.len() as f64).sqrt()
+    };
+    let plain = shape(Hidden::default());
+    for hidden in [
+        Hidden { zeros: 0.005, ..Hidden::default() },
+        Hidden { zeros: 0.02, ..Hidden::default() },
+        Hidden { zeros: 0.05, ..Hidden::default() },
+        Hidden { drift: 0.1, ..Hidden::default() },
+        Hidden { temperature: 0.1, ..Hidden::default() },
+        Hidden { step: 0.05, ..Hidden::default() },
+        Hidden { zeros: 0.02, drift: 0.1, temperature: 0.1, step: 0.05 },
+    ] {
+        let with = shape(hidden);
+        // Where nothing is left but noise, a hundredth of the noise is no difference.
+        assert!(with < 1.2 * plain + 2e-4, "{hidden:?}: {with} instead of {plain}");
     }
 }
