@@ -143,8 +143,7 @@ impl Moments {
     /// Samples, columns and output before and behind the candidate step.
     pub(crate) fn sections(&self) -> [Section; 2] {
         let whole = Section { samples: self.samples, columns: self.columns.clone(), output: self.output };
-        let behind =
-            self.behind.clone().unwrap_or_else(|| Section { samples: 0.0, columns: vec![0.0; self.columns.len()], output: 0.0 });
+        let behind = self.behind.clone().unwrap_or_else(|| Section { samples: 0.0, columns: vec![0.0; self.columns.len()], output: 0.0 });
         let before = Section {
             samples: whole.samples - behind.samples,
             columns: whole.columns.iter().zip(&behind.columns).map(|(whole, behind)| whole - behind).collect(),
@@ -162,7 +161,8 @@ impl Moments {
             (None, false) => self.rmse_with_own_zero(weights).0,
             (_, true) => {
                 let [before, behind] = self.sections();
-                let left = |section: &Section| section.output - section.columns.iter().zip(weights).map(|(sum, weight)| sum * weight).sum::<f64>();
+                let left =
+                    |section: &Section| section.output - section.columns.iter().zip(weights).map(|(sum, weight)| sum * weight).sum::<f64>();
                 let own = |section: &Section| -left(section).powi(2) / section.samples.max(1.0);
                 let first = match constant {
                     Some(constant) => constant * (constant * before.samples - 2.0 * left(&before)),

@@ -300,8 +300,7 @@ struct Halves {
 impl Halves {
     fn of(candidates: &Candidates, one: &Left, values: &[f64], found: &Nuisances) -> Self {
         let places = before_step(candidates, one, found);
-        let values: Vec<f64> =
-            places.map(|place| values[place] - found.moved(candidates, one.series, one.samples[place])).collect();
+        let values: Vec<f64> = places.map(|place| values[place] - found.moved(candidates, one.series, one.samples[place])).collect();
         let (first, second) = values.split_at(values.len() / 2);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let square = |values: &[f64]| {
@@ -470,8 +469,7 @@ fn line(columns: &[&[f64]], values: &[f64]) -> Option<(Vec<f64>, f64, f64)> {
     for (index, value) in values.iter().enumerate() {
         let row = row(index);
         let predicted: f64 = row.iter().zip(&solution.coefficients).map(|(one, other)| one * other).sum();
-        let leverage: f64 =
-            (0..width).map(|i| (0..width).map(|j| row[i] * inverse[i * width + j] * row[j]).sum::<f64>()).sum();
+        let leverage: f64 = (0..width).map(|i| (0..width).map(|j| row[i] * inverse[i * width + j] * row[j]).sum::<f64>()).sum();
         left_out += ((value - predicted) / (1.0 - leverage).max(1e-9)).powi(2);
     }
     Some((solution.coefficients[1..].to_vec(), solution.squared_residual, left_out))
@@ -524,7 +522,8 @@ fn nonzero(value: f64, tiny: f64) -> f64 {
 fn log_gamma(x: f64) -> f64 {
     let shift: f64 = (0..10).map(|step| (x + f64::from(step)).ln()).sum();
     let z = x + 10.0;
-    (z - 0.5) * z.ln() - z + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * z) - 1.0 / (360.0 * z.powi(3)) + 1.0 / (1260.0 * z.powi(5)) - shift
+    (z - 0.5) * z.ln() - z + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * z) - 1.0 / (360.0 * z.powi(3)) + 1.0 / (1260.0 * z.powi(5))
+        - shift
 }
 
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
@@ -551,7 +550,8 @@ pub(crate) fn shape_errors(
             *sum = (sum.0 + 1.0, sum.1 + left, sum.2 + left * left);
         }
         let own = [nuisances.zeros, true];
-        let squares: f64 = sums.iter().zip(own).map(|(sum, own)| if own { sum.2 - sum.1 * sum.1 / f64::max(sum.0, 1.0) } else { sum.2 }).sum();
+        let squares: f64 =
+            sums.iter().zip(own).map(|(sum, own)| if own { sum.2 - sum.1 * sum.1 / f64::max(sum.0, 1.0) } else { sum.2 }).sum();
         (if squares.is_nan() { f64::NAN } else { squares.max(0.0) } / unit.samples.len().max(1) as f64).sqrt()
     };
     partition.units().iter().map(error).collect()

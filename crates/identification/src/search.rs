@@ -13,7 +13,9 @@ use crate::recipe::{Recipe, Spectrum, Surroundings};
 use crate::regression::BOUND_PENALTIES;
 use crate::regression::Normal;
 use crate::split::Training;
-use crate::{Covariate, Fit, LinearModel, Moments, Nuisances, PENALTIES, Partition, Rung, Series, Signs, SplitKind, Weights, moments, rungs};
+use crate::{
+    Covariate, Fit, LinearModel, Moments, Nuisances, PENALTIES, Partition, Rung, Series, Signs, SplitKind, Weights, moments, rungs,
+};
 
 /// Rows that the second moments are made from at most; longer data are thinned evenly, behind memory that moves with all samples.
 const ROWS: usize = 40_000;
@@ -235,7 +237,14 @@ impl<'a> Search<'a> {
         if let Some(found) = self.known.lock().expect("the lock is whole").get(&key) {
             return Arc::clone(found);
         }
-        let made = Arc::new(moments::moments(&key.structure(&self.around), self.series, self.partition.units(), self.stride, self.origin, &self.candidates));
+        let made = Arc::new(moments::moments(
+            &key.structure(&self.around),
+            self.series,
+            self.partition.units(),
+            self.stride,
+            self.origin,
+            &self.candidates,
+        ));
         let mut known = self.known.lock().expect("the lock is whole");
         let numbers: usize = made.iter().map(|one| one.gram.len()).sum();
         // Rungs with many columns on many recordings would fill any memory; what is forgotten is made again.
@@ -332,7 +341,8 @@ impl<'a> Search<'a> {
         let moments = self.moments_beside(&found.recipe, &found.nuisances);
         let structure = found.recipe.structure(&self.around);
         let signs = found.recipe.signs(&structure);
-        let weights = Normal::new(&moments, fit, &self.zeros_of(&found.recipe, &found.nuisances)).solve(&moments, fit, found.penalty, &signs)?;
+        let weights =
+            Normal::new(&moments, fit, &self.zeros_of(&found.recipe, &found.nuisances)).solve(&moments, fit, found.penalty, &signs)?;
         let range = fit
             .units()
             .iter()
@@ -396,16 +406,7 @@ impl<'a> Search<'a> {
         let found = results.last()?[index].clone()?;
         let (model, ..) = self.fit(&found, &self.partition.training().all)?;
         paths.push((model.structure.dead_time_s, model.structure.lag_s));
-        Some(RungResult {
-            name: rung.name,
-            what: rung.what,
-            bound: rung.bound,
-            found,
-            model: model.pruned(),
-            errors,
-            predictions,
-            paths,
-        })
+        Some(RungResult { name: rung.name, what: rung.what, bound: rung.bound, found, model: model.pruned(), errors, predictions, paths })
     }
 }
 

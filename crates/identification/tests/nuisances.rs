@@ -200,7 +200,8 @@ fn a_shape_is_found_beside_zeros_as_well_as_without() {
         let partition = Partition::new(&made.series);
         let search = Search::new(&made.series, &partition, PERIOD_S, 1).with_covariates(made.covariates.clone());
         let training = partition.training();
-        let found = search.ladder(&rungs, &training).into_iter().flatten().min_by(|one, other| one.score.total_cmp(&other.score)).expect("a rung");
+        let found =
+            search.ladder(&rungs, &training).into_iter().flatten().min_by(|one, other| one.score.total_cmp(&other.score)).expect("a rung");
         let model = search.model(&found, &training.all).expect("a model");
         let one = |series: &Series| {
             let predicted = model.simulate(&[&series.inputs[0]], &[]);

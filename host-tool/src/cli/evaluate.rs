@@ -128,7 +128,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::refuse_overwriting(&paths, &outputs)?;
     let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
     // Both ways are judged on the same samples where the start-up was asked for.
-    let judging = Judging { fit, skip_s: arguments.skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare: arguments.tare, calibrate_s: 0.0 };
+    let judging =
+        Judging { fit, skip_s: arguments.skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare: arguments.tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
     let judged = judge(&*model, &recordings, judging, threads)?;

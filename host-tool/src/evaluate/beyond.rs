@@ -75,7 +75,8 @@ mod tests {
             let time_s: Vec<f64> = (0..100).map(|index| 0.01 * f64::from(index)).collect();
             let input: Vec<f64> = (0..100).map(|index| top * f64::from(index) / 99.0).collect();
             let output = vec![0.0; 100];
-            Recording::new("one.csv".as_ref(), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).expect("a recording")
+            Recording::new("one.csv".as_ref(), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)
+                .expect("a recording")
         };
         assert_eq!(beyond(std::slice::from_ref(&range), &[recording(2.0)]), []);
         let found = beyond(&[range], &[recording(2.0), recording(3.0)]);

@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::{Outcome, RungModel, chip};
-use crate::identify::PhysicsModel;
 use crate::evaluate::{Errors, FileErrors, Judged};
+use crate::identify::PhysicsModel;
 use crate::{export, network, output, report};
 
 /// The report.

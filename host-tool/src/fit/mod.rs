@@ -380,12 +380,7 @@ impl Outcome {
     #[must_use]
     pub fn expected(&self, rung: usize) -> Expected {
         let rung = &self.ladder[rung];
-        Expected {
-            rmse: rung.cv_rmse,
-            interval: rung.cv_interval,
-            left_out: self.splits.what.clone(),
-            calibrated: rung.calibrated.clone(),
-        }
+        Expected { rmse: rung.cv_rmse, interval: rung.cv_interval, left_out: self.splits.what.clone(), calibrated: rung.calibrated.clone() }
     }
 }
 

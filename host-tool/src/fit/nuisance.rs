@@ -183,7 +183,11 @@ impl Nuisance {
         let unit = &self.unit;
         match (self.kind, &self.per) {
             (Kind::Zero, _) => {
-                format!("each recording has a zero of its own: standard deviation {} {unit} about the model\u{2019}s {} {unit}", number(self.spread), number(self.mean))
+                format!(
+                    "each recording has a zero of its own: standard deviation {} {unit} about the model\u{2019}s {} {unit}",
+                    number(self.spread),
+                    number(self.mean)
+                )
             }
             (kind, Some(per)) => {
                 let what = if kind == Kind::Temperature { "the zero answers to the temperature" } else { "the zero drifts" };

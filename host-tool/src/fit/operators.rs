@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use identification::choice::Evidence;
 use identification::SplitKind;
+use identification::choice::Evidence;
 
 use super::judging::Judging;
 use super::{LadderRung, RungModel, nuisance};
@@ -19,13 +19,7 @@ const MOST_SAMPLES: usize = 200_000;
 
 /// The two rungs, without dead time and lag or with those that each outer fold, and last all data, found for themselves (in s). Only whole recordings can be left out of these fits, so there
 /// are none where the partition is one of blocks, and none for several inputs.
-pub(super) fn rungs(
-    judging: &Judging,
-    dynamics: bool,
-    paths: &[(f64, f64)],
-    evidence: Evidence,
-    threads: usize,
-) -> Vec<LadderRung> {
+pub(super) fn rungs(judging: &Judging, dynamics: bool, paths: &[(f64, f64)], evidence: Evidence, threads: usize) -> Vec<LadderRung> {
     let (prepared, partition) = (judging.prepared, judging.partition);
     let samples: usize = prepared.series.iter().map(identification::Series::len).sum();
     let delayed = paths.iter().any(|path| path.0 > 0.0 || path.1 > 0.0);

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use hysteresis::play;
-use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use crate::fit::file::Expected;
 use crate::fit::nuisance::Nuisance;
+use hysteresis::play;
+use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use serde::{Deserialize, Serialize};
 
 use super::bank::input_path;

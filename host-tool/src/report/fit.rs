@@ -73,7 +73,12 @@ fn nuisances(page: &mut Page, fitted: &Outcome, unit: &str) {
     };
     let rows: Vec<Vec<Cell>> = named.iter().flat_map(|one| one.values.iter().map(row(one.kind.to_string()))).collect();
     let above = format!("above the model / {unit}");
-    page.table("At: time of a step in s; session time or temperature of the recording.", &["nuisance", "recording", &above, "at"], &rows, None);
+    page.table(
+        "At: time of a step in s; session time or temperature of the recording.",
+        &["nuisance", "recording", &above, "at"],
+        &rows,
+        None,
+    );
 }
 
 fn ladder(page: &mut Page, fitted: &Outcome, unit: &str, range: f64) {
