@@ -4,8 +4,8 @@
 //! over units with its standard error (the one-standard-error rule of L. Breiman et al., Classification and Regression Trees, 1984,
 //! section 3.4.3, on paired differences).
 
-use crate::search::errors;
-use crate::{Partition, Series, SplitKind};
+use crate::search::root_mean_square;
+use crate::{Partition, SplitKind, Unit};
 
 /// Seconds of data in fewer than three recordings below which only rungs of one addition take part: blocks of so little data are near
 /// copies of each other, and reward whatever fits most.
@@ -87,17 +87,18 @@ pub struct Average {
 /// than two are near.
 ///
 /// The shares minimise the squared error of predictions by models that took no part, relative to that of the members on each unit.
-/// Where units are few, or blocks of one recording, all shares are equal.
+/// Where units are few, or blocks of one recording, all shares are equal. `residuals` gives what the predictions of a recording leave of
+/// a unit.
 #[must_use]
-pub fn average(entries: &[Entry], series: &[Series], partition: &Partition) -> Option<Average> {
+pub fn average(entries: &[Entry], partition: &Partition, residuals: impl Fn(&Unit, &[f64]) -> Vec<f64>) -> Option<Average> {
     let best = entries.iter().filter(|entry| entry.eligible).map(|entry| level(&entry.errors, 0.0)).fold(f64::INFINITY, f64::min);
     let near = |index: &usize| entries[*index].eligible && level(&entries[*index].errors, 0.0) <= best + NEAR.ln();
     let members: Vec<usize> = (0..entries.len()).filter(near).collect();
     if members.len() < 2 || !best.is_finite() {
         return None;
     }
-    let stacking = Stacking::new(&members, entries, series, partition);
-    let mut predictions: Vec<Vec<f64>> = series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
+    let stacking = Stacking::new(&members, entries, partition, &residuals);
+    let mut predictions: Vec<Vec<f64>> = entries[members[0]].predictions.iter().map(|one| vec![f64::NAN; one.len()]).collect();
     for fold in 0..partition.folds() {
         let shares = stacking.shares(|unit| partition.fold_of(unit) != fold);
         for (_, unit) in partition.units().iter().enumerate().filter(|(index, _)| partition.fold_of(*index) == fold) {
@@ -107,7 +108,7 @@ pub fn average(entries: &[Entry], series: &[Series], partition: &Partition) -> O
             }
         }
     }
-    let errors = errors(&predictions, series, partition);
+    let errors = partition.units().iter().map(|unit| root_mean_square(&residuals(unit, &predictions[unit.series]))).collect();
     let shares = stacking.shares(|_| true);
     let members = members.into_iter().zip(shares).filter(|&(_, share)| share > 0.0).collect();
     Some(Average { members, entry: Entry { name: "average".to_owned(), errors, predictions, eligible: true } })
@@ -125,18 +126,13 @@ struct Stacking {
 const EVEN: f64 = 0.1;
 
 impl Stacking {
-    fn new(members: &[usize], entries: &[Entry], series: &[Series], partition: &Partition) -> Self {
+    fn new(members: &[usize], entries: &[Entry], partition: &Partition, residuals: &impl Fn(&Unit, &[f64]) -> Vec<f64>) -> Self {
         let count = members.len();
-        let of = |unit: &crate::Unit| {
-            let output = &series[unit.series].output;
-            let mut product = vec![0.0; count * count];
-            for sample in unit.samples.clone() {
-                let residual = |member: usize| entries[members[member]].predictions[unit.series][sample] - output[sample];
-                for row in 0..count {
-                    for column in 0..count {
-                        product[row * count + column] += residual(row) * residual(column);
-                    }
-                }
+        let of = |unit: &Unit| {
+            let left: Vec<Vec<f64>> = members.iter().map(|&member| residuals(unit, &entries[member].predictions[unit.series])).collect();
+            let mut product = Vec::with_capacity(count * count);
+            for row in &left {
+                product.extend(left.iter().map(|column| row.iter().zip(column).map(|(a, b)| a * b).sum::<f64>()));
             }
             // Every unit counts alike, however long and however hard.
             let trace: f64 = (0..count).map(|member| product[member * (count + 1)]).sum();
@@ -193,6 +189,8 @@ fn standard_error(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Series;
+    use crate::search::errors;
 
     /// Six units from three.
     fn entry(errors: &[f64]) -> Entry {
@@ -236,7 +234,15 @@ mod tests {
             let errors = errors(&predictions, &series, &partition);
             Entry { name: String::new(), errors, predictions, eligible: true }
         };
-        let made = average(&[member(0.9), member(-1.0), member(10.0)], &series, &partition).expect("two are near");
+        let left = |unit: &Unit, predictions: &[f64]| -> Vec<f64> {
+            let samples = unit.samples.clone();
+            series[unit.series].output[samples.clone()]
+                .iter()
+                .zip(&predictions[samples])
+                .map(|(measured, predicted)| measured - predicted)
+                .collect()
+        };
+        let made = average(&[member(0.9), member(-1.0), member(10.0)], &partition, left).expect("two are near");
         let shares: Vec<f64> = made.members.iter().map(|member| member.1).collect();
         assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12 && shares.iter().all(|&share| share > 0.0));
         assert_eq!(made.members.iter().map(|member| member.0).collect::<Vec<_>>(), [0, 1], "the third is far from the best");
@@ -251,7 +257,7 @@ mod tests {
             entry.errors = errors(&entry.predictions, &series, &partition);
             entry
         };
-        let made = average(&[odd(0.9), odd(-1.0)], &series, &partition).expect("two are near");
+        let made = average(&[odd(0.9), odd(-1.0)], &partition, left).expect("two are near");
         for unit in (0..8).filter(|&unit| partition.fold_of(unit) == 0) {
             assert!((0.9..1.05).contains(&made.entry.errors[unit]), "{:?}", made.entry.errors);
         }

@@ -29,10 +29,25 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// Over the range of some values; a signal that never moves maps to zero.
+    /// Over the range of some values, without a few that stand far apart from all others: those are mistakes of a sensor, and one of
+    /// them would make everything else small. A signal that never moves maps to zero.
     #[must_use]
     pub fn of(values: impl Iterator<Item = f64>) -> Self {
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let mut values: Vec<f64> = values.collect();
+        values.sort_by(f64::total_cmp);
+        let mut kept = values.as_slice();
+        for _ in 0..(values.len() / ONE_IN).min(APART_MOST) {
+            let [lowest, low, .., high, highest] = kept else { break };
+            let apart = APART * (high - low);
+            kept = if highest - high > apart && highest - high >= low - lowest {
+                &kept[..kept.len() - 1]
+            } else if low - lowest > apart {
+                &kept[1..]
+            } else {
+                break;
+            };
+        }
+        let (low, high) = (kept.first().copied().unwrap_or(f64::INFINITY), kept.last().copied().unwrap_or(f64::NEG_INFINITY));
         let half = 0.5 * (high - low);
         Self { centre: low + half, half: if half > 0.0 { half } else { 1.0 } }
     }
@@ -43,6 +58,12 @@ impl Scaling {
         (value - self.centre) / self.half
     }
 }
+
+/// Values that stand apart at most, and how many there must be for each of them.
+const APART_MOST: usize = 4;
+const ONE_IN: usize = 500;
+/// Distance of such a value from the next, over the range of the others.
+const APART: f64 = 0.5;
 
 /// First-order lags in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -387,6 +408,17 @@ mod tests {
             assert!((made[1][k] - x[k] * y[k]).abs() < 1e-15);
             assert!((made[2][k] - (2.0 * four - x[k] * y[k] + 0.3).tanh()).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn one_outlier_does_not_set_the_scaling_and_a_real_range_does() {
+        let wave = |k: u32| (f64::from(k) * 0.01).sin();
+        let clean = Scaling::of((0..2000).map(wave));
+        assert!((clean.half - 1.0).abs() < 1e-3 && clean.centre.abs() < 1e-3);
+        let spiked = Scaling::of((0..2000).map(|k| if k == 700 { 40.0 } else { wave(k) }));
+        assert!((spiked.half - clean.half).abs() < 1e-3, "{spiked:?}");
+        let steps = Scaling::of((0..2000).map(|k| f64::from(k % 2) * 5.0));
+        assert!((steps.half - 2.5).abs() < 1e-12, "two levels are a range");
     }
 
     #[test]

@@ -41,6 +41,22 @@ pub fn next(errors: &[f64], independent: Option<usize>) -> [f64; 2] {
     [(mean - half).exp(), (mean + half).exp()]
 }
 
+/// The same where zeros of recordings are nuisances: `shapes` are errors with each recording's own zero taken off, `zeros` the mean
+/// errors of recordings that took no part, with their signs. The next zero is Student-t about nothing and may vanish.
+#[must_use]
+pub fn next_with_zeros(shapes: &[f64], zeros: &[f64], independent: Option<usize>) -> [f64; 2] {
+    let [low, high] = next(shapes, independent);
+    let zeros: Vec<f64> = zeros.iter().copied().filter(|zero| zero.is_finite()).collect();
+    if zeros.is_empty() || !high.is_finite() {
+        return [low, high];
+    }
+    let count = zeros.len() as f64;
+    let square = zeros.iter().map(|zero| zero * zero).sum::<f64>() / count;
+    // The wide zero with a shape as in the middle, or the wide shape with a zero as in the middle (the median of chi-squared is 0.455).
+    let far = (low * high + student(count.max(2.0)).powi(2) * square).sqrt();
+    [low, far.max((high * high + 0.455 * square).sqrt())]
+}
+
 /// The 97.5 % point of Student's t, by the expansion of Cornish and Fisher (M. Abramowitz and I. Stegun, 26.7.5); within 0.01 from
 /// four degrees of freedom on.
 fn student(freedom: f64) -> f64 {
@@ -73,5 +89,14 @@ mod tests {
         let [low, high] = next(&[1.0], Some(1));
         assert!(low < 0.4 && high > 2.5, "{low} {high}");
         assert_eq!(next(&[f64::NAN], None), [0.0, f64::INFINITY]);
+    }
+
+    #[test]
+    fn zeros_widen_it_upwards_alone() {
+        let shapes = [1.0; 12];
+        assert_eq!(next_with_zeros(&shapes, &[0.0; 12], Some(12)), next(&shapes, Some(12)));
+        let zeros: Vec<f64> = (0..12).map(|index| 5.0 * (2.3 * f64::from(index)).sin()).collect();
+        let ([low, _], [same, high]) = (next(&shapes, Some(12)), next_with_zeros(&shapes, &zeros, Some(12)));
+        assert!(low == same && (7.0..12.0).contains(&high), "{low} {same} {high}");
     }
 }

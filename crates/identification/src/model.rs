@@ -23,6 +23,13 @@ const BEYOND: f64 = 1.0;
 /// The same where signs are bound: physics goes on. A limit is kept against inputs that are no pressures at all.
 const BEYOND_BOUND: f64 = 100.0;
 
+/// Largest magnitude of any number in a model, in whatever unit: what is larger was damaged.
+const LARGEST: f64 = 1e15;
+/// Columns and inputs at most, and samples of dead time.
+const MOST_COLUMNS: usize = 100_000;
+const MOST_INPUTS: usize = 64;
+const MOST_DELAYED: f64 = 1e7;
+
 /// Why a model cannot be run.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum ModelFault {
@@ -100,25 +107,32 @@ impl LinearModel {
         if self.weights.len() != structure.columns.len() {
             return fault("there is not one weight for each column");
         }
-        if !self.constant.is_finite() || self.weights.iter().any(|weight| !weight.is_finite()) {
-            return fault("a weight is not finite");
+        if structure.columns.len() > MOST_COLUMNS || structure.scalings.len() > MOST_INPUTS {
+            return fault("there are more columns or inputs than any fit makes");
         }
-        if !(self.limits[0] <= self.limits[1] && self.limits.iter().all(|limit| limit.is_finite())) {
+        let sane = |value: f64| value.abs() <= LARGEST;
+        if !sane(self.constant) || !self.weights.iter().all(|&weight| sane(weight)) {
+            return fault("a weight or the constant is not a number that a fit makes");
+        }
+        if !(self.limits[0] <= self.limits[1] && self.limits.iter().all(|&limit| sane(limit))) {
             return fault("the limits of the output are not two ascending numbers");
         }
-        let time = |value: f64| value.is_finite() && (0.0..=1e9).contains(&value);
+        let time = |value: f64| (0.0..=1e9).contains(&value);
         if !(structure.sample_period_s > 0.0 && time(structure.sample_period_s)) {
             return fault("sample_period_s must be positive");
         }
         if !time(structure.dead_time_s) || !time(structure.lag_s) {
             return fault("dead_time_s and lag_s must be zero or positive");
         }
+        if structure.dead_time_s > MOST_DELAYED * structure.sample_period_s {
+            return fault("dead_time_s is longer than any recording");
+        }
         if structure.scalings.is_empty()
-            || structure.scalings.iter().any(|one| !(one.half > 0.0 && one.half.is_finite() && one.centre.is_finite()))
+            || structure.scalings.iter().any(|one| !(one.half > 1.0 / LARGEST && sane(one.half) && sane(one.centre)))
         {
             return fault("every input needs a centre and a positive half range");
         }
-        if structure.rest.as_ref().is_some_and(|rest| rest.len() != self.inputs() || rest.iter().any(|value| !value.is_finite())) {
+        if structure.rest.as_ref().is_some_and(|rest| rest.len() != self.inputs() || !rest.iter().all(|&value| sane(value))) {
             return fault("rest needs one finite value for each input");
         }
         match structure.output_path {
@@ -132,8 +146,8 @@ impl LinearModel {
             let known = |input: usize| input < self.inputs();
             let good = match &column.basis {
                 Basis::Polynomial { input, degree } => known(*input) && (1..=20).contains(degree),
-                Basis::Ramp { input, from, to } => known(*input) && from.is_finite() && to.is_finite() && from < to,
-                Basis::Play { input, threshold } => known(*input) && threshold.is_finite() && *threshold >= 0.0,
+                Basis::Ramp { input, from, to } => known(*input) && sane(*from) && sane(*to) && from < to,
+                Basis::Play { input, threshold } => known(*input) && (0.0..=LARGEST).contains(threshold),
                 Basis::Product { first, second } => known(*first) && known(*second),
                 Basis::Oscillator { input, frequency_hz, damping, .. } => {
                     let positive = |value: f64| value > 0.0 && value.is_finite();
@@ -142,7 +156,7 @@ impl LinearModel {
                 Basis::Sigmoid { columns, gains, bias } => {
                     columns.len() == gains.len()
                         && columns.iter().all(|&other| other < index)
-                        && gains.iter().chain([bias]).all(|value| value.is_finite())
+                        && gains.iter().chain([bias]).all(|&value| sane(value))
                 }
             };
             let lagged = column.lag.is_none_or(|lag| time(lag.time_constant_s) && lag.order <= 8);
@@ -175,5 +189,52 @@ impl LinearModel {
         let mut kept = needed.iter();
         self.weights.retain(|_| *kept.next().unwrap_or(&false));
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Basis, Column, Lag, OutputPath, Scaling};
+
+    fn model() -> LinearModel {
+        LinearModel {
+            constant: 0.1,
+            weights: vec![1.0],
+            limits: [-2.0, 2.0],
+            structure: Structure {
+                sample_period_s: 0.01,
+                dead_time_s: 0.0,
+                lag_s: 0.0,
+                scalings: vec![Scaling { centre: 0.0, half: 1.0 }],
+                rest: None,
+                output_path: OutputPath::Direct,
+                columns: vec![Column { basis: Basis::Play { input: 0, threshold: 0.1 }, lag: None }],
+            },
+        }
+    }
+
+    #[test]
+    fn damaged_numbers_are_refused() {
+        assert_eq!(model().check(), Ok(()));
+        let damages: [fn(&mut LinearModel); 12] = [
+            |model| model.constant = 1e300,
+            |model| model.weights[0] = f64::NAN,
+            |model| model.weights[0] = -1e300,
+            |model| model.limits = [f64::NAN, 1.0],
+            |model| model.limits = [-1e300, 1e300],
+            |model| model.structure.lag_s = -0.1,
+            |model| model.structure.dead_time_s = 1e8,
+            |model| model.structure.scalings[0].half = 1e-300,
+            |model| model.structure.scalings[0].centre = f64::INFINITY,
+            |model| model.structure.columns[0].basis = Basis::Play { input: 0, threshold: 1e300 },
+            |model| model.structure.columns[0].lag = Some(Lag { time_constant_s: -1.0, order: 1 }),
+            |model| model.structure.columns[0].basis = Basis::Polynomial { input: 0, degree: usize::MAX },
+        ];
+        for (number, damage) in damages.iter().enumerate() {
+            let mut damaged = model();
+            damage(&mut damaged);
+            assert!(damaged.check().is_err(), "damage {number}");
+        }
     }
 }

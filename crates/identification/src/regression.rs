@@ -40,14 +40,14 @@ pub struct Normal {
     /// Standard deviation of each column.
     spread: Vec<f64>,
     samples: f64,
-    /// Which constant each unit has, by a number of its recording.
-    zeros: Vec<usize>,
+    /// Which constant each unit has, before and behind its recording's candidate step.
+    zeros: Vec<[usize; 2]>,
 }
 
 impl Normal {
-    /// Adds up the units of a fit; units with equal numbers in `zeros` share a constant.
+    /// Adds up the units of a fit; parts of units with equal numbers in `zeros`, before and behind a candidate step, share a constant.
     #[must_use]
-    pub fn new(moments: &[Moments], fit: &Fit, zeros: &[usize]) -> Self {
+    pub fn new(moments: &[Moments], fit: &Fit, zeros: &[[usize; 2]]) -> Self {
         let width = moments.first().map_or(0, |first| first.columns.len());
         let empty = vec![0.0; width];
         let mut sum =
@@ -58,10 +58,20 @@ impl Normal {
             sum.gram.iter_mut().zip(&one.gram).for_each(|(sum, value)| *sum += value);
             sum.cross.iter_mut().zip(&one.cross).for_each(|(sum, value)| *sum += value);
             sum.samples += one.samples;
-            let (columns, output, samples) = shared.entry(zeros[unit]).or_insert_with(|| (empty.clone(), 0.0, 0.0));
-            columns.iter_mut().zip(&one.columns).for_each(|(sum, value)| *sum += value);
-            *output += one.output;
-            *samples += one.samples;
+            let mut add = |owner: usize, part_columns: &[f64], part_output: f64, part_samples: f64| {
+                let (columns, output, samples) = shared.entry(owner).or_insert_with(|| (empty.clone(), 0.0, 0.0));
+                columns.iter_mut().zip(part_columns).for_each(|(sum, value)| *sum += value);
+                *output += part_output;
+                *samples += part_samples;
+            };
+            let [before, behind] = zeros[unit];
+            if before == behind || one.behind.is_none() {
+                add(before, &one.columns, one.output, one.samples);
+            } else {
+                for (owner, part) in [before, behind].into_iter().zip(one.sections()) {
+                    add(owner, &part.columns, part.output, part.samples);
+                }
+            }
         }
         for (columns, output, samples) in shared.values() {
             sum.take_off(columns, *output, *samples);
@@ -120,21 +130,26 @@ impl Normal {
         if columns.iter().any(|weight| !weight.is_finite()) {
             return None;
         }
-        let zero = |units: &mut dyn Iterator<Item = usize>| {
-            let (mut left, mut samples) = (0.0, 0.0);
-            for unit in units {
-                let predicted: f64 = columns.iter().zip(&moments[unit].columns).map(|(weight, sum)| weight * sum).sum();
-                left += moments[unit].output - predicted;
-                samples += moments[unit].samples;
+        // Each recording is one observation of where its sensor was set to zero; what lies behind a step with a zero of its own is none.
+        let mut sums: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+        for &unit in fit.units() {
+            let one = &moments[unit];
+            let [before, behind] = self.zeros[unit];
+            let mut add = |part_columns: &[f64], part_output: f64, part_samples: f64| {
+                let predicted: f64 = columns.iter().zip(part_columns).map(|(weight, sum)| weight * sum).sum();
+                let (left, samples) = sums.entry(before).or_insert((0.0, 0.0));
+                *left += part_output - predicted;
+                *samples += part_samples;
+            };
+            if before == behind || one.behind.is_none() {
+                add(&one.columns, one.output, one.samples);
+            } else {
+                let [first, _] = one.sections();
+                add(&first.columns, first.output, first.samples);
             }
-            left / f64::max(samples, 1.0)
-        };
-        // Each recording is one observation of where its sensor was set to zero.
-        let mut owners: Vec<usize> = fit.units().iter().map(|&unit| self.zeros[unit]).collect();
-        owners.sort_unstable();
-        owners.dedup();
-        let of = |owner: usize| zero(&mut fit.units().iter().copied().filter(|&unit| self.zeros[unit] == owner));
-        let constant = owners.iter().map(|&owner| of(owner)).sum::<f64>() / owners.len().max(1) as f64;
+        }
+        let zeros: Vec<f64> = sums.values().filter(|sum| sum.1 > 0.0).map(|(left, samples)| left / samples).collect();
+        let constant = zeros.iter().sum::<f64>() / zeros.len().max(1) as f64;
         Some(Weights { constant, columns })
     }
 }

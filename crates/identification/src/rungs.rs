@@ -142,6 +142,31 @@ pub fn physics_rungs() -> Vec<Rung> {
     ]
 }
 
+/// What nuisances are told from: flexible, once with weights of any sign and once without.
+pub(crate) fn references() -> [Rung; 2] {
+    let rung = |bound, enter| Rung {
+        name: "reference",
+        what: "operators, a curve and a spectrum of lags",
+        from: &[],
+        enter,
+        settings: &[rests, dead_times, lags, counts],
+        rounds: 1,
+        bound,
+        small: false,
+    };
+    let free = |_: Recipe, _: &Surroundings| Recipe { polynomial: 3, plays: 8, spectrum: Spectrum::Input, ..Recipe::line() };
+    let bound = |_: Recipe, _: &Surroundings| Recipe {
+        polynomial: 0,
+        plays: 16,
+        ramps: 6,
+        bound: Bound::Play,
+        rest_at_zero: true,
+        spectrum: Spectrum::Input,
+        ..Recipe::line()
+    };
+    [rung(false, free), rung(true, bound)]
+}
+
 fn degrees(recipe: &Recipe, _: &Surroundings) -> Vec<Recipe> {
     let lowest = u8::from(recipe.plays == 0);
     [0, 1, 2, 3, 5].into_iter().filter(|&degree| degree >= lowest).map(|polynomial| Recipe { polynomial, ..recipe.clone() }).collect()

@@ -8,17 +8,22 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use crate::recipe::{Recipe, Surroundings};
+use crate::nuisance::{self, Candidates, Left};
+use crate::recipe::{Recipe, Spectrum, Surroundings};
 use crate::regression::BOUND_PENALTIES;
 use crate::regression::Normal;
 use crate::split::Training;
-use crate::{Fit, LinearModel, Moments, PENALTIES, Partition, Rung, Series, Signs, Weights, moments};
+use crate::{
+    Covariate, Fit, LinearModel, Moments, Nuisances, PENALTIES, Partition, Rung, Series, Signs, SplitKind, Weights, moments, rungs,
+};
 
 /// Rows that the second moments are made from at most; longer data are thinned evenly, behind memory that moves with all samples.
 const ROWS: usize = 40_000;
 
 /// Numbers of moments kept at most: half a gigabyte.
 const KEPT: usize = 64 << 20;
+/// Rounds in which a reference's weights and coefficients of covariates are estimated in turn.
+const ROUNDS: usize = 4;
 /// A penalty is as good as the best within this factor of its error.
 const NEARLY: f64 = 1.01;
 
@@ -29,8 +34,10 @@ pub struct Found {
     pub recipe: Recipe,
     /// Its ridge penalty.
     pub penalty: f64,
-    /// Mean RMSE over the units of the inner folds, in the output's unit.
+    /// Mean RMSE over the units of the inner folds, beside the nuisances, in the output's unit.
     pub score: f64,
+    /// What was projected out.
+    pub nuisances: Arc<Nuisances>,
 }
 
 /// The result of one rung.
@@ -46,8 +53,6 @@ pub struct RungResult {
     pub found: Found,
     /// The model fitted to all data.
     pub model: LinearModel,
-    /// Constant of each unit under that model, in the output's unit.
-    pub zeros: Vec<f64>,
     /// Error on each unit by a model and settings that it took no part in.
     pub errors: Vec<f64>,
     /// Dead time and lag in s that each outer fold found for itself, and last those of all data.
@@ -64,6 +69,9 @@ pub struct Search<'a> {
     origin: f64,
     stride: usize,
     known: Mutex<HashMap<Recipe, Arc<Vec<Moments>>>>,
+    candidates: Candidates,
+    /// What was decided on, by the units that decided.
+    decided: Mutex<HashMap<Vec<usize>, Arc<Nuisances>>>,
 }
 
 impl<'a> Search<'a> {
@@ -72,13 +80,159 @@ impl<'a> Search<'a> {
     pub fn new(series: &'a [Series], partition: &'a Partition, sample_period_s: f64, seed: u64) -> Self {
         let samples: usize = series.iter().map(Series::len).sum();
         let origin = series.iter().flat_map(|one| &one.output).sum::<f64>() / samples.max(1) as f64;
+        let around = Surroundings::of(series, sample_period_s, seed);
+        let beside = Recipe { polynomial: 3, plays: 8, spectrum: Spectrum::Input, ..Recipe::line() }.structure(&around);
+        let columns = |one: &Series, rows: &[usize]| {
+            let mut columns = Vec::new();
+            let inputs: Vec<&[f64]> = one.inputs.iter().map(Vec::as_slice).collect();
+            beside.for_each_column(&inputs, &one.gaps, |_, values| columns.push(rows.iter().map(|&row| values[row]).collect()));
+            columns
+        };
         Self {
             series,
             partition,
-            around: Surroundings::of(series, sample_period_s, seed),
+            candidates: Candidates::of(series, columns),
+            around,
             origin,
             stride: samples.div_ceil(ROWS).max(1),
             known: Mutex::new(HashMap::new()),
+            decided: Mutex::new(HashMap::new()),
+        }
+    }
+
+    /// Adds slow signals that the zero may answer to; those that never move are left out.
+    #[must_use]
+    pub fn with_covariates(mut self, covariates: Vec<Covariate>) -> Self {
+        self.candidates = self.candidates.with(covariates, self.series.len());
+        self
+    }
+
+    /// The covariates that take part, each with the value where models stand and the half range that its coefficient is for.
+    pub fn covariates(&self) -> impl Iterator<Item = (&Covariate, f64, f64)> {
+        let candidates = &self.candidates;
+        candidates.covariates.iter().zip(&candidates.centres).zip(&candidates.halves).map(|((one, &centre), &half)| (one, centre, half))
+    }
+
+    /// First sample behind the step of a recording, where one is named.
+    #[must_use]
+    pub fn step(&self, nuisances: &Nuisances, series: usize) -> Option<usize> {
+        self.candidates.steps[series].filter(|_| nuisances.steps[series])
+    }
+
+    /// The output of a recording that took part in a decision, its nuisances taken off.
+    #[must_use]
+    pub fn cleaned(&self, nuisances: &Nuisances, series: usize) -> Vec<f64> {
+        nuisances.cleaned(&self.candidates, series, &self.series[series].output)
+    }
+
+    /// What the covariates that are named move each sample of a recording by.
+    #[must_use]
+    pub fn moved(&self, nuisances: &Nuisances, series: usize) -> Vec<f64> {
+        (0..self.series[series].len()).map(|index| nuisances.moved(&self.candidates, series, index)).collect()
+    }
+
+    /// Root mean square errors of predictions on each unit, its nuisances taken off as far as all data name them: how well a shape is
+    /// known, and what rungs are compared by.
+    #[must_use]
+    pub fn shape_errors(&self, predictions: &[Vec<f64>]) -> Vec<f64> {
+        let residuals = |unit: &crate::Unit| self.shape_residuals(unit, &predictions[unit.series]);
+        self.partition.units().iter().map(|unit| root_mean_square(&residuals(unit))).collect()
+    }
+
+    /// What the predictions of a recording leave of one of its units, the nuisances taken off that all data name.
+    #[must_use]
+    pub fn shape_residuals(&self, unit: &crate::Unit, predictions: &[f64]) -> Vec<f64> {
+        let nuisances = self.nuisances(&self.partition.training());
+        nuisance::shape_residuals(&nuisances, &self.candidates, predictions, &self.series[unit.series], unit)
+    }
+
+    /// What the data of a training set name; decided once.
+    #[must_use]
+    pub fn nuisances(&self, training: &Training) -> Arc<Nuisances> {
+        let key = training.all.units().to_vec();
+        // Note(unwrap): no thread panics while it holds the lock.
+        if let Some(found) = self.decided.lock().expect("the lock is whole").get(&key) {
+            return Arc::clone(found);
+        }
+        let found = Arc::new(self.decide(training).unwrap_or_else(|| Nuisances::none(&self.candidates)));
+        self.decided.lock().expect("the lock is whole").insert(key, Arc::clone(&found));
+        found
+    }
+
+    /// Decides by references that took no part; `None` when none can be fitted.
+    fn decide(&self, training: &Training) -> Option<Nuisances> {
+        let all = Arc::new(Nuisances::all(&self.candidates));
+        let climbed = rungs::references().into_iter().filter_map(|rung| {
+            let start = Recipe { own_zeros: true, ..(rung.enter)(Recipe::line(), &self.around) };
+            self.climb(&rung, start, training, &all)
+        });
+        let reference = climbed.min_by(|one, other| one.score.total_cmp(&other.score))?;
+        let outputs = training.all.units().iter().map(|&unit| &self.partition.units()[unit]);
+        let (low, high) = outputs
+            .flat_map(|unit| &self.series[unit.series].output[unit.samples.clone()])
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+        let mut left = Vec::new();
+        for (fit, select) in &training.inner {
+            self.add_left(&mut left, &reference, fit, select.units())?;
+        }
+        let mut found = nuisance::decide_on_steps(&self.candidates, &left, high - low);
+        if self.partition.kind() != SplitKind::Blocks {
+            let recipe = Recipe { own_zeros: false, ..reference.recipe.clone() };
+            let as_is = |found: &Nuisances, left: &mut Vec<Left>| -> Option<()> {
+                let plain = Found { recipe: recipe.clone(), nuisances: Arc::new(found.clone()), ..reference.clone() };
+                let mut made = Vec::new();
+                for (fit, select) in &training.inner {
+                    self.add_left(&mut made, &plain, fit, select.units())?;
+                }
+                left.iter_mut().zip(made).for_each(|(one, other)| one.as_is = other.left);
+                Some(())
+            };
+            as_is(&found, &mut left)?;
+            while nuisance::name_covariate(&self.candidates, &left, &mut found) {
+                // Weights and coefficients in turn, until they agree.
+                for _ in 0..ROUNDS {
+                    as_is(&found, &mut left)?;
+                    nuisance::estimate_covariates(&self.candidates, &left, false, &mut found);
+                }
+            }
+            let plain = Found { recipe, nuisances: Arc::new(found.clone()), ..reference.clone() };
+            let mut inside = Vec::new();
+            self.add_left(&mut inside, &plain, &training.all, training.all.units())?;
+            inside.iter_mut().for_each(|one| one.as_is.clone_from(&one.left));
+            nuisance::decide_on_zeros(&self.candidates, &left, &inside, &mut found);
+        }
+        if !found.is_empty() {
+            let mut inside = Vec::new();
+            self.add_left(&mut inside, &reference, &training.all, training.all.units())?;
+            nuisance::estimate(&self.candidates, &inside, &mut found);
+        }
+        Some(found)
+    }
+
+    /// What a candidate with weights from `fit` leaves of some units, put together by recording.
+    fn add_left(&self, left: &mut Vec<Left>, found: &Found, fit: &Fit, units: &[usize]) -> Option<()> {
+        let (model, ..) = self.fit(found, fit)?;
+        for &unit in units {
+            let unit = &self.partition.units()[unit];
+            let one = &self.series[unit.series];
+            let inputs: Vec<&[f64]> = one.inputs.iter().map(Vec::as_slice).collect();
+            let simulated = model.simulate(&inputs, &one.gaps);
+            let place = left.iter().position(|other| other.series == unit.series).unwrap_or_else(|| {
+                left.push(Left { series: unit.series, samples: Vec::new(), left: Vec::new(), as_is: Vec::new() });
+                left.len() - 1
+            });
+            left[place].samples.extend(unit.samples.clone());
+            left[place].left.extend(unit.samples.clone().map(|sample| one.output[sample] - simulated[sample]));
+        }
+        Some(())
+    }
+
+    /// Moments of a recipe's columns, beside the covariates.
+    fn moments_beside(&self, recipe: &Recipe, nuisances: &Nuisances) -> Arc<Vec<Moments>> {
+        let moments = self.moments(recipe);
+        match nuisances.covariates.iter().any(Option::is_some) {
+            true => Arc::new(moments.iter().map(|one| one.less(&nuisances.covariates)).collect()),
+            false => moments,
         }
     }
 
@@ -90,7 +244,14 @@ impl<'a> Search<'a> {
         if let Some(found) = self.known.lock().expect("the lock is whole").get(&key) {
             return Arc::clone(found);
         }
-        let made = Arc::new(moments::moments(&key.structure(&self.around), self.series, self.partition.units(), self.stride, self.origin));
+        let made = Arc::new(moments::moments(
+            &key.structure(&self.around),
+            self.series,
+            self.partition.units(),
+            self.stride,
+            self.origin,
+            &self.candidates,
+        ));
         let mut known = self.known.lock().expect("the lock is whole");
         let numbers: usize = made.iter().map(|one| one.gram.len()).sum();
         // Rungs with many columns on many recordings would fill any memory; what is forgotten is made again.
@@ -102,19 +263,22 @@ impl<'a> Search<'a> {
     }
 
     /// Scores a recipe on inner folds: the best penalty and its mean error.
-    fn score(&self, recipe: &Recipe, training: &Training) -> Option<Found> {
-        let moments = self.moments(recipe);
+    fn score(&self, recipe: &Recipe, training: &Training, nuisances: &Arc<Nuisances>) -> Option<Found> {
+        let moments = self.moments_beside(recipe, nuisances);
         let structure = recipe.structure(&self.around);
         let signs = recipe.signs(&structure);
         let penalties = if signs == Signs::Free { &PENALTIES[..] } else { &BOUND_PENALTIES[..] };
         let mut sums = vec![0.0; penalties.len()];
         let mut units = 0.0;
         for (fit, select) in &training.inner {
-            let normal = Normal::new(&moments, fit, &self.zeros_of(recipe));
+            let normal = Normal::new(&moments, fit, &self.zeros_of(recipe, nuisances));
             for (sum, &penalty) in sums.iter_mut().zip(penalties) {
                 match normal.solve(&moments, fit, penalty, &signs) {
                     Some(weights) => {
-                        let error = |&unit: &usize| moments[unit].rmse(weights.constant, &weights.columns);
+                        // A recording whose zero is a nuisance is judged by its shape.
+                        let constant = (!nuisances.zeros).then_some(weights.constant);
+                        let step = |unit: usize| nuisances.steps[self.partition.units()[unit].series];
+                        let error = |&unit: &usize| moments[unit].rmse_beside_nuisances(constant, step(unit), &weights.columns);
                         *sum += select.units().iter().map(error).sum::<f64>();
                     }
                     None => *sum = f64::INFINITY,
@@ -125,25 +289,31 @@ impl<'a> Search<'a> {
         let best = sums.iter().copied().fold(f64::INFINITY, f64::min);
         // The largest penalty that costs next to nothing: what the data do not ask for is not there.
         let (sum, penalty) = sums.into_iter().zip(penalties).rfind(|(sum, _)| *sum <= best * NEARLY)?;
-        sum.is_finite().then(|| Found { recipe: recipe.clone(), penalty: *penalty, score: sum / units })
+        sum.is_finite().then(|| Found { recipe: recipe.clone(), penalty: *penalty, score: sum / units, nuisances: Arc::clone(nuisances) })
     }
 
-    /// Which units share a constant: all, or those of one recording.
-    fn zeros_of(&self, recipe: &Recipe) -> Vec<usize> {
-        self.partition.units().iter().map(|unit| if recipe.own_zeros { unit.series } else { 0 }).collect()
+    /// Which parts of units share a constant: all, those of one recording, or those of one recording on one side of its step.
+    fn zeros_of(&self, recipe: &Recipe, nuisances: &Nuisances) -> Vec<[usize; 2]> {
+        let of = |unit: &crate::Unit| {
+            let before = if recipe.own_zeros { 1 + 2 * unit.series } else { 0 };
+            [before, if nuisances.steps[unit.series] { 2 + 2 * unit.series } else { before }]
+        };
+        self.partition.units().iter().map(of).collect()
     }
 
     /// Searches one rung from a start.
-    fn climb(&self, rung: &Rung, start: Recipe, training: &Training) -> Option<Found> {
-        let mut best = self.score(&start, training)?;
+    fn climb(&self, rung: &Rung, start: Recipe, training: &Training, nuisances: &Arc<Nuisances>) -> Option<Found> {
+        // Zeros that are there are no setting.
+        let with_zeros = |recipe: Recipe| Recipe { own_zeros: recipe.own_zeros || nuisances.zeros, ..recipe };
+        let mut best = self.score(&with_zeros(start), training, nuisances)?;
         for _ in 0..rung.rounds {
             let before = best.score;
             for setting in rung.settings {
-                for candidate in setting(&best.recipe, &self.around) {
+                for candidate in setting(&best.recipe, &self.around).into_iter().map(with_zeros) {
                     if candidate == best.recipe {
                         continue;
                     }
-                    if let Some(trial) = self.score(&candidate, training)
+                    if let Some(trial) = self.score(&candidate, training, nuisances)
                         && trial.score < best.score
                     {
                         best = trial;
@@ -160,6 +330,7 @@ impl<'a> Search<'a> {
     /// Searches all rungs on one training set; the results are in the order of `rungs`.
     #[must_use]
     pub fn ladder(&self, rungs: &[Rung], training: &Training) -> Vec<Option<Found>> {
+        let nuisances = self.nuisances(training);
         let mut found: Vec<Option<Found>> = Vec::new();
         for rung in rungs {
             let earlier = rung.from.iter().filter_map(|name| {
@@ -167,17 +338,18 @@ impl<'a> Search<'a> {
                 found.get(index)?.as_ref()
             });
             let start = earlier.min_by(|a, b| a.score.total_cmp(&b.score)).map_or_else(Recipe::line, |found| found.recipe.clone());
-            found.push(self.climb(rung, (rung.enter)(start, &self.around), training));
+            found.push(self.climb(rung, (rung.enter)(start, &self.around), training, &nuisances));
         }
         found
     }
 
     /// Weights and model of a candidate.
     fn fit(&self, found: &Found, fit: &Fit) -> Option<(LinearModel, Weights, Arc<Vec<Moments>>)> {
-        let moments = self.moments(&found.recipe);
+        let moments = self.moments_beside(&found.recipe, &found.nuisances);
         let structure = found.recipe.structure(&self.around);
         let signs = found.recipe.signs(&structure);
-        let weights = Normal::new(&moments, fit, &self.zeros_of(&found.recipe)).solve(&moments, fit, found.penalty, &signs)?;
+        let weights =
+            Normal::new(&moments, fit, &self.zeros_of(&found.recipe, &found.nuisances)).solve(&moments, fit, found.penalty, &signs)?;
         let range = fit
             .units()
             .iter()
@@ -239,30 +411,22 @@ impl<'a> Search<'a> {
         }
         let errors = errors(&predictions, self.series, self.partition);
         let found = results.last()?[index].clone()?;
-        let (model, weights, moments) = self.fit(&found, &self.partition.training().all)?;
+        let (model, ..) = self.fit(&found, &self.partition.training().all)?;
         paths.push((model.structure.dead_time_s, model.structure.lag_s));
-        let zeros = moments.iter().map(|one| one.rmse_with_own_zero(&weights.columns).1 + self.origin).collect();
-        Some(RungResult {
-            name: rung.name,
-            what: rung.what,
-            bound: rung.bound,
-            found,
-            model: model.pruned(),
-            zeros,
-            errors,
-            predictions,
-            paths,
-        })
+        Some(RungResult { name: rung.name, what: rung.what, bound: rung.bound, found, model: model.pruned(), errors, predictions, paths })
     }
 }
 
 /// Root mean square error of predictions on each unit.
 #[must_use]
 pub fn errors(predictions: &[Vec<f64>], series: &[Series], partition: &Partition) -> Vec<f64> {
-    let error = |unit: &crate::Unit| {
+    let residuals = |unit: &crate::Unit| -> Vec<f64> {
         let pairs = predictions[unit.series][unit.samples.clone()].iter().zip(&series[unit.series].output[unit.samples.clone()]);
-        let squares: f64 = pairs.map(|(predicted, measured)| (predicted - measured).powi(2)).sum();
-        (squares / unit.samples.len().max(1) as f64).sqrt()
+        pairs.map(|(predicted, measured)| measured - predicted).collect()
     };
-    partition.units().iter().map(error).collect()
+    partition.units().iter().map(|unit| root_mean_square(&residuals(unit))).collect()
+}
+
+pub(crate) fn root_mean_square(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }

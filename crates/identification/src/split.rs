@@ -164,18 +164,20 @@ impl Partition {
     #[must_use]
     pub fn outer(&self) -> Vec<Outer> {
         (0..self.folds.len())
-            .map(|left_out| Outer { test: Test(self.folds[left_out].clone()), training: self.without(Some(left_out)) })
+            .map(|left_out| Outer { test: Test(self.folds[left_out].clone()), training: self.without(&[left_out]) })
             .collect()
     }
 
     /// Everything chooses and fits: for the model that is shipped.
     #[must_use]
     pub fn training(&self) -> Training {
-        self.without(None)
+        self.without(&[])
     }
 
-    fn without(&self, left_out: Option<usize>) -> Training {
-        let rest: Vec<usize> = (0..self.folds.len()).filter(|&fold| Some(fold) != left_out).collect();
+    /// Everything but some folds, by number, chooses and fits.
+    #[must_use]
+    pub fn without(&self, left_out: &[usize]) -> Training {
+        let rest: Vec<usize> = (0..self.folds.len()).filter(|fold| !left_out.contains(fold)).collect();
         let units = |folds: &mut dyn Iterator<Item = usize>| -> Vec<usize> { folds.flat_map(|fold| self.folds[fold].clone()).collect() };
         let all = Fit(units(&mut rest.iter().copied()));
         let inner = rest

@@ -6,10 +6,13 @@ use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
+use crate::evaluate::beyond::{self, Beyond};
 use crate::evaluate::ladder::{self, Entry, Ladder};
 use crate::evaluate::suite::{self, SuiteReport};
-use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, judge, mean_nrmse, mean_rmse};
+use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse};
 use crate::fit::file::{Expected, FittedModel};
+use crate::fit::nuisance::Nuisance;
+use crate::identify::{ChannelRange, PhysicsModel};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
 use crate::{output, report, say};
@@ -29,7 +32,7 @@ pub struct Arguments {
     #[arg(long)]
     tare: bool,
     /// Judge twice, side by side: as it is, and with the zero set over so many seconds at the start of each recording, which do not count
-    /// in either.
+    /// in either. Without it a model of `fit` is judged with the seconds that its file states, which count in the first.
     #[arg(long, value_name = "S", value_parser = seconds, conflicts_with = "tare")]
     calibrate_s: Option<f64>,
     /// Interpolate recordings of another sample period than the model's instead of refusing them.
@@ -81,6 +84,11 @@ struct Written<'a> {
     /// What the model's own file promises for the next recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<&'a Expected>,
+    /// Inputs that leave the range that the model was made from.
+    beyond_range: &'a [Beyond],
+    /// What moved the recordings that the model was made from, and is no part of it.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    nuisances: &'a [Nuisance],
     #[serde(skip_serializing_if = "Option::is_none")]
     ladder: Option<&'a Ladder>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -119,16 +127,22 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let paths: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     output::refuse_overwriting(&paths, &outputs)?;
     let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
-    let calibrate_s = arguments.calibrate_s.unwrap_or(0.0);
-    // Both ways are judged on the same samples.
-    let judging = Judging { fit, skip_s: arguments.skip_s.max(calibrate_s), tare: arguments.tare, calibrate_s: 0.0 };
+    // Both ways are judged on the same samples where the start-up was asked for.
+    let judging =
+        Judging { fit, skip_s: arguments.skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare: arguments.tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
     let judged = judge(&*model, &recordings, judging, threads)?;
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
-    print_errors(&*model, &files, &families);
-    let calibrated = match arguments.calibrate_s {
+    let promise = Promise::read(&arguments.model, model.description())?;
+    let expected = promise.expected.as_ref();
+    let beyond = beyond::beyond(&promise.ranges, &recordings);
+    // The start-up that the model's own promise is for, where recordings are long enough for it.
+    let stated = expected.and_then(|expected| expected.calibrated.as_ref()).map(|one| one.calibrate_s);
+    let long_enough = |&calibrate_s: &f64| recordings.iter().all(|one| first_behind(one, calibrate_s) < one.len());
+    let calibrate_s = arguments.calibrate_s.or_else(|| stated.filter(|_| !arguments.tare).filter(long_enough));
+    let calibrated = match calibrate_s {
         Some(calibrate_s) if calibrate_s > 0.0 => {
             let judged = judge(&*model, &recordings, Judging { calibrate_s, ..judging }, threads)?;
             let files: Vec<FileErrors> = judged.into_iter().map(|judged| judged.errors).collect();
@@ -137,21 +151,26 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         }
         _ => None,
     };
+    print_errors(&*model, &files, &families, calibrated.as_ref());
     if let Some(calibrated) = &calibrated {
         let unit = &model.description().output.unit;
+        let counted = if arguments.calibrate_s.is_some() { "which do not count as is either" } else { "which count as is" };
         say!(
-            "with the zero set over the first {calibrate_s} s, which do not count above either: mean RMSE {:.6} {unit}",
+            "calibrated: with the zero set over the first {} s, {counted}: mean RMSE {:.6} {unit}",
+            calibrated.calibrate_s,
             calibrated.mean_rmse
         );
     }
-    let fitted = match model::format(&arguments.model)? {
-        model::Format::Fitted => Some(FittedModel::read(&arguments.model)?),
-        _ => None,
-    };
-    if let Some(fitted) = &fitted {
-        let ([low, high], unit) = (fitted.expected.interval, &fitted.output.unit);
-        say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", fitted.expected.rmse);
+    if let Some(expected) = expected {
+        let ([low, high], unit) = (expected.interval, &model.description().output.unit);
+        say!("the fit promised {:.6} {unit}, {low:.6} to {high:.6} with 95 % for one recording", expected.rmse);
+        if let Some(promise) = &expected.calibrated {
+            let ([low, high], seconds) = (promise.interval, promise.calibrate_s);
+            say!("and calibrated over {seconds} s {:.6} {unit}, {low:.6} to {high:.6}", promise.rmse);
+        }
     }
+    promise.nuisances.iter().for_each(|one| say!("when it was fitted, {}; that is no part of the model", one.sentence()));
+    beyond.iter().for_each(|one| say!("warning: {}", one.sentence()));
     let ladder = if arguments.ladder { Some(climb(arguments, &*model, &recordings, judging, threads)?) } else { None };
     if let Some(ladder) = &ladder {
         print_ladder(ladder, &model.description().output.unit);
@@ -195,7 +214,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             skip_s: arguments.skip_s,
             tare: arguments.tare,
             calibrated,
-            expected: fitted.as_ref().map(|fitted| &fitted.expected),
+            expected,
+            beyond_range: &beyond,
+            nuisances: &promise.nuisances,
             ladder: ladder.as_ref(),
             suite: suite.as_ref(),
         };
@@ -229,7 +250,35 @@ fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |share| format!("{:.3} %", 100.0 * share))
 }
 
-fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyErrors]) {
+/// What a model's file says beside the model.
+struct Promise {
+    /// The ranges that it was made from, one an input, as far as its file has them.
+    ranges: Vec<ChannelRange>,
+    expected: Option<Expected>,
+    nuisances: Vec<Nuisance>,
+}
+
+impl Promise {
+    fn read(path: &Path, description: &Description) -> Result<Self> {
+        Ok(match model::format(path)? {
+            model::Format::Fitted => {
+                let model = FittedModel::read(path)?;
+                Self { ranges: model.inputs, expected: Some(model.expected), nuisances: model.nuisances }
+            }
+            model::Format::Physics => {
+                let model = PhysicsModel::read(path)?;
+                Self { ranges: vec![model.input], expected: model.expected, nuisances: model.nuisances }
+            }
+            _ => {
+                let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());
+                let range = description.input_range.map(|(minimum, maximum)| ChannelRange { quantity, unit, minimum, maximum });
+                Self { ranges: range.into_iter().collect(), expected: None, nuisances: Vec::new() }
+            }
+        })
+    }
+}
+
+fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyErrors], calibrated: Option<&Calibrated>) {
     let description = model.description();
     let unit = &description.output.unit;
     say!(
@@ -241,8 +290,9 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
     );
     say!();
     let width = files.iter().map(|file| file.errors_name().chars().count()).max().unwrap_or(0).max(9);
+    let beside = calibrated.map_or(String::new(), |_| format!("  {:>13}", format!("calibrated/{unit}")));
     say!(
-        "{:width$}  {:>6}  {:>8}  {:>11}  {:>10}  {:>11}",
+        "{:width$}  {:>6}  {:>8}  {:>11}  {:>10}  {:>11}{beside}",
         "recording",
         "family",
         "samples",
@@ -250,10 +300,11 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
         "of range",
         format!("largest/{unit}")
     );
-    for file in files {
+    for (index, file) in files.iter().enumerate() {
         let errors = &file.errors;
+        let beside = calibrated.map_or(String::new(), |one| format!("  {:>13.6}", one.files[index].errors.rmse));
         say!(
-            "{:width$}  {:>6}  {:>8}  {:>11.6}  {:>10}  {:>11.6}",
+            "{:width$}  {:>6}  {:>8}  {:>11.6}  {:>10}  {:>11.6}{beside}",
             file.errors_name(),
             file.family,
             errors.n,

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{Common, Data, Outcome};
 use crate::fit::folder::{self, BlobFile};
+use crate::fit::nuisance::Nuisance;
 use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
 use crate::{output, recording, say};
@@ -38,6 +39,10 @@ pub struct Arguments {
     /// CPU time for the training of a network that may be shipped, in s; its cross-validation takes one and a half times as much.
     #[arg(long, default_value_t = 60.0, value_name = "S", conflicts_with = "no_networks")]
     network_budget_cpu_s: f64,
+    /// Seconds at the start of each recording that set its zero, for the error with calibration; by default about a tenth of the shortest
+    /// recording.
+    #[arg(long, value_name = "S")]
+    calibrate_s: Option<f64>,
     #[command(flatten)]
     common: Common,
 }
@@ -50,6 +55,8 @@ struct Summary<'a> {
     repeatability: Option<f64>,
     noise: f64,
     splits: &'a Splits,
+    nuisances: &'a [Nuisance],
+    calibrate_s: f64,
     unit: &'a str,
     output_range: f64,
     model: String,
@@ -69,6 +76,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         arguments.network_budget_cpu_s > 0.0 && arguments.network_budget_cpu_s.is_finite(),
         "--network-budget-cpu-s: a positive number of seconds is wanted"
     );
+    anyhow::ensure!(
+        arguments.calibrate_s.is_none_or(|calibrate_s| calibrate_s > 0.0 && calibrate_s.is_finite()),
+        "--calibrate-s: a positive number of seconds is wanted"
+    );
     let recordings = recording::load_with(&arguments.data.data, &arguments.data.options())?;
     let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.file()).collect();
     let model_path = arguments.out.join("model");
@@ -83,6 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         seed: arguments.common.seed,
         threads,
         network_budget_cpu_s: (!arguments.no_networks).then_some(arguments.network_budget_cpu_s),
+        calibrate_s: arguments.calibrate_s,
     };
     let bar = output::progress(0, "fit");
     let failed: Mutex<Option<anyhow::Error>> = Mutex::new(None);
@@ -133,6 +145,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             repeatability: fitted.repeatability.repeatability,
             noise: fitted.repeatability.noise,
             splits: &fitted.splits,
+            nuisances: &fitted.ladder[fitted.chosen].nuisances,
+            calibrate_s: fitted.calibrate_s,
             unit: &range.unit,
             output_range: range.maximum - range.minimum,
             model: model_path.display().to_string(),
@@ -152,10 +166,12 @@ fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
     let width = fitted.ladder.iter().map(|rung| rung.name.chars().count()).max().unwrap_or(0).max(5);
     say!();
     say!(
-        "{:width$}  {:>11}  {:>8}  {:>23}  {:>7}  {:>12}",
+        "{:width$}  {:>11}  {:>8}  {:>23}  {:>11}  {:>23}  {:>7}  {:>12}",
         "rung",
         format!("error/{unit}"),
         "of range",
+        "next recording, 95 %",
+        "calibrated",
         "next recording, 95 %",
         "numbers",
         "instructions"
@@ -170,17 +186,25 @@ fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
             ""
         };
         say!(
-            "{:width$}  {:>11.5}  {:>6.2} %  {:>23}  {:>7}  {:>12}{mark}",
+            "{:width$}  {:>11.5}  {:>6.2} %  {:>23}  {:>11}  {:>23}  {:>7}  {:>12}{mark}",
             rung.name,
             rung.cv_rmse,
             100.0 * rung.cv_rmse / range,
             format!("{low:.4} .. {high:.4}"),
+            rung.calibrated.as_ref().map_or("-".to_owned(), |one| format!("{:.5}", one.rmse)),
+            rung.calibrated.as_ref().map_or("-".to_owned(), |one| format!("{:.4} .. {:.4}", one.interval[0], one.interval[1])),
             rung.parameters,
             rung.step_instructions
         );
     }
     say!();
     say!("errors are free running, on what was left out: {}", fitted.splits.what);
+    if fitted.ladder.iter().any(|rung| rung.calibrated.is_some()) {
+        say!("`calibrated`: with the zero set over the first {} s of each recording, which do not count there", fitted.calibrate_s);
+    }
+    if !fitted.ladder[fitted.chosen].nuisances.is_empty() {
+        say!("rungs are compared with the nuisances of each recording taken off; both errors above are with them");
+    }
     let repeatability = &fitted.repeatability;
     match repeatability.repeatability {
         Some(repeats) => say!("the rig repeats to {repeats:.4} {unit}, the sensor's noise is {:.4} {unit}", repeatability.noise),
@@ -196,6 +220,14 @@ fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
         chosen.name,
         chosen.cv_rmse
     );
+    if let Some(calibrated) = &chosen.calibrated {
+        let [low, high] = calibrated.interval;
+        say!(
+            "with its zero set over its first {} s: expect {:.4} {unit}, {low:.4} to {high:.4} with 95 %",
+            calibrated.calibrate_s,
+            calibrated.rmse
+        );
+    }
     match blob {
         Some(blob) if blob.rung == chosen.name => {
             say!("blob: {}, {} bytes, {} instructions a step", blob.file, blob.bytes, blob.step_instructions)

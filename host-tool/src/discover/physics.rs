@@ -99,6 +99,8 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
             samples: recordings.iter().map(Recording::len).sum(),
             data: recordings.iter().map(source).collect(),
         },
+        expected: None,
+        nuisances: Vec::new(),
         output,
     })
 }

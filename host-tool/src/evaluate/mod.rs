@@ -3,6 +3,7 @@
 //! Terms. *RMSE* is the root mean square of prediction less measurement, free running. *NRMSE* is the RMSE over the range (maximum less
 //! minimum) of the recording's output, over the samples that count. The *mean RMSE* is the mean over files, each counting the same.
 
+pub mod beyond;
 pub mod compare;
 pub mod ladder;
 pub mod metrics;
@@ -56,8 +57,7 @@ pub fn judge(model: &dyn Predictor, recordings: &[Recording], judging: Judging, 
 
 fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> Result<Judged> {
     let mut predicted = model::predict(model, recording, judging.fit)?;
-    let begin_s = recording.time_s[0] + judging.skip_s.max(judging.calibrate_s);
-    let first = recording.time_s.partition_point(|&time_s| time_s < begin_s);
+    let first = first_behind(recording, judging.skip_s.max(judging.calibrate_s));
     if first >= recording.len() {
         let length_s = recording.time_s[recording.len() - 1] - recording.time_s[0];
         bail!(
@@ -74,10 +74,7 @@ fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> 
         );
     }
     if judging.calibrate_s > 0.0 {
-        let end_s = recording.time_s[0] + judging.calibrate_s;
-        let seen = recording.time_s.partition_point(|&time_s| time_s < end_s);
-        let sum: f64 = recording.output[..seen].iter().zip(&predicted).map(|(measured, predicted)| measured - predicted).sum();
-        predicted.iter_mut().for_each(|value| *value += sum / seen.max(1) as f64);
+        set_zero(&mut predicted, recording, judging.calibrate_s);
     }
     if judging.tare {
         let shift = recording.output[first] - predicted[first];
@@ -86,6 +83,21 @@ fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> 
     let errors = Errors::between(&predicted[first..], &recording.output[first..]);
     let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
     Ok(Judged { errors, first, predicted })
+}
+
+/// First sample behind so many seconds from a recording's start.
+#[must_use]
+pub fn first_behind(recording: &Recording, start_s: f64) -> usize {
+    // Half a millionth of a period: times in print are rounded.
+    let end_s = recording.time_s[0] + start_s - 0.5e-6 * recording.sample_period_s;
+    recording.time_s.partition_point(|&time_s| time_s < end_s)
+}
+
+/// Shifts a prediction so that its mean over the first seconds is that of the measurement: a start-up calibration.
+pub fn set_zero(predicted: &mut [f64], recording: &Recording, calibrate_s: f64) {
+    let seen = first_behind(recording, calibrate_s);
+    let sum: f64 = recording.output[..seen].iter().zip(&*predicted).map(|(measured, predicted)| measured - predicted).sum();
+    predicted.iter_mut().for_each(|value| *value += sum / seen.max(1) as f64);
 }
 
 #[cfg(test)]

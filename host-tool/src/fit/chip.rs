@@ -87,6 +87,8 @@ fn convert(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, 
             samples: sources.iter().map(|source| source.samples).sum(),
             data: sources.to_vec(),
         },
+        expected: None,
+        nuisances: Vec::new(),
     };
     // More operators or bends than fit?
     physics.front_end().is_ok().then_some(physics)

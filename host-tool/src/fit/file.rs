@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 use identification::LinearModel;
 use serde::{Deserialize, Serialize};
 
+use super::judging::Calibrated;
+use super::nuisance::Nuisance;
 use crate::identify::{ChannelRange, Source};
 use crate::model::{Arithmetic, Description, ModelError, Predictor};
 use crate::output;
@@ -30,16 +32,9 @@ pub struct Expected {
     pub interval: [f64; 2],
     /// What was left out, in words.
     pub left_out: String,
-}
-
-/// Constant of one recording.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Zero {
-    /// File name of the recording.
-    pub recording: String,
-    /// How far its outputs lie above the model, in the output's unit; a nuisance of the data, no part of the simulation.
-    pub offset: f64,
+    /// The same with the zero set at the start of the recording; absent where blocks were left out, whose starts are no start-up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<Calibrated>,
 }
 
 /// A part of the model.
@@ -75,9 +70,9 @@ pub struct FittedModel {
     pub expected: Expected,
     /// Files that it was fitted to.
     pub data: Vec<Source>,
-    /// Constants of those recordings.
-    #[serde(default)]
-    pub zeros: Vec<Zero>,
+    /// What moved the output of those recordings and is no part of the simulation.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<Nuisance>,
     /// Parts, whose weighted mean is the output.
     pub members: Vec<Member>,
 }
@@ -108,6 +103,19 @@ impl FittedModel {
         let sum: f64 = self.members.iter().map(|member| member.share).sum();
         if self.members.iter().any(|member| !(0.0..=1.0).contains(&member.share)) || (sum - 1.0).abs() > 1e-9 {
             return Some("the members' shares must lie between 0 and 1 and add up to 1".to_owned());
+        }
+        let range = |one: &ChannelRange| one.minimum <= one.maximum && (one.maximum - one.minimum).is_finite();
+        if self.inputs.is_empty() || !self.inputs.iter().chain([&self.output]).all(range) {
+            return Some("an input or the output has no range of two ascending numbers".to_owned());
+        }
+        let promise = |rmse: f64, [low, high]: [f64; 2]| rmse >= 0.0 && low >= 0.0 && low <= high;
+        let expected = &self.expected;
+        let calibrated = |one: &Calibrated| promise(one.rmse, one.interval) && one.calibrate_s > 0.0 && one.calibrate_s.is_finite();
+        if !promise(expected.rmse, expected.interval) || !expected.calibrated.as_ref().is_none_or(calibrated) {
+            return Some("the error that it promises is not a number with an interval".to_owned());
+        }
+        if self.nuisances.iter().any(|one| !(one.mean.is_finite() && one.values.iter().all(|value| value.value.is_finite()))) {
+            return Some("a nuisance has a value that is not finite".to_owned());
         }
         for member in &self.members {
             if let Err(fault) = member.model.check() {

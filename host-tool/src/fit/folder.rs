@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{Outcome, RungModel, chip};
 use crate::evaluate::{Errors, FileErrors, Judged};
+use crate::identify::PhysicsModel;
 use crate::{export, network, output, report};
 
 /// The report.
@@ -46,7 +47,7 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
     // The chosen rung, or else the best that the microcontroller can hold: one whose numbers fit its formats too.
     let mut able: Vec<usize> =
         (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible).collect();
-    able.sort_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse));
+    able.sort_by(|&a, &b| fitted.ladder[a].shape_rmse.total_cmp(&fitted.ladder[b].shape_rmse));
     able.sort_by_key(|&index| index != fitted.chosen);
     let Some((index, bytes)) = able.into_iter().find_map(|index| blob(fitted, index).ok().map(|bytes| (index, bytes))) else {
         return Ok(None);
@@ -94,7 +95,10 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
 pub fn write_rung(fitted: &Outcome, index: usize, path: &Path) -> Result<()> {
     match &fitted.ladder[index].model {
         RungModel::Network(model) => Ok(network::save(path, model)?),
-        RungModel::Physics(model) => Ok(model.write(path)?),
+        RungModel::Physics(model) => {
+            let nuisances = fitted.ladder[index].nuisances.clone();
+            Ok(PhysicsModel { expected: Some(fitted.expected(index)), nuisances, ..(**model).clone() }.write(path)?)
+        }
         RungModel::Linear(_) | RungModel::Average(_) => match fitted.fitted(index) {
             Some(model) => model.write(path),
             None => Ok(()),

@@ -4,11 +4,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use identification::search::errors;
-use identification::{Partition, SplitKind};
+use identification::SplitKind;
 
-use super::prepare::Prepared;
-use super::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings, mean};
+use super::judging::Judging;
+use super::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings, nuisance};
 use crate::model::{NetworkModel, Predictor};
 use crate::network::TrainedModel;
 use crate::recording::Recording;
@@ -31,10 +30,11 @@ pub(super) const RUNGS: [(&str, &str, &str); 2] = [
 ];
 
 /// Why no network is worth training on these data, in words; `None` when one is.
-fn reason_against(ladder: &[LadderRung], prepared: &Prepared, partition: &Partition, repeatability: &Repeatability) -> Option<String> {
+fn reason_against(ladder: &[LadderRung], judging: &Judging, repeatability: &Repeatability) -> Option<String> {
+    let (prepared, partition) = (judging.prepared, judging.partition);
     let samples: usize = prepared.series.iter().map(identification::Series::len).sum();
     let range = prepared.output.maximum - prepared.output.minimum;
-    let physics = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.cv_rmse).fold(f64::INFINITY, f64::min);
+    let physics = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.shape_rmse).fold(f64::INFINITY, f64::min);
     if prepared.inputs.len() > 1 {
         return Some("the networks take one input; the sums of columns take several".to_owned());
     }
@@ -57,19 +57,17 @@ fn reason_against(ladder: &[LadderRung], prepared: &Prepared, partition: &Partit
 ///
 /// # Errors
 /// When a training fails for a reason other than the data.
-#[expect(clippy::too_many_arguments, reason = "what the ladder knows so far")]
 pub(super) fn add(
     ladder: &mut Vec<LadderRung>,
-    prepared: &Prepared,
-    partition: &Partition,
+    judging: &Judging,
     repeatability: &Repeatability,
     settings: &Settings,
     tell: &(dyn Fn(Progress) + Sync),
     notes: &mut Vec<String>,
-    next: impl Fn(&[f64]) -> [f64; 2],
 ) -> Result<()> {
+    let (prepared, partition) = (judging.prepared, judging.partition);
     let Some(budget_cpu_s) = settings.network_budget_cpu_s else { return Ok(()) };
-    if let Some(reason) = reason_against(ladder, prepared, partition, repeatability) {
+    if let Some(reason) = reason_against(ladder, judging, repeatability) {
         let note = format!("no network was trained: {reason}");
         tell(Progress::Note(note.clone()));
         notes.push(note);
@@ -90,7 +88,8 @@ pub(super) fn add(
         let mut refused = None;
         for fold in 0..count {
             begin();
-            let training: Vec<Recording> = pick(prepared, &fold_of, |other| other != fold);
+            let left_out: Vec<usize> = (0..partition.folds()).filter(|other| other % count == fold).collect();
+            let training = nuisance::cleaned(prepared, partition, judging.search, &left_out);
             match trained(&training, preset, 0.5 * budget_cpu_s, settings) {
                 Ok(model) => {
                     let model = NetworkModel::new(model, Path::new(name))?;
@@ -103,7 +102,7 @@ pub(super) fn add(
             }
         }
         begin();
-        let model = trained(&prepared.recordings, preset, budget_cpu_s, settings);
+        let model = trained(&nuisance::cleaned(prepared, partition, judging.search, &[]), preset, budget_cpu_s, settings);
         let model = match (model, refused) {
             (Ok(model), None) => model,
             (Err(problem), _) | (_, Some(problem)) => {
@@ -111,31 +110,18 @@ pub(super) fn add(
                 continue;
             }
         };
-        let errors = errors(&predictions, &prepared.series, partition);
         let described = NetworkModel::new(model.clone(), Path::new(name))?;
         let description = described.description();
-        ladder.push(LadderRung {
-            name: name.to_owned(),
-            what: what.to_owned(),
-            cv_rmse: mean(&errors),
-            cv_interval: next(&errors),
+        let rung = LadderRung {
             parameters: description.parameters,
             step_instructions: description.macs_per_step * PER_TEN_MACS / 10,
             on_chip: true,
-            eligible: errors.iter().all(|error| error.is_finite()),
             seconds: clock.elapsed().as_secs_f64(),
-            zeros: vec![0.0; partition.units().len()],
-            errors,
-            predictions,
-            model: RungModel::Network(Box::new(model)),
-        });
+            ..LadderRung::new(name, what, judging, predictions, RungModel::Network(Box::new(model)))
+        };
+        ladder.push(LadderRung { eligible: rung.errors.iter().all(|error| error.is_finite()), ..rung });
     }
     Ok(())
-}
-
-/// The recordings of some folds; units are whole recordings here.
-fn pick(prepared: &Prepared, fold_of: &[usize], wanted: impl Fn(usize) -> bool) -> Vec<Recording> {
-    prepared.recordings.iter().zip(fold_of).filter(|(_, fold)| wanted(**fold)).map(|(recording, _)| recording.clone()).collect()
 }
 
 fn trained(recordings: &[Recording], preset: &str, budget_cpu_s: f64, settings: &Settings) -> Result<TrainedModel> {

@@ -1,11 +1,13 @@
 //! Recordings as a fit takes them: one even clock for all, the same channels, and stretches between gaps.
 
+use std::path::Path;
+
 use anyhow::{Result, bail, ensure};
-use identification::Series;
+use identification::{Covariate, Series};
 
 use super::file::{name_of, range};
 use crate::identify::{ChannelRange, Source};
-use crate::recording::{Recording, Signal, resample};
+use crate::recording::{Recording, Signal, Subject, repeatability, resample};
 
 /// Recordings on one clock.
 #[derive(Clone, Debug)]
@@ -24,10 +26,16 @@ pub struct Prepared {
     pub output: ChannelRange,
     /// The files.
     pub sources: Vec<Source>,
+    /// Slow signals that the zero may answer to, one list of values a recording.
+    pub covariates: Vec<Covariate>,
     /// What was left out or changed, in words.
     pub notes: Vec<String>,
 }
 
+/// Outputs that differ by less than this share of the sensor's noise are one recording, saved twice.
+const SAME_NOISE: f64 = 0.1;
+/// What saving again may change an input by, as a share of its range.
+const RESAVED: f64 = 1e-3;
 /// Samples below which nothing can be left out.
 const FEWEST: usize = 60;
 
@@ -36,7 +44,7 @@ const FEWEST: usize = 60;
 /// # Errors
 /// When there are none, their channels differ, they are too short, or a channel never moves.
 pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
-    let (recordings, notes) = without_copies(recordings);
+    let (recordings, mut notes) = without_copies(recordings);
     let Some(first) = recordings.first() else { bail!("there are no recordings to fit; give --data a file or a folder of them") };
     let channels = |recording: &Recording| -> Vec<Signal> {
         let more = recording.more_inputs.iter().map(|channel| channel.signal.clone());
@@ -55,6 +63,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
     }
     let period_s = resample::common_period_s(&recordings);
     let even: Vec<Recording> = recordings.iter().map(|recording| resample::uniform(recording, period_s)).collect();
+    notes.extend(repeated(&even));
     let samples: usize = even.iter().map(Recording::len).sum();
     ensure!(samples >= FEWEST, "the recordings hold {samples} samples in all, at least {FEWEST} are wanted; record longer");
     let signals: Vec<&Signal> =
@@ -78,6 +87,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
     let source =
         |recording: &Recording| Source { file: name_of(&recording.path), sha256: recording.sha256.clone(), samples: recording.len() };
     Ok(Prepared {
+        covariates: super::nuisance::covariates(&even),
         series,
         period_s,
         duration_s: samples as f64 * period_s,
@@ -93,13 +103,53 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared> {
 fn without_copies(recordings: &[Recording]) -> (Vec<Recording>, Vec<String>) {
     let mut kept: Vec<Recording> = Vec::new();
     let mut notes = Vec::new();
-    for recording in recordings {
-        match kept.iter().find(|other| other.output == recording.output && other.inputs() == recording.inputs()) {
-            Some(twin) => notes.push(format!("{} is left out: it is a copy of {}", name_of(&recording.path), name_of(&twin.path))),
-            None => kept.push(recording.clone()),
+    let noise = repeatability::noise(recordings);
+    // A part of a recording is a copy of the whole.
+    let mut longest: Vec<&Recording> = recordings.iter().collect();
+    longest.sort_by_key(|recording| std::cmp::Reverse(recording.len()));
+    let mut dropped: Vec<&Path> = Vec::new();
+    for (index, recording) in longest.iter().enumerate() {
+        let whole = |other: &&&Recording| !dropped.contains(&other.path.as_path()) && is_copy(other, recording, noise);
+        if let Some(twin) = longest[..index].iter().find(whole) {
+            notes.push(format!("{} is left out: it is a copy of {}", name_of(&recording.path), name_of(&twin.path)));
+            dropped.push(&recording.path);
         }
     }
+    kept.extend(recordings.iter().filter(|recording| !dropped.contains(&recording.path.as_path())).cloned());
     (kept, notes)
+}
+
+/// Whether a recording is the beginning of another, up to far less than the sensor's noise: two runs of one excitation differ by more.
+fn is_copy(whole: &Recording, part: &Recording, noise: f64) -> bool {
+    let count = part.len();
+    if 2 * count < whole.len() || whole.more_inputs.len() != part.more_inputs.len() {
+        return false;
+    }
+    let same = |one: &[f64], other: &[f64], within: f64| {
+        let squares: f64 = one[..count].iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum();
+        squares <= within * within * count as f64
+    };
+    let inputs = || whole.inputs().into_iter().zip(part.inputs()).all(|(one, other)| same(one, other, RESAVED * width(one)));
+    same(&whole.output, &part.output, SAME_NOISE * noise) && inputs()
+}
+
+fn width(values: &[f64]) -> f64 {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    high - low
+}
+
+/// What `check` says of recordings and a fit should be taken with, one line a subject.
+fn repeated(recordings: &[Recording]) -> Vec<String> {
+    let told = [Subject::Constant, Subject::Clipped, Subject::Gap, Subject::ClockRepaired, Subject::Resampled, Subject::Unit];
+    let line = |subject: Subject| {
+        let noted = |recording: &&Recording| recording.notes.iter().any(|note| note.subject == subject);
+        let concerned: Vec<&Recording> = recordings.iter().filter(noted).collect();
+        let first = concerned.first()?;
+        let text = first.notes.iter().find(|note| note.subject == subject)?.text.trim_end_matches('.');
+        let more = if concerned.len() > 1 { format!(" ({} recordings have such a note)", concerned.len()) } else { String::new() };
+        Some(format!("{}: {text}{more}", name_of(&first.path)))
+    };
+    told.into_iter().filter_map(line).collect()
 }
 
 fn series(recording: &Recording) -> Series {

@@ -1,3 +1,5 @@
+mod nuisances;
+
 use std::path::Path;
 
 use super::file::FittedPredictor;
@@ -19,7 +21,7 @@ fn paper(seed: u64, noise_mm: f64) -> (Vec<Recording>, Vec<Recording>) {
 }
 
 fn physics_only(seed: u64) -> Settings {
-    Settings { seed, threads: 2, network_budget_cpu_s: None }
+    Settings { seed, threads: 2, network_budget_cpu_s: None, calibrate_s: None }
 }
 
 fn rmse(model: &dyn Predictor, recordings: &[Recording]) -> f64 {
@@ -152,11 +154,12 @@ fn offsets_of_recordings_are_nuisances_and_not_part_of_the_model() {
     test.iter_mut().for_each(|recording| recording.output.iter_mut().for_each(|value| *value += 2.0));
     let fitted = fit(&train, &physics_only(1), &|_| {}).expect("a ladder");
     let linear = (0..fitted.ladder.len()).filter(|&index| matches!(fitted.ladder[index].model, RungModel::Linear(_)));
-    let best = linear.min_by(|&a, &b| fitted.ladder[a].cv_rmse.total_cmp(&fitted.ladder[b].cv_rmse)).expect("a rung");
+    let best = linear.min_by(|&a, &b| fitted.ladder[a].shape_rmse.total_cmp(&fitted.ladder[b].shape_rmse)).expect("a rung");
     let file = fitted.fitted(best).expect("a file");
-    assert_eq!(file.zeros.len(), train.len());
-    for (zero, offset) in file.zeros.iter().zip(offsets) {
-        assert!((zero.offset - offset).abs() < 0.05, "{}: {} instead of {offset}", zero.recording, zero.offset);
+    let [zeros] = &file.nuisances[..] else { panic!("{:?}", file.nuisances) };
+    assert_eq!((zeros.kind, zeros.values.len()), (nuisance::Kind::Zero, train.len()));
+    for (zero, offset) in zeros.values.iter().zip(offsets) {
+        assert!((zero.value - offset).abs() < 0.05, "{}: {} instead of {offset}", zero.recording, zero.value);
     }
     let error = rmse(&FittedPredictor::new(file, Path::new("m")), &test);
     assert!(error < 0.05, "the constant is the mean of the recordings': {error}");

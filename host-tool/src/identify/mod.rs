@@ -228,6 +228,8 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
             samples: left,
             data: recordings.iter().map(source).collect(),
         },
+        expected: None,
+        nuisances: Vec::new(),
     };
     for (index, (&threshold, &weight)) in thresholds.iter().zip(&weights).enumerate() {
         let interval = intervals.weights[index];

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::fit::file::Expected;
+use crate::fit::nuisance::Nuisance;
 use hysteresis::play;
 use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use serde::{Deserialize, Serialize};
@@ -199,6 +201,12 @@ pub struct PhysicsModel {
     pub creep: CreepFilters,
     /// How it came to be.
     pub provenance: Provenance,
+    /// What the next recording may bring; only `catheter fit` knows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expected: Option<Expected>,
+    /// What moved the output of the recordings and is no part of the model; only `catheter fit` names it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<Nuisance>,
 }
 
 /// Why a model cannot be read, written or converted.

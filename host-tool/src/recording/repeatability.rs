@@ -236,7 +236,8 @@ fn gamma(pairs: &[Pair], unexplained: f64) -> Option<Gamma> {
 }
 
 /// The sensor's noise: what a parabola leaves of short windows, in the quietest quarter of them. A coarse resolution is noise of its own.
-fn noise(recordings: &[Recording]) -> f64 {
+#[must_use]
+pub fn noise(recordings: &[Recording]) -> f64 {
     let mut left = Vec::new();
     for recording in recordings {
         for segment in recording.segments() {

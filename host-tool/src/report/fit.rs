@@ -4,6 +4,7 @@ use super::page::{Cell, Page};
 use super::text::{count, number};
 use super::{Example, primer, sections};
 use crate::fit::Outcome;
+use crate::fit::judging::Calibrated;
 
 /// The page.
 #[must_use]
@@ -43,6 +44,7 @@ pub fn page(fitted: &Outcome, examples: &[Example]) -> String {
     for note in &fitted.notes {
         page.paragraph(&format!("{}.", capitalised(note)));
     }
+    nuisances(&mut page, fitted, unit);
     page.section("On recordings that took no part");
     sections::examples_help(&mut page);
     sections::examples(&mut page, examples);
@@ -50,9 +52,39 @@ pub fn page(fitted: &Outcome, examples: &[Example]) -> String {
     page.finish(&format!("Made by catheter {}. All figures are in the JSON result (--json).", env!("CARGO_PKG_VERSION")))
 }
 
+/// What moved recordings and is no part of the model.
+fn nuisances(page: &mut Page, fitted: &Outcome, unit: &str) {
+    let calibrate_s = number(fitted.calibrate_s, 2);
+    page.paragraph(&format!("Calibrated: with the zero set over the first {calibrate_s} s of each recording, which do not count there."));
+    let named = &fitted.ladder[fitted.chosen].nuisances;
+    if named.is_empty() {
+        return;
+    }
+    page.section("Nuisances");
+    page.how_to_read(
+        "What the data show to move the output of a whole recording, or of its rest, and what is **no part of the model**. Rungs are compared \
+         with it taken off. The errors above are with it.",
+    );
+    let row = |kind: String| {
+        move |value: &crate::fit::nuisance::Value| {
+            let at = value.at.map_or("\u{2013}".to_owned(), |at| number(at, 3));
+            vec![Cell::Text(kind.clone()), Cell::Text(value.recording.clone()), Cell::Figure(number(value.value, 3)), Cell::Figure(at)]
+        }
+    };
+    let rows: Vec<Vec<Cell>> = named.iter().flat_map(|one| one.values.iter().map(row(one.kind.to_string()))).collect();
+    let above = format!("above the model / {unit}");
+    page.table(
+        "At: time of a step in s; session time or temperature of the recording.",
+        &["nuisance", "recording", &above, "at"],
+        &rows,
+        None,
+    );
+}
+
 fn ladder(page: &mut Page, fitted: &Outcome, unit: &str, range: f64) {
     let row = |rung: &crate::fit::LadderRung| {
         let [low, high] = rung.cv_interval;
+        let calibrated = |text: fn(&Calibrated) -> String| rung.calibrated.as_ref().map_or("\u{2013}".to_owned(), text);
         let what = if rung.eligible { rung.what.clone() } else { format!("{} (these data cannot judge it)", rung.what) };
         vec![
             Cell::Text(rung.name.clone()),
@@ -60,6 +92,8 @@ fn ladder(page: &mut Page, fitted: &Outcome, unit: &str, range: f64) {
             Cell::Figure(number(rung.cv_rmse, 3)),
             Cell::Figure(format!("{} %", number(100.0 * rung.cv_rmse / range, 2))),
             Cell::Figure(format!("{} to {}", number(low, 2), number(high, 2))),
+            Cell::Figure(calibrated(|one| number(one.rmse, 3))),
+            Cell::Figure(calibrated(|one| format!("{} to {}", number(one.interval[0], 2), number(one.interval[1], 2)))),
             Cell::Figure(count(rung.parameters)),
             Cell::Figure(count(rung.step_instructions)),
             Cell::Text(if rung.on_chip { "yes" } else { "no" }.to_owned()),
@@ -67,10 +101,10 @@ fn ladder(page: &mut Page, fitted: &Outcome, unit: &str, range: f64) {
         ]
     };
     let rows: Vec<Vec<Cell>> = fitted.ladder.iter().map(row).collect();
-    let (error, next) = (format!("error / {unit}"), format!("next recording / {unit}"));
+    let (error, next, calibrated) = (format!("error / {unit}"), format!("next recording / {unit}"), format!("calibrated / {unit}"));
     page.table(
         "Errors are means over what was left out; instructions are those of one step on a Cortex-M4F, about.",
-        &["rung", "what it is", &error, "of range", &next, "numbers", "instructions", "on the chip", "time / s"],
+        &["rung", "what it is", &error, "of range", &next, &calibrated, &next, "numbers", "instructions", "on the chip", "time / s"],
         &rows,
         Some(fitted.chosen),
     );

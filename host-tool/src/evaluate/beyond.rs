@@ -1,0 +1,86 @@
+//! Inputs that leave the range a model was made from: nothing is known of it there.
+
+use serde::Serialize;
+
+use crate::identify::ChannelRange;
+use crate::recording::Recording;
+
+/// Beyond the range by less than this share of it is no news.
+const NEWS: f64 = 0.01;
+
+/// One input of one recording that leaves the range.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Beyond {
+    /// File name of the recording.
+    pub recording: String,
+    /// The input's column.
+    pub input: String,
+    /// Share of samples beyond the range.
+    pub share: f64,
+    /// Farthest beyond it, in the input's unit.
+    pub by: f64,
+    /// The same over the width of the range.
+    pub of_range: f64,
+}
+
+/// The inputs of some recordings that leave a model's ranges, one range an input.
+#[must_use]
+pub fn beyond(ranges: &[ChannelRange], recordings: &[Recording]) -> Vec<Beyond> {
+    let mut found = Vec::new();
+    for recording in recordings {
+        for (range, values) in ranges.iter().zip(recording.inputs()) {
+            let width = range.maximum - range.minimum;
+            let distance = |value: &f64| (value - range.maximum).max(range.minimum - value);
+            let by = values.iter().map(distance).fold(0.0, f64::max);
+            if !(width > 0.0 && by > NEWS * width) {
+                continue;
+            }
+            let outside = values.iter().filter(|&value| distance(value) > 0.0).count();
+            found.push(Beyond {
+                recording: recording.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+                input: format!("{}_{}", range.quantity, range.unit),
+                share: outside as f64 / values.len().max(1) as f64,
+                by,
+                of_range: by / width,
+            });
+        }
+    }
+    found
+}
+
+impl Beyond {
+    /// A warning, in one sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        format!(
+            "{}: `{}` lies beyond the range that the model was made from in {:.1} % of the samples, by up to {:.1} % of that range; nothing \
+             is known there",
+            self.recording,
+            self.input,
+            100.0 * self.share,
+            100.0 * self.of_range
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Signal;
+
+    #[test]
+    fn an_input_beyond_the_range_is_told_with_share_and_distance() {
+        let range = ChannelRange { quantity: "pressure".into(), unit: "bar".into(), minimum: 0.0, maximum: 2.0 };
+        let recording = |top: f64| {
+            let time_s: Vec<f64> = (0..100).map(|index| 0.01 * f64::from(index)).collect();
+            let input: Vec<f64> = (0..100).map(|index| top * f64::from(index) / 99.0).collect();
+            let output = vec![0.0; 100];
+            Recording::new("one.csv".as_ref(), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output)
+                .expect("a recording")
+        };
+        assert_eq!(beyond(std::slice::from_ref(&range), &[recording(2.0)]), []);
+        let found = beyond(&[range], &[recording(2.0), recording(3.0)]);
+        let [one] = &found[..] else { panic!("{found:?}") };
+        assert!((one.by - 1.0).abs() < 1e-12 && (one.share - 1.0 / 3.0).abs() < 0.01 && (one.of_range - 0.5).abs() < 1e-12, "{one:?}");
+    }
+}
