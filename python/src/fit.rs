@@ -169,7 +169,12 @@ pub fn fit_recordings(
     if !(network_budget_cpu_s > 0.0 && network_budget_cpu_s.is_finite()) {
         return Err(refusal("network_budget_cpu_s: a positive number of seconds is wanted"));
     }
-    let settings = Settings { seed, threads: self::threads(threads)?, network_budget_cpu_s: networks.then_some(network_budget_cpu_s), calibrate_s: None };
+    let settings = Settings {
+        seed,
+        threads: self::threads(threads)?,
+        network_budget_cpu_s: networks.then_some(network_budget_cpu_s),
+        calibrate_s: None,
+    };
     let outcome = compute(py, progress, move |teller| fit::fit(&recordings, &settings, &|progress| tell(teller, progress)))?;
     Ok(Fit { outcome: Arc::new(outcome) })
 }
