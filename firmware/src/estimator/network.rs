@@ -3,7 +3,7 @@
 //! A [`Kernel`] computes one layer; [`Portable`] is plain Rust and the yardstick that any other kernel must match to the bit.
 
 use model_export::fixed::{CELL_FRACTION, GATE_FRACTION, hidden_fraction};
-use model_export::schema::{self, Activation, Cell, Gate, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
+use model_export::schema::{self, Activation, Cell, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
 use model_export::validate::Invalid;
 
 use super::arithmetic::{high, multiply_high_rounded, saturate, saturate_16, sigmoid, tanh};
@@ -110,39 +110,47 @@ impl<'a> Layer<'a> {
         power_of_two(i32::from(self.wire.cell_exponent) - i32::from(CELL_FRACTION))
     }
 
+    /// Pre-activation of a row that has the same number in both matrices and among the biases, in Q15.16.
+    #[inline]
+    fn pre_activation(&self, row: usize, input: &[i16], hidden: &[i16]) -> i32 {
+        let weights = |matrix: &'a [u8], columns: usize| matrix.get(row * columns..(row + 1) * columns).unwrap_or(&[]);
+        let from_input = dot(weights(self.wire.input_weights, self.inputs), input);
+        let from_hidden = dot(weights(self.wire.recurrent_weights, self.units), hidden);
+        let multiplier = |bytes: &[u8]| bytes.as_chunks().0.get(row).map_or(0, |bytes| i64::from(i32::from_le_bytes(*bytes)));
+        let bias = self.wire.biases.as_chunks().0.get(row).map_or(0, |bytes| i64::from_le_bytes(*bytes));
+        let input_part = i64::from(from_input).wrapping_mul(multiplier(self.wire.input_multipliers));
+        let hidden_part = i64::from(from_hidden).wrapping_mul(multiplier(self.wire.recurrent_multipliers));
+        high(bias.wrapping_add(input_part).wrapping_add(hidden_part))
+    }
+
     /// Pre-activations of a unit in Q15.16, in the order of [`Cell::gates`].
     #[inline]
     fn pre_activations(&self, unit: usize, input: &[i16], hidden: &[i16]) -> [i32; 4] {
-        // A constant for the compiler: an LSTM's gates all have both rows, so nothing is asked of them at run time.
-        const LSTM: &[Gate] = Cell::Lstm.gates();
-        let gates = match self.wire.cell {
-            Cell::Lstm => {
-                return [0, 1, 2, 3]
-                    .map(|number| LSTM.get(number).map_or(0, |gate| self.pre_activation(number, *gate, unit, input, hidden)));
-            }
-            other => other.gates(),
-        };
-        let mut pre_activations = [0; 4];
-        for ((number, gate), z) in gates.iter().enumerate().zip(&mut pre_activations) {
-            *z = self.pre_activation(number, *gate, unit, input, hidden);
+        match self.wire.cell {
+            Cell::Lstm => [0, 1, 2, 3].map(|gate| self.pre_activation(gate * self.units + unit, input, hidden)),
+            Cell::Gru | Cell::Dense(_) => self.pre_activations_of_gates(unit, input, hidden),
         }
-        pre_activations
     }
 
-    #[inline(always)]
-    fn pre_activation(&self, number: usize, gate: Gate, unit: usize, input: &[i16], hidden: &[i16]) -> i32 {
-        let part = |of_gate: Option<usize>, matrix: &[u8], multipliers: &[u8], values: &[i16], columns: usize| {
-            let Some(of_gate) = of_gate else { return 0 };
-            let row = of_gate * self.units + unit;
-            let weights = matrix.get(row * columns..(row + 1) * columns).unwrap_or(&[]);
-            let multiplier = multipliers.as_chunks().0.get(row).map_or(0, |bytes| i64::from(i32::from_le_bytes(*bytes)));
-            i64::from(dot(weights, values)).wrapping_mul(multiplier)
-        };
+    /// The same for any cell. Apart, so that an LSTM's loop stays short.
+    #[inline(never)]
+    fn pre_activations_of_gates(&self, unit: usize, input: &[i16], hidden: &[i16]) -> [i32; 4] {
         let wire = &self.wire;
-        let from_input = part(gate.input, wire.input_weights, wire.input_multipliers, input, self.inputs);
-        let from_hidden = part(gate.recurrent, wire.recurrent_weights, wire.recurrent_multipliers, hidden, self.units);
-        let bias = wire.biases.as_chunks().0.get(number * self.units + unit).map_or(0, |bytes| i64::from_le_bytes(*bytes));
-        high(bias.wrapping_add(from_input).wrapping_add(from_hidden))
+        let mut pre_activations = [0; 4];
+        for ((number, gate), z) in wire.cell.gates().iter().enumerate().zip(&mut pre_activations) {
+            let part = |of_gate: Option<usize>, matrix: &[u8], multipliers: &[u8], values: &[i16], columns: usize| {
+                let Some(of_gate) = of_gate else { return 0 };
+                let row = of_gate * self.units + unit;
+                let weights = matrix.get(row * columns..(row + 1) * columns).unwrap_or(&[]);
+                let multiplier = multipliers.as_chunks().0.get(row).map_or(0, |bytes| i64::from(i32::from_le_bytes(*bytes)));
+                i64::from(dot(weights, values)).wrapping_mul(multiplier)
+            };
+            let from_input = part(gate.input, wire.input_weights, wire.input_multipliers, input, self.inputs);
+            let from_hidden = part(gate.recurrent, wire.recurrent_weights, wire.recurrent_multipliers, hidden, self.units);
+            let bias = wire.biases.as_chunks().0.get(number * self.units + unit).map_or(0, |bytes| i64::from_le_bytes(*bytes));
+            *z = high(bias.wrapping_add(from_input).wrapping_add(from_hidden));
+        }
+        pre_activations
     }
 
     /// New state and output of one unit from its pre-activations in the order of [`Cell::gates`].
@@ -188,16 +196,18 @@ impl<'a> Layer<'a> {
         match self.wire.cell {
             Cell::Lstm => self.update_lstm(z, state),
             Cell::Gru => self.update_gru(z, state),
-            Cell::Dense(_) => {
-                let [z, ..] = z;
-                let candidate = self.activate(z);
-                let (hidden, hidden_saturated) = self.narrowed(candidate);
-                Unit { gates: [0; 3], candidate, cell: 0, hidden, cell_saturated: false, hidden_saturated }
-            }
+            Cell::Dense(_) => self.update_dense(z),
         }
     }
 
-    #[inline]
+    #[inline(never)]
+    fn update_dense(&self, [z, ..]: [i32; 4]) -> Unit {
+        let candidate = self.activate(z);
+        let (hidden, hidden_saturated) = self.narrowed(candidate);
+        Unit { gates: [0; 3], candidate, cell: 0, hidden, cell_saturated: false, hidden_saturated }
+    }
+
+    #[inline(never)]
     fn update_gru(&self, [reset_z, update_z, input_z, hidden_z]: [i32; 4], state: i32) -> Unit {
         let (reset, update) = (sigmoid(reset_z), sigmoid(update_z));
         let product = multiply_high_rounded(reset, hidden_z);
