@@ -27,8 +27,9 @@ mod tests {
     use firmware::board::hardware::CORE_HZ;
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
-    use firmware::parity::{RandomNetwork, network_digest};
+    use firmware::parity::{Layers, RandomNetwork, network_digest};
     use firmware::seam::{RawSample, SampleSource};
+    use model_export::schema::Cell;
 
     struct Board {
         clock: ClockReport,
@@ -104,7 +105,8 @@ mod tests {
         const STEPS: usize = 100;
         random.fill_pool(9_001);
         for (inputs, units) in [(1, &[32][..]), (1, &[64, 64]), (13, &[16, 48])] {
-            random.draw(9_002, inputs, units);
+            let layers: Layers = units.iter().map(|units| (Cell::Lstm, *units)).collect();
+            random.draw(9_002, inputs, &layers);
             let wire = random.wire();
             let network = Network::new(&wire, inputs).expect("a sound network");
             let kernel = weights.kernel(&network).expect("it fits");
