@@ -50,8 +50,8 @@ pub struct Arguments {
     /// Settings that `catheter tune` wrote.
     #[arg(long, value_name = "FILE.toml", requires = "model")]
     settings: Option<PathBuf>,
-    /// The model that `catheter tune` wrote.
-    #[arg(long, value_name = "FILE.blob", requires = "settings")]
+    /// The model that `catheter tune` wrote, or `result/model` of `catheter fit`: the blob beside it is taken.
+    #[arg(long, value_name = "FILE", requires = "settings")]
     model: Option<PathBuf>,
     /// The model of learned-inverse: `catheter train --inverse`, exported with `--compensation`.
     #[arg(long, value_name = "FILE.blob")]
@@ -103,6 +103,23 @@ struct Summary<'a> {
     controllers: Vec<&'a Figures>,
 }
 
+/// The blob of a model: the file itself, or the one that `catheter fit` left beside it.
+fn read_model(path: &Path) -> Result<Vec<u8>> {
+    let read = |path: &Path| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let bytes = read(path)?;
+    if bytes.starts_with(&model_export::blob::MAGIC) {
+        return Ok(bytes);
+    }
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".blob");
+    let beside = PathBuf::from(beside);
+    if !beside.is_file() {
+        bail!("{} is no blob, and there is no {}: `catheter export` makes one where the model fits the board", path.display(), beside.display());
+    }
+    say!("{} runs on the desktop; the board gets {}", path.display(), beside.display());
+    read(&beside)
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -116,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inverse = arguments.inverse_model.as_ref().map(read).transpose()?;
     let look_ahead = setting("control.learned_look_ahead_ms", SettingValue::Integer(arguments.look_ahead_ms));
     let given = match (&arguments.settings, &arguments.model) {
-        (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read(model)? }),
+        (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read_model(model)? }),
         _ => None,
     };
     let seed = arguments.common.seed;
