@@ -79,7 +79,7 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Background<S, M, B> {
     pub fn self_test(&mut self, faults: impl FnOnce() -> FaultSet, place: &mut impl ModelPlace, commands: &mut impl CommandSink) {
         self.ask_for_retest(commands);
         if core::mem::take(&mut self.wanted) {
-            let faults = faults();
+            let faults = faults().union(self.link.standing_faults());
             self.report = Some(self.examine(faults, place));
         }
         if let Some(report) = self.report

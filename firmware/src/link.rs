@@ -141,6 +141,8 @@ struct Desk<S, M> {
     proposed: Settings,
     proposal: Option<u16>,
     boot_faults: FaultSet,
+    /// What was saved is damaged or not acceptable, and nothing was saved since.
+    settings_unreliable: bool,
     upload: Option<Upload>,
     /// Token of the request that waits for the check of the upload.
     checking: Option<u16>,
@@ -185,6 +187,13 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     /// What was wrong with the stores at the start.
     pub fn boot_faults(&self) -> FaultSet {
         self.desk.boot_faults
+    }
+
+    /// What is wrong with the stores now, for the self-test: damaged settings keep the rig vented until settings are saved again.
+    pub fn standing_faults(&self) -> FaultSet {
+        let mut faults = FaultSet::EMPTY;
+        faults.insert_if(self.desk.settings_unreliable, Fault::SettingsInvalid);
+        faults
     }
 
     /// The active model's blob, for the self-test.
@@ -350,12 +359,11 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         let settings_store = Store::new(settings_flash, STORE_KIND, STORE_VERSION);
         let model_store = Store::new(model_flash, model::STORE_KIND, model::STORE_VERSION);
         let mut boot_faults = FaultSet::EMPTY;
-        let stored = settings_store.active_payload().map(settings::decode).unwrap_or_default();
-        let fallback = settings_store.select().is_fallback;
-        let Stored { mut settings, rejected, is_damaged, .. } = stored;
+        let Stored { mut settings, is_damaged, .. } = settings::load(&settings_store);
         let goes_together = TickConfig { settings: &settings, facts: config.facts }.build().is_ok();
-        boot_faults.insert_if(fallback || is_damaged || rejected > 0 || !goes_together, Fault::SettingsInvalid);
-        boot_faults.insert_if(model_store.select().is_fallback, Fault::ModelCorrupt);
+        let settings_unreliable = is_damaged || !goes_together;
+        boot_faults.insert_if(settings_unreliable, Fault::SettingsInvalid);
+        boot_faults.insert_if(model_store.select().is_damaged, Fault::ModelCorrupt);
         if !goes_together {
             settings.clone_from(&Settings::DEFAULT);
         }
@@ -368,6 +376,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             settings,
             proposal: None,
             boot_faults,
+            settings_unreliable,
             upload: None,
             checking: None,
             model: None,
@@ -550,6 +559,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         settings::encode_into(&self.settings, &mut bytes).ok_or(Refusal::Storage)?;
         self.settings_store.save(&bytes).map_err(refusal)?;
         self.saved.clone_from(&self.settings);
+        self.settings_unreliable = false;
         Ok(())
     }
 

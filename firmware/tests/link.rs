@@ -9,7 +9,7 @@ use common::{Bench, Breakage, FACTS, set_point_settings};
 use firmware::link::{CommandSink, Event, Link, LinkConfig, Measured, REPLY_QUEUE, TELEMETRY_QUEUE};
 use firmware::settings;
 use firmware::storage::{Flash, Slot, Store};
-use firmware::tick::{Answer, Command};
+use firmware::tick::{Action, Answer, Command};
 use model_export::blob::crc32;
 use model_export::link::fault::{Blocker, Fault};
 use model_export::link::frame::Decoder;
@@ -415,7 +415,7 @@ fn a_model_arrives_in_pieces_is_checked_activated_and_rolled_back() {
     let (first, second) = (vec![0x11; 1001], vec![0x22; 2000]);
     assert_eq!(session.ask(Request::ModelFinish), Reply::Refused(Refusal::NoUpload));
     assert_eq!(session.ask(Request::ModelActivate), Reply::Refused(Refusal::NoOtherModel));
-    assert_eq!(session.ask(Request::ModelBegin { length: 9_000, crc32: 0 }), Reply::Refused(Refusal::TooLong(7_680)));
+    assert_eq!(session.ask(Request::ModelBegin { length: 9_000, crc32: 0 }), Reply::Refused(Refusal::TooLong(7_168)));
     assert_eq!(upload(&mut session, &first), Reply::Done);
     assert_eq!(session.link.model_blob(), None, "uploaded is not active");
     assert_eq!(session.ask(Request::ModelActivate), Reply::Done);
@@ -501,12 +501,39 @@ fn damaged_settings_in_flash_start_with_safe_defaults_and_a_fault() {
     let mut store = Store::new(Ram::new(), settings::STORE_KIND, settings::STORE_VERSION);
     store.save(&settings::encode(&Settings { ceiling_bar: 1.0, ..Settings::default() }).unwrap()).unwrap();
     let mut flash = store.release();
-    flash.0[0][600] ^= 1;
+    flash.0[0][1100] ^= 1;
     let session = Session::with_flash(flash, Ram::new());
     assert_eq!(*session.link.settings(), Settings::default());
     assert!(session.link.boot_faults().contains(Fault::SettingsInvalid));
     // A new chip has no settings, which is no fault.
     assert!(Session::with_flash(Ram::new(), Ram::new()).link.boot_faults().is_empty());
+}
+
+#[test]
+fn damaged_settings_keep_the_rig_vented_until_settings_are_saved_again() {
+    let mut store = Store::new(Ram::new(), settings::STORE_KIND, settings::STORE_VERSION);
+    store.save(&settings::encode(&Settings { ceiling_bar: 0.8, ..set_point_settings() }).unwrap()).unwrap();
+    let mut flash = store.release();
+    // A bit of the header.
+    flash.0[0][9] ^= 4;
+    let mut session = Session::with_flash(flash, Ram::new());
+    assert!(session.link.boot_faults().contains(Fault::SettingsInvalid));
+    assert!(session.link.standing_faults().contains(Fault::SettingsInvalid), "every self-test says so");
+    session.bench = session.bench.into_idle();
+    session.step();
+    let report = session.link.standing_faults();
+    session.bench.ask(Action::SelfTestReport { faults: report, model_period: None });
+    session.step();
+    assert_eq!(session.bench.state(), State::Fault);
+    assert!(matches!(session.ask(Request::Arm), Reply::Refused(_)));
+    let number = by_name("limits.ceiling_bar").unwrap().number;
+    assert_eq!(session.ask(Request::SettingSet { number, value: SettingValue::Float(0.8) }), Reply::Done);
+    assert_eq!(session.ask(Request::SettingsSave), Reply::Done);
+    assert!(session.link.standing_faults().is_empty());
+    let (saved, _) = session.link.release();
+    let again = Session::with_flash(saved, Ram::new());
+    assert!(again.link.boot_faults().is_empty());
+    assert_eq!(again.link.settings().ceiling_bar, 0.8);
 }
 
 #[test]
