@@ -9,7 +9,7 @@
 //! 1. [`Link::new`] with the two stores; [`Link::settings`] and [`Link::boot_faults`] go into the rig.
 //! 2. For every received byte: [`Link::receive`]. An [`Event`] may come of it.
 //! 3. For every answer, telemetry sample and trace record that the tick put out: [`Link::answer`], [`Link::telemetry`], [`Link::trace_record`] (or
-//!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state.
+//!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state and the vent.
 //! 4. Whenever the line is free: [`Link::transmit`] gives the next frame.
 //! 5. On [`Event::ModelUploaded`] check the blob and tell [`Link::finish_upload`] what came of it.
 //! 6. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.
@@ -22,7 +22,7 @@ use core::borrow::BorrowMut;
 
 use heapless::{Deque, Vec};
 use model_export::blob::crc32;
-use model_export::link::fault::{Fault, FaultSet};
+use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet};
 use model_export::link::frame::{self, Decoder, Wire};
 use model_export::link::hello::{Hello, MAX_BOARD_NAME};
 use model_export::link::message::{
@@ -148,6 +148,7 @@ struct Desk<S, M> {
     checking: Option<u16>,
     model: Option<ModelFacts>,
     state: State,
+    vent_verified: bool,
     awaited: u16,
     measured: Measured,
     damaged_frames: u32,
@@ -227,9 +228,10 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         self.desk.model = model;
     }
 
-    /// Tells the state the rig is in.
-    pub fn observe(&mut self, state: State, measured: Measured) {
+    /// Tells the state the rig is in, and whether the pressure was seen to be gone.
+    pub fn observe(&mut self, state: State, vent_verified: bool, measured: Measured) {
         self.desk.state = state;
+        self.desk.vent_verified = vent_verified;
         self.desk.measured = measured;
     }
 
@@ -381,6 +383,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             checking: None,
             model: None,
             state: State::Boot,
+            vent_verified: false,
             awaited: 0,
             measured: Measured::default(),
             damaged_frames: 0,
@@ -510,13 +513,19 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         }
     }
 
-    /// Flash stops the processor, so it is written only while vented and with no command on its way that could change that.
+    /// Flash stops the processor, so it is written only once the pressure was seen to be gone, and with no command on its way that could change
+    /// that.
     fn may_write(&self) -> Result<(), Refusal> {
         if self.awaited > 0 {
             return Err(Refusal::Busy);
         }
         match self.state {
-            State::Idle | State::Fault => Ok(()),
+            State::Idle | State::Fault if self.vent_verified => Ok(()),
+            State::Idle | State::Fault => {
+                let mut blockers = BlockerSet::EMPTY;
+                blockers.insert(Blocker::VentNotVerified);
+                Err(Refusal::Blocked(blockers))
+            }
             state => Err(Refusal::State(state)),
         }
     }

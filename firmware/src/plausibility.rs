@@ -79,6 +79,8 @@ pub struct SensorState {
     /// The last sample that passed, believed or not.
     value: f32,
     rejected_ticks: u16,
+    /// Ticks without a sample since the last good one.
+    unseen_ticks: u16,
     lost: Option<Rejection>,
     good_ticks: u16,
     last_code: Option<u16>,
@@ -92,6 +94,7 @@ impl Default for SensorState {
         Self {
             value: 0.0,
             rejected_ticks: 0,
+            unseen_ticks: 0,
             lost: Some(Rejection::Range),
             good_ticks: 0,
             last_code: None,
@@ -111,6 +114,11 @@ impl SensorState {
     /// Ticks since its code last changed.
     pub fn same_code_ticks(&self) -> u16 {
         self.same_code_ticks
+    }
+
+    /// Ticks went by without a sample: the quantity moved on meanwhile.
+    pub fn miss(&mut self, ticks: u16) {
+        self.unseen_ticks = self.unseen_ticks.saturating_add(ticks);
     }
 
     /// Whether the sensor is believed.
@@ -168,6 +176,7 @@ impl Sensor {
             }
             None => {
                 state.rejected_ticks = 0;
+                state.unseen_ticks = 0;
                 state.value = value;
                 state.good_ticks = state.good_ticks.saturating_add(1);
             }
@@ -188,7 +197,8 @@ impl Sensor {
 
     /// How far the quantity can have moved since the last good sample.
     fn reach(&self, state: &SensorState) -> f32 {
-        if state.lost.is_some() { self.largest_step } else { self.largest_step * f32::from(state.rejected_ticks.saturating_add(1)) }
+        let ticks = if state.lost.is_some() { 0 } else { state.rejected_ticks.saturating_add(state.unseen_ticks) };
+        self.largest_step * f32::from(ticks.saturating_add(1))
     }
 
     /// Whether the code has been the same for too long although the command moved.

@@ -17,6 +17,8 @@ pub const VENTED_BELOW_BAR: f32 = 0.1;
 pub const VENT_WITHIN_TICKS: u16 = 1000;
 /// Ticks in a row below the limit that count as vented: one noisy sample must not.
 pub const VENTED_FOR_TICKS: u16 = 5;
+/// Ticks in a row that must be seen before the deadline can pass: after a stall, what was missed says nothing about the pressure.
+pub const VENT_SEEN_TICKS: u16 = VENTED_FOR_TICKS + 1;
 /// Pressure that must not come back once vented; twice the limit, so that noise at the limit does not.
 pub const PRESSURE_BACK_BAR: f32 = 2.0 * VENTED_BELOW_BAR;
 /// Ticks in a row at that pressure that count as back.
@@ -287,7 +289,8 @@ impl SupervisorState {
             return faults;
         }
         if self.vent == Vent::Watching {
-            self.vent_ticks = self.vent_ticks.saturating_add(elapsed_ticks);
+            let last = VENT_WITHIN_TICKS.saturating_sub(VENT_SEEN_TICKS).max(self.vent_ticks.saturating_add(1));
+            self.vent_ticks = self.vent_ticks.saturating_add(elapsed_ticks).min(last);
             if self.vent_ticks >= VENT_WITHIN_TICKS {
                 self.vent = Vent::Failed;
                 faults.insert(if pressure_bar.is_some() { Fault::VentNotVerified } else { Fault::VentUnverifiable });

@@ -49,7 +49,7 @@ use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
 use crate::number::MicroBar;
 use crate::plausibility::{FollowerState, Rejection, SensorState, Verdict};
-use crate::supervisor::{Decision, Event, Observation, SupervisorState};
+use crate::supervisor::{Decision, Event, Observation, SupervisorState, Vent};
 
 pub use config::{Inconsistent, Tick, TickConfig};
 pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, RigFacts, TickInputs, TickOutputs, ValveOutput};
@@ -213,6 +213,8 @@ impl Rig {
 
         // Measurements. The output in force is the one the sample was taken under.
         let in_force = self.state.limiter.output();
+        self.state.laser.miss(lost_ticks);
+        self.state.pressure.miss(lost_ticks);
         let laser = self.tick.laser.step(&mut self.state.laser, sample.laser_code, in_force);
         let pressure = self.tick.pressure.step(&mut self.state.pressure, sample.pressure_code, in_force);
         self.state.notices.insert_if(matches!(laser, Verdict::Held(..)), Notice::LaserHeld);
@@ -279,6 +281,7 @@ impl Rig {
             energised: decision.energised,
             valve_share: self.tick.valve_share(output),
             output,
+            vent_verified: self.state.supervisor.vent() == Vent::Verified,
             feed_watchdog: self.state.background_age_ticks < self.background_limit(),
             state: decision.state,
             self_test_wanted: decision.state == State::SelfTest,

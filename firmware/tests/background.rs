@@ -117,7 +117,7 @@ impl Device {
         let board = heapless::String::try_from("bench").unwrap();
         let config = LinkConfig { firmware: [0, 1, 0], board, reset_cause: ResetCause::PowerOn, previous_record: None, facts: FACTS };
         let mut background = Background::new(Link::new(config, Ram::new(), models));
-        background.link_mut().observe(State::Idle, Measured::default());
+        background.link_mut().observe(State::Idle, true, Measured::default());
         Self { background, place: Place::default(), queue: Queue::default() }
     }
 

@@ -9,6 +9,7 @@ use common::{Bench, Breakage, FACTS, set_point_settings};
 use firmware::link::{CommandSink, Event, Link, LinkConfig, Measured, REPLY_QUEUE, TELEMETRY_QUEUE};
 use firmware::settings;
 use firmware::storage::{Flash, Slot, Store};
+use firmware::supervisor::Vent;
 use firmware::tick::{Action, Answer, Command};
 use model_export::blob::crc32;
 use model_export::link::fault::{Blocker, Fault};
@@ -148,7 +149,7 @@ impl Session {
         let answered = self.bench.replies.len();
         self.bench.step_with(command.map(|command| command.action));
         let outputs = &self.bench.outputs;
-        self.link.observe(outputs.state, Measured { longest_tick_cycles: 5, stack_unused_bytes: 6 });
+        self.link.observe(outputs.state, outputs.vent_verified, Measured { longest_tick_cycles: 5, stack_unused_bytes: 6 });
         if let Some(sample) = outputs.telemetry {
             self.link.telemetry(sample);
         }
@@ -534,6 +535,29 @@ fn damaged_settings_keep_the_rig_vented_until_settings_are_saved_again() {
     let again = Session::with_flash(saved, Ram::new());
     assert!(again.link.boot_faults().is_empty());
     assert_eq!(again.link.settings().ceiling_bar, 0.8);
+}
+
+#[test]
+fn flash_is_written_only_once_the_vent_is_verified() {
+    let mut session = Session::idle(&set_point_settings());
+    session.ask(Request::Arm);
+    session.ask(Request::Start);
+    for _ in 0..50 {
+        session.ask(Request::SetPoint { quantity: Quantity::Pressure, value: 2.0 });
+    }
+    let not_vented = Reply::Refused(Refusal::Blocked([Blocker::VentNotVerified].into_iter().collect()));
+    for request in [Request::Disarm, Request::Vent] {
+        session.ask(request);
+        assert_eq!(session.bench.state(), State::Idle);
+        assert!(session.bench.plant.pressure_bar > 0.5 || session.bench.rig.supervisor().vent() != Vent::Verified);
+        assert_eq!(session.ask(Request::SettingsSave), not_vented);
+        assert_eq!(session.ask(Request::ModelBegin { length: 8, crc32: 0 }), not_vented);
+        assert!(session.link.flash().1.0.iter().flatten().all(|byte| *byte == 0xff), "nothing was touched");
+        for _ in 0..400 {
+            session.step();
+        }
+        assert_eq!(session.ask(Request::SettingsSave), Reply::Done);
+    }
 }
 
 #[test]

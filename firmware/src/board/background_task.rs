@@ -113,7 +113,11 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     fn look(&mut self, stack_unused_bytes: u32) {
         let Self { background, exchange, tests_done, dropped, .. } = self;
         let link = background.link_mut();
-        link.observe(exchange.state(), Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes });
+        link.observe(
+            exchange.state(),
+            exchange.vent_verified(),
+            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes },
+        );
         let lost = exchange.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));
         *dropped = lost;

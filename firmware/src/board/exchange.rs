@@ -47,6 +47,7 @@ pub struct Exchange {
     beat: AtomicU32,
     telemetry_dropped: AtomicU32,
     state: AtomicU8,
+    vent_verified: AtomicBool,
     self_tests: AtomicU32,
     longest_tick_cycles: AtomicU32,
     periods: AtomicU32,
@@ -62,6 +63,7 @@ impl Exchange {
             beat: AtomicU32::new(0),
             telemetry_dropped: AtomicU32::new(0),
             state: AtomicU8::new(0),
+            vent_verified: AtomicBool::new(false),
             self_tests: AtomicU32::new(0),
             longest_tick_cycles: AtomicU32::new(0),
             periods: AtomicU32::new(0),
@@ -111,8 +113,9 @@ impl Exchange {
         self.telemetry_dropped.load(Ordering::Relaxed)
     }
 
-    /// The tick tells its state.
-    pub fn publish(&self, state: State, tick_cycles: u32) {
+    /// The tick tells its state, and whether the pressure was seen to be gone.
+    pub fn publish(&self, state: State, vent_verified: bool, tick_cycles: u32) {
+        self.vent_verified.store(vent_verified, Ordering::Relaxed);
         let number = State::ALL.iter().zip(0u8..).find(|(candidate, _)| **candidate == state).map_or(0, |(_, number)| number);
         self.state.store(number, Ordering::Relaxed);
         if tick_cycles > self.longest_tick_cycles.load(Ordering::Relaxed) {
@@ -123,6 +126,11 @@ impl Exchange {
     /// State after the last tick.
     pub fn state(&self) -> State {
         State::ALL.get(usize::from(self.state.load(Ordering::Relaxed))).copied().unwrap_or_default()
+    }
+
+    /// Whether the pressure was seen to be gone by the last tick.
+    pub fn vent_verified(&self) -> bool {
+        self.vent_verified.load(Ordering::Relaxed)
     }
 
     /// Longest tick so far, processor cycles; 0 if not measured.

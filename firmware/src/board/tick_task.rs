@@ -181,6 +181,6 @@ where
         }
         let cycles = self.hands.counter.cycles().wrapping_sub(began);
         self.overran = cycles > self.cycles_per_tick;
-        self.exchange.publish(outputs.state, cycles);
+        self.exchange.publish(outputs.state, outputs.vent_verified, cycles);
     }
 }

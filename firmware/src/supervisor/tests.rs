@@ -112,7 +112,7 @@ fn key(state: &SupervisorState) -> (State, Vent, [u32; 4], [bool; 3]) {
     };
     let counters = [
         u32::from(state.ticks_in_state >= deadline),
-        u32::from(state.vent_ticks >= VENT_WITHIN_TICKS) + u32::from(state.vent_ticks >= VENT_WITHIN_TICKS - 1),
+        u32::from(state.vent_ticks.saturating_sub(VENT_WITHIN_TICKS - VENT_SEEN_TICKS - 1).min(VENT_SEEN_TICKS + 1)),
         u32::from(state.low_ticks.min(VENTED_FOR_TICKS)),
         u32::from(state.back_ticks.min(PRESSURE_BACK_TICKS)),
     ];

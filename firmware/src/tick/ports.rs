@@ -180,6 +180,8 @@ pub struct TickOutputs {
     pub valve_share: u16,
     /// What that drive means.
     pub output: MicroBar,
+    /// The pressure was seen to be gone, and nothing put it in doubt since: flash may be erased.
+    pub vent_verified: bool,
     /// Whether to feed the watchdog.
     pub feed_watchdog: bool,
     /// The state after this tick.

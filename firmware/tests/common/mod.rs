@@ -72,7 +72,7 @@ impl Plant {
         }
     }
 
-    fn advance(&mut self, energised: bool, output_bar: f32, breakage: Option<Breakage>) {
+    pub fn advance(&mut self, energised: bool, output_bar: f32, breakage: Option<Breakage>) {
         let dump_open = !energised && breakage != Some(Breakage::DumpValveStuckClosed);
         let (target_bar, time_constant_ms) = match breakage {
             Some(Breakage::MuscleBursts) => (0.0, 12.0),

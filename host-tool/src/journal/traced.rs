@@ -157,7 +157,7 @@ impl TracedRig {
             telemetry_dropped: 0,
         };
         let outputs = self.rig.tick(&mut self.place, inputs);
-        self.link.observe(outputs.state, Measured::default());
+        self.link.observe(outputs.state, outputs.vent_verified, Measured::default());
         if let Some(answer) = &outputs.answer {
             self.link.answer(answer.clone());
         }
