@@ -69,7 +69,7 @@ mod image {
         use firmware::board::clock::Source;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
         use firmware::board::flash::InternalFlash;
-        use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
+        use firmware::board::hardware::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
@@ -125,8 +125,12 @@ mod image {
             let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits());
             rcc.csr().modify(|_, w| w.rmvf().set_bit());
             let retained = crash::take();
-            let clock = firmware::board::clock::start(&mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 });
-            let rates = clock.source.rates();
+            let clock = firmware::board::clock::start(
+                &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
+                CRYSTAL_HZ,
+                Pll::CRYSTAL,
+            );
+            let rates = clock.rates;
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
 
             // Hands, all of them at rest.
