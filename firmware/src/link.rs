@@ -286,10 +286,10 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         None
     }
 
-    /// Ends an upload: whether the blob is a model that this device can run.
-    pub fn finish_upload(&mut self, is_model: bool, commands: &mut impl CommandSink) {
+    /// Ends an upload: whether the blob is a model that this device can run, or what is wrong with it.
+    pub fn finish_upload(&mut self, checked: Result<(), Fault>, commands: &mut impl CommandSink) {
         let Some(token) = self.desk.checking.take() else { return };
-        let outcome = self.desk.finish_upload(is_model);
+        let outcome = self.desk.finish_upload(checked);
         reply_done(self.buffers.borrow_mut(), token, outcome, commands);
     }
 
@@ -597,11 +597,9 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         Err(Refusal::Checksum)
     }
 
-    fn finish_upload(&mut self, is_model: bool) -> Result<(), Refusal> {
+    fn finish_upload(&mut self, checked: Result<(), Fault>) -> Result<(), Refusal> {
         let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
-        if !is_model {
-            return Err(Refusal::NotAModel);
-        }
+        checked.map_err(|fault| if fault == Fault::ModelTooSlow { Refusal::ModelTooSlow } else { Refusal::NotAModel })?;
         self.model_store.finish(upload).map_err(refusal).map(|_| ())
     }
 

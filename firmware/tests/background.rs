@@ -72,6 +72,9 @@ impl ModelPlace for Place {
     fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.admissions += 1;
         self.model = None;
+        if blob.first() == Some(&6) {
+            return Err(Fault::ModelTooSlow);
+        }
         if blob.first() != Some(&7) {
             return Err(Fault::GoldenMismatch);
         }
@@ -194,7 +197,8 @@ fn no_model_is_touched_while_anything_else_is_wrong() {
 
 #[test]
 fn the_check_of_an_upload_takes_the_model_in_use_away_until_the_next_test() {
-    for (blob, outcome) in [([7, 7, 7, 9], Reply::Done), ([9; 4], Reply::Refused(Refusal::NotAModel))] {
+    let too_slow = Reply::Refused(Refusal::ModelTooSlow);
+    for (blob, outcome) in [([7, 7, 7, 9], Reply::Done), ([9; 4], Reply::Refused(Refusal::NotAModel)), ([6; 4], too_slow)] {
         let mut device = Device::tested(Ram::with(&GOOD));
         assert_eq!(device.upload(&blob), outcome);
         assert_eq!(device.place.admissions, 2);

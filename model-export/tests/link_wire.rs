@@ -71,6 +71,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused LogFull", "0911070113fc890b5100"),
     ("reply Refused Traced", "09110701145f1c6fcf00"),
     ("reply Refused Uncertified", "0a11070115053a09684000"),
+    ("reply Refused ModelTooSlow", "0911070116737d612100"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -154,6 +155,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::LogFull,
         Refusal::Traced,
         Refusal::Uncertified(5),
+        Refusal::ModelTooSlow,
     ];
     let status = Status {
         state: State::Armed,

@@ -97,6 +97,7 @@ mod image {
             line: SerialLine,
             port: Port,
             place: Option<&'static mut BoardModel>,
+            cycles_per_tick: u32,
             power: PWR,
             ticks_seen: u32,
         }
@@ -209,15 +210,24 @@ mod image {
             sampling::start_guard(&mut core.SYST, rates);
             (
                 Shared { tenant: Tenant::none() },
-                Local { task, background, line, port, place: Some(place), power: device.PWR, ticks_seen: 0 },
+                Local {
+                    task,
+                    background,
+                    line,
+                    port,
+                    place: Some(place),
+                    cycles_per_tick: rates.cycles_per_tick(),
+                    power: device.PWR,
+                    ticks_seen: 0,
+                },
             )
         }
 
-        #[idle(local = [background, line, place], shared = [tenant])]
+        #[idle(local = [background, line, place, cycles_per_tick], shared = [tenant])]
         fn idle(context: idle::Context) -> ! {
-            let idle::LocalResources { background, line, place, .. } = context.local;
+            let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
-            let mut room = unsafe { Room::new(context.shared.tenant, place.take()) };
+            let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
             let mut state = EXCHANGE.state();
             let mut stack_unused_bytes = memory::stack_unused_bytes();
             let mut round = 0u32;

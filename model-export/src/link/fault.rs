@@ -231,6 +231,9 @@ explained! {
         34 InternalInconsistent "internal-inconsistent"
             "The limiter's state was damaged in memory."
             "Power-cycle and report it."
+        35 ModelTooSlow "model-too-slow"
+            "A step of the active model takes more than 60 % of a millisecond on this processor."
+            "Train a smaller model, or one that streams instead of running a window; `catheter inspect` tells the instructions of a step."
     }
 }
 

@@ -217,6 +217,8 @@ pub enum Refusal {
     /// Adaptation has no certificate with these settings; the number of the first condition that fails
     /// ([`super::fault::AdaptationCondition`]).
     Uncertified(u8),
+    /// The blob is a sound model whose step takes more than its share of a tick.
+    ModelTooSlow,
 }
 
 /// Entry of a settings page.
@@ -545,6 +547,7 @@ wire_enum!(Refusal {
     19 LogFull,
     20 Traced,
     21 Uncertified(number),
+    22 ModelTooSlow,
 });
 wire_struct!(SettingDifference { number, in_use, baseline });
 wire_struct!(Status {

@@ -2,14 +2,15 @@
 
 use core::mem::MaybeUninit;
 
+use cortex_m::peripheral::DWT;
 use model_export::link::fault::Fault;
 use model_export::schema::Model;
 use rtic::Mutex;
 
 use crate::background::ModelPlace;
 use crate::control::Compensator;
-use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed};
-use crate::model::{ModelFacts, RunningModel};
+use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed, StepBudget, StepTimer};
+use crate::model::{ModelFacts, RunningModel, STEP_SHARE_PERCENT};
 use crate::tick::{Direction, ModelStep};
 
 /// A place for a model as the board runs it.
@@ -68,6 +69,17 @@ impl ModelStep for Tenant {
 pub struct Room<X> {
     tenant: X,
     place: Option<&'static mut BoardModel>,
+    budget: StepBudget<Counter>,
+}
+
+/// The debug unit's cycle counter, which the tick has switched on.
+#[derive(Debug)]
+struct Counter;
+
+impl StepTimer for Counter {
+    fn cycles(&self) -> u32 {
+        DWT::cycle_count()
+    }
 }
 
 impl<X: Mutex<T = Tenant>> Room<X> {
@@ -75,8 +87,9 @@ impl<X: Mutex<T = Tenant>> Room<X> {
     ///
     /// # Safety
     /// One room for the whole program, and a blob's bytes must not change from [`ModelPlace::admit`] to [`ModelPlace::forget`].
-    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>) -> Self {
-        Self { tenant, place }
+    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>, cycles_per_tick: u32) -> Self {
+        let budget = StepBudget { timer: Counter, cycles: cycles_per_tick / 100 * STEP_SHARE_PERCENT };
+        Self { tenant, place, budget }
     }
 }
 
@@ -93,7 +106,7 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
             words.write_bytes(0, MAX_PACKED_WORDS);
             core::slice::from_raw_parts_mut(words, MAX_PACKED_WORDS)
         };
-        let facts = place.admit(blob, weights)?;
+        let facts = place.admit_within(blob, weights, &self.budget)?;
         if let Some(place) = self.place.take() {
             self.tenant.lock(|tenant| tenant.0 = Some(place));
         }
