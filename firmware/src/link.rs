@@ -21,7 +21,7 @@
 use core::borrow::BorrowMut;
 
 use heapless::{Deque, Vec};
-use model_export::blob::crc32;
+use model_export::blob::{self, crc32};
 use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet};
 use model_export::link::frame::{self, Decoder, Wire};
 use model_export::link::hello::{Hello, MAX_BOARD_NAME};
@@ -80,6 +80,9 @@ pub struct Measured {
     pub longest_tick_cycles: u32,
     /// Bytes of stack never used.
     pub stack_unused_bytes: u32,
+    /// A number that nobody can foretell, such as a fast counter's: it tells the sessions of one start from those of another. Zero in lock step,
+    /// where equal inputs must give equal outputs.
+    pub noise: u32,
 }
 
 /// What the board must do next.
@@ -107,7 +110,7 @@ impl LinkBuffers {
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
-            request: RequestFrame { token: 0, request: Request::Status },
+            request: RequestFrame { token: 0, session: 0, request: Request::Status },
             wire: Wire::new(),
             replies: Deque::new(),
             telemetry: Deque::new(),
@@ -115,7 +118,7 @@ impl LinkBuffers {
         }
     }
 
-    fn reply(&mut self, token: u16, reply: Reply) {
+    fn reply(&mut self, token: u32, reply: Reply) {
         // A host that does not read its replies loses the newest: it has stopped waiting for them in order.
         let _ = self.replies.push_back(ReplyFrame { token, reply });
     }
@@ -139,13 +142,13 @@ struct Desk<S, M> {
     saved: Settings,
     /// Settings on their way through the tick, and the token of the request they came with.
     proposed: Settings,
-    proposal: Option<u16>,
+    proposal: Option<u32>,
     boot_faults: FaultSet,
     /// What was saved is damaged or not acceptable, and nothing was saved since.
     settings_unreliable: bool,
     upload: Option<Upload>,
     /// Token of the request that waits for the check of the upload.
-    checking: Option<u16>,
+    checking: Option<u32>,
     model: Option<ModelFacts>,
     state: State,
     vent_verified: bool,
@@ -154,6 +157,52 @@ struct Desk<S, M> {
     damaged_frames: u32,
     telemetry_dropped: u32,
     trace: TraceProgress,
+    sessions: Sessions,
+}
+
+/// Which requests are of now: those of the session that the last Hello began, in rising order of their tokens.
+#[derive(Debug, Default)]
+struct Sessions {
+    number: Option<u32>,
+    is_used: bool,
+    last_token: u32,
+    every: bool,
+}
+
+/// What to make of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Admission {
+    Admitted,
+    /// Sent before one that was taken already.
+    Old,
+    OtherSession,
+}
+
+impl Sessions {
+    /// Begins a session; `noise` makes its number another one than after the last start.
+    fn begin(&mut self, noise: u32) {
+        if self.number.is_none() || self.is_used {
+            let before = self.number.unwrap_or(0).to_le_bytes();
+            // Zero is no number: it stands for a device that has no sessions.
+            let number = crc32(crc32(0, &before), &noise.to_le_bytes()).max(1);
+            *self = Self { number: Some(number), every: self.every, ..Self::default() };
+        }
+    }
+
+    fn admit(&mut self, session: u32, token: u32) -> Admission {
+        if self.every {
+            return Admission::Admitted;
+        }
+        if self.number != Some(session) {
+            return Admission::OtherSession;
+        }
+        if token <= self.last_token {
+            return Admission::Old;
+        }
+        self.is_used = true;
+        self.last_token = token;
+        Admission::Admitted
+    }
 }
 
 /// How far a trace is.
@@ -162,7 +211,7 @@ enum TraceProgress {
     /// None runs; what is left of the last one goes at once.
     Off,
     /// The tick was asked for one by the request with this token.
-    Asked(u16),
+    Asked(u32),
     /// One runs.
     On,
 }
@@ -249,14 +298,17 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
             return None;
         };
         match payload.first().copied().and_then(Kind::from_byte) {
-            Some(Kind::HelloRequest) => self.hello_wanted = true,
+            Some(Kind::HelloRequest) => {
+                self.desk.begin_session();
+                self.hello_wanted = true;
+            }
             Some(Kind::Request) => {
                 if request.take(payload).is_ok() {
                     return self.handle(commands);
                 }
                 // The token comes first on the wire, so that even a request of a later version gets its refusal.
                 let mut reader = Reader::new(payload.get(1..).unwrap_or(&[]));
-                let mut token = 0u16;
+                let mut token = 0u32;
                 token.read(&mut reader);
                 if reader.finish().is_some() {
                     self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NotUnderstood));
@@ -271,7 +323,21 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     #[inline(never)]
     fn handle(&mut self, commands: &mut impl CommandSink) -> Option<Event> {
         let buffers = self.buffers.borrow_mut();
-        let token = buffers.request.token;
+        let RequestFrame { token, session, .. } = buffers.request;
+        // A vent is welcome from anybody at any time.
+        if buffers.request.request != Request::Vent {
+            match self.desk.sessions.admit(session, token) {
+                Admission::Admitted => {}
+                Admission::Old => {
+                    self.desk.damaged_frames = self.desk.damaged_frames.saturating_add(1);
+                    return None;
+                }
+                Admission::OtherSession => {
+                    buffers.reply(token, Reply::Refused(Refusal::OtherSession));
+                    return None;
+                }
+            }
+        }
         match self.desk.request(token, &buffers.request.request, commands) {
             Outcome::Reply(reply) => buffers.reply(token, reply),
             Outcome::Done(outcome) => reply_done(buffers, token, outcome, commands),
@@ -284,6 +350,12 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
             }
         }
         None
+    }
+
+    /// Takes requests of every session from now on, in whatever order: for running recorded ones again.
+    #[cfg(not(target_os = "none"))]
+    pub fn take_every_session(&mut self) {
+        self.desk.sessions.every = true;
     }
 
     /// Ends an upload: whether the blob is a model that this device can run, or what is wrong with it.
@@ -389,7 +461,12 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             damaged_frames: 0,
             telemetry_dropped: 0,
             trace: TraceProgress::Off,
+            sessions: Sessions::default(),
         }
+    }
+
+    fn begin_session(&mut self) {
+        self.sessions.begin(self.measured.noise);
     }
 
     fn hello(&self) -> Hello {
@@ -400,11 +477,12 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             model_id: self.model.map_or([0; 8], |model| model.id),
             reset_cause: self.config.reset_cause,
             board: self.config.board.clone(),
+            session: self.sessions.number.unwrap_or(0),
         }
     }
 
     /// What an answer of the tick settles, and what the tick could not know for it.
-    fn complete(&mut self, token: u16, reply: &mut Reply) {
+    fn complete(&mut self, token: u32, reply: &mut Reply) {
         self.awaited = self.awaited.saturating_sub(1);
         if self.proposal.take_if(|proposal| *proposal == token).is_some() && matches!(reply, Reply::Done) {
             self.settings.clone_from(&self.proposed);
@@ -421,7 +499,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         }
     }
 
-    fn request(&mut self, token: u16, request: &Request, commands: &mut impl CommandSink) -> Outcome {
+    fn request(&mut self, token: u32, request: &Request, commands: &mut impl CommandSink) -> Outcome {
         if self.trace != TraceProgress::Off && request.is_beyond_a_trace() {
             return Outcome::Done(Err(Refusal::Traced));
         }
@@ -495,16 +573,26 @@ impl<S: Flash, M: Flash> Desk<S, M> {
                 }
                 Err(refusal) => Outcome::Done(Err(refusal)),
             },
-            Request::ModelActivate | Request::ModelRollback => match self.activate_other() {
-                Ok(()) => Outcome::Event(Event::ModelChanged),
-                Err(refusal) => Outcome::Done(Err(refusal)),
-            },
+            Request::ModelActivate { id } => {
+                // As often as it is asked for: the reply to the first request may have been lost.
+                if self.active_model() == Some(*id) {
+                    return Outcome::Done(Ok(()));
+                }
+                match self.activate(*id) {
+                    Ok(()) => Outcome::Event(Event::ModelChanged),
+                    Err(refusal) => Outcome::Done(Err(refusal)),
+                }
+            }
+            Request::Models => {
+                let other = self.model_store.inactive_whole().and_then(|slot| self.model_in(slot));
+                Outcome::Reply(Reply::Models { active: self.active_model().unwrap_or([0; 8]), other: other.unwrap_or([0; 8]) })
+            }
         }
     }
 
     /// Sends a command to the tick, which answers it.
     #[inline(never)]
-    fn send(&mut self, token: u16, action: Action, commands: &mut impl CommandSink) -> Outcome {
+    fn send(&mut self, token: u32, action: Action, commands: &mut impl CommandSink) -> Outcome {
         if commands.send(Command { token: Some(token), action }) {
             self.awaited = self.awaited.saturating_add(1);
             Outcome::Sent
@@ -532,7 +620,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
 
     /// Sends the proposed settings to the tick; they are in use once it has taken them.
     #[inline(never)]
-    fn propose(&mut self, token: u16, commands: &mut impl CommandSink) -> Outcome {
+    fn propose(&mut self, token: u32, commands: &mut impl CommandSink) -> Outcome {
         match (TickConfig { settings: &self.proposed, facts: self.config.facts }).build() {
             Ok(tick) => {
                 let outcome = self.send(token, Action::Configure(tick), commands);
@@ -603,9 +691,19 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         self.model_store.finish(upload).map_err(refusal).map(|_| ())
     }
 
-    fn activate_other(&mut self) -> Result<(), Refusal> {
+    fn model_in(&self, slot: Slot) -> Option<[u8; 8]> {
+        blob::content_id(self.model_store.payload(slot)?)
+    }
+
+    /// The model that is active and not damaged.
+    fn active_model(&self) -> Option<[u8; 8]> {
+        let selection = self.model_store.select();
+        self.model_in(selection.active.filter(|_| !selection.is_damaged)?)
+    }
+
+    fn activate(&mut self, id: [u8; 8]) -> Result<(), Refusal> {
         self.may_write()?;
-        let slot = self.model_store.inactive_whole().ok_or(Refusal::NoOtherModel)?;
+        let slot = Slot::BOTH.into_iter().find(|slot| self.model_in(*slot) == Some(id)).ok_or(Refusal::NoOtherModel)?;
         self.model_store.activate(slot).map_err(refusal)
     }
 }
@@ -623,7 +721,7 @@ enum Outcome {
 }
 
 /// Answers what has no answer but that it is done.
-fn reply_done(buffers: &mut LinkBuffers, token: u16, outcome: Result<(), Refusal>, commands: &mut impl CommandSink) {
+fn reply_done(buffers: &mut LinkBuffers, token: u32, outcome: Result<(), Refusal>, commands: &mut impl CommandSink) {
     if outcome == Err(Refusal::Storage) {
         // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
         let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });

@@ -167,7 +167,7 @@ pub struct Rig {
 /// What a command left to do in its tick.
 #[derive(Default)]
 struct Pending {
-    token: Option<u16>,
+    token: Option<u32>,
     request: Option<Event>,
     reply: Option<Reply>,
     wants_status: bool,

@@ -25,6 +25,9 @@ const CASES: &[(Breakage, &[Fault], u32)] = &[
     (Breakage::PressureFrozen,             &[Fault::PressureStuck, Fault::PressureMismatch], 0),
     (Breakage::PressureOffsetBar(0.5),     &[Fault::PressureRate, Fault::PressureMismatch],  0),
     (Breakage::PressureOffsetBar(-0.4),    &[Fault::PressureRate, Fault::PressureMismatch],  0),
+    (Breakage::PressureFrozenNoisy,        &[Fault::PressureStuck, Fault::PressureMismatch], 100),
+    // The laser has no command to follow at once; the excursion takes most of half a period of the sine.
+    (Breakage::LaserFrozenNoisy,           &[Fault::LaserStuck, Fault::ModelMismatch],       900),
     (Breakage::EmergencyStop,              &[Fault::EmergencyStop],                          0),
     (Breakage::HostSilent,                 &[Fault::HostLost],                               250),
     (Breakage::ModelNotANumber,            &[Fault::EstimatorNotFinite],                     0),

@@ -250,7 +250,7 @@ impl Board {
         // None at all now and then, as while it is busy.
         let rounds = if self.below(8) == 0 { 0 } else { 1 + self.below(150) };
         for _ in 0..rounds {
-            self.background.step(&mut self.cable, &mut self.place, 0);
+            self.background.step(&mut self.cable, &mut self.place, 0, 0);
         }
     }
 }

@@ -281,8 +281,7 @@ fn a_trace_begins_only_idle_and_vented_and_with_the_model_at_hand_and_nothing_ge
         Request::TraceBegin,
         Request::ModelBegin { length: 4, crc32: 0 },
         Request::ModelFinish,
-        Request::ModelActivate,
-        Request::ModelRollback,
+        Request::ModelActivate { id: [7; 8] },
         Request::SettingsRevert(model_export::link::message::Baseline::Saved),
     ] {
         assert_eq!(refused(&mut client, &request), Some(Refusal::Traced), "{request:?}");

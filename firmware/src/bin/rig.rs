@@ -233,7 +233,7 @@ mod image {
             let mut round = 0u32;
             loop {
                 round = round.wrapping_add(1);
-                background.step(line, &mut room, stack_unused_bytes);
+                background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
                 }

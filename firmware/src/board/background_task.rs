@@ -94,9 +94,11 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     }
 
     /// One round: takes what came, does what is wanted, sends what fits. Called over and over.
-    pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32) {
+    ///
+    /// `noise` is a fast counter's value: see [`Measured::noise`].
+    pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32, noise: u32) {
         self.exchange.show_life();
-        self.look(stack_unused_bytes);
+        self.look(stack_unused_bytes, noise);
         self.take_from_tick();
         let Self { background, facts, queues, exchange, .. } = self;
         let mut sink = Sink { commands: &mut queues.commands, exchange };
@@ -110,13 +112,13 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     // What follows stays out of its caller: answers and frames are long, and none of them needs to be on the stack with another.
 
     #[inline(never)]
-    fn look(&mut self, stack_unused_bytes: u32) {
+    fn look(&mut self, stack_unused_bytes: u32, noise: u32) {
         let Self { background, exchange, tests_done, dropped, .. } = self;
         let link = background.link_mut();
         link.observe(
             exchange.state(),
             exchange.vent_verified(),
-            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes },
+            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes, noise },
         );
         let lost = exchange.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));

@@ -87,6 +87,8 @@ impl TickConfig<'_> {
                 rejected_ms: narrow(settings.rejected_ms),
                 stuck_ms: narrow(settings.stuck_ms),
                 stuck_command,
+                still_command_bar: settings.still_command_bar,
+                still_response_ms: settings.still_response_ms,
                 calibration,
             }
             .build()

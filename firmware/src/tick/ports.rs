@@ -92,7 +92,7 @@ impl ModelStep for NoModel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command {
     /// Token of the request that asked for it; `None` if nobody waits for an answer.
-    pub token: Option<u16>,
+    pub token: Option<u32>,
     /// What to do.
     pub action: Action,
 }
@@ -135,7 +135,7 @@ pub enum Action {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// The command's token.
-    pub token: u16,
+    pub token: u32,
     /// What to tell the host.
     pub reply: Reply,
 }

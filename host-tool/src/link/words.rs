@@ -77,6 +77,7 @@ pub fn refusal_in_words(refusal: &Refusal) -> String {
              running a window (`catheter inspect` tells the instructions of a step)"
                 .to_owned()
         }
+        Refusal::OtherSession => "the device has restarted, or another program has opened the port; begin again, with one program at the port".to_owned(),
         Refusal::NoOtherModel => "there is no other whole model to activate; upload one".to_owned(),
         Refusal::Storage => "the flash memory could not be written".to_owned(),
         Refusal::NoRecord => "there is no such fault record".to_owned(),

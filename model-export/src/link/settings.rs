@@ -248,6 +248,10 @@ settings! {
         "This long with the very same code, while the command moved, a sensor is stuck.";
     32 stuck_command_bar: f32 = 0.05, 0.001 ..= 4.0, "plausibility.stuck_command_bar", "bar",
         "Movement of the command that a live sensor cannot sleep through.";
+    33 still_command_bar: f32 = 1.2, 0.1 ..= 4.0, "plausibility.still_command_bar", "bar",
+        "Movement of the command, as the rig can follow it, during which a live sensor moves by more than 1 % of its range.";
+    34 still_response_ms: f32 = 200.0, 1.0 ..= 10000.0, "plausibility.still_response_ms", "ms",
+        "Time constant with which the rig is expected to follow for plausibility.still_command_bar.";
     40 mismatch_pressure_bar: f32 = 0.3, 0.01 ..= 4.0, "mismatch.pressure_bar", "bar",
         "Tolerated difference between measured and expected pressure.";
     41 mismatch_pressure_ms: u32 = 25, 1 ..= 10000, "mismatch.pressure_ms", "ms",

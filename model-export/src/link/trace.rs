@@ -72,7 +72,7 @@ pub enum TraceCommand {
     #[default]
     None,
     /// That of the host's request with this token.
-    Request(u16),
+    Request(u32),
     /// Another self-test, asked for by the background.
     Retest,
     /// What the self-test found.
