@@ -32,6 +32,7 @@ pub mod model;
 pub mod number;
 pub mod parity;
 pub mod plausibility;
+pub mod redundant;
 pub mod retain;
 pub mod seam;
 pub mod self_test;

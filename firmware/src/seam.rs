@@ -5,6 +5,8 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+use crate::supervisor::DumpOrder;
+
 /// One sample of both measured channels, taken at the same instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -47,15 +49,22 @@ impl<P: SetDutyCycle> ValveDrive for PwmValve<P> {
 }
 
 /// The dump valve on any embedded-hal output pin: closed (holding pressure) only while energised, so that a dead board vents.
+///
+/// It has its pin for itself, and closes on the supervisor's word alone: no other code can put pressure on.
 #[derive(Debug)]
-pub struct DumpValve<P>(pub P);
+pub struct DumpValve<P>(P);
 
 impl<P: OutputPin> DumpValve<P> {
+    /// Takes the pin.
+    pub const fn new(pin: P) -> Self {
+        Self(pin)
+    }
+
     /// Energises (closes) or releases (opens) the valve.
     ///
     /// # Errors
     /// The pin's own error; on the STM32 none exists.
-    pub fn set_energised(&mut self, energised: bool) -> Result<(), P::Error> {
-        if energised { self.0.set_high() } else { self.0.set_low() }
+    pub fn obey(&mut self, order: &DumpOrder) -> Result<(), P::Error> {
+        if order.closes() { self.0.set_high() } else { self.0.set_low() }
     }
 }

@@ -177,7 +177,7 @@ impl Board {
             source: wires.clone(),
             analogue: wires.clone(),
             pulse: Unconnected,
-            dump_valve: DumpValve(wires.clone()),
+            dump_valve: DumpValve::new(wires.clone()),
             emergency_stop: wires.clone(),
             watchdog: Watchdog::new(wires.clone()),
             counter: wires.clone(),

@@ -154,7 +154,7 @@ where
             ValveOutput::PulseWidth => (0, outputs.valve_share),
         };
         // On the chip setting a pin cannot fail. The watchdog and the pressure watch are there for one that does.
-        let _ = self.hands.dump_valve.set_energised(outputs.energised);
+        let _ = self.hands.dump_valve.obey(&self.rig.supervisor().dump_order());
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);
         self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
