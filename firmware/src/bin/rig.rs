@@ -59,13 +59,14 @@ mod image {
         use core::mem::MaybeUninit;
 
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
+        use firmware::board::brown_out;
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
         use firmware::board::chip::pac::{Interrupt, PWR};
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
+        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
         use firmware::board::clock::Source;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
         use firmware::board::flash::InternalFlash;
@@ -133,6 +134,10 @@ mod image {
             );
             let rates = clock.rates;
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
+
+            let level = brown_out::ensure(&mut &device.FLASH);
+            defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
+            protection::start(&core.MPU);
 
             // Hands, all of them at rest.
             let (dump_valve, emergency_stop) = pins::set_up(rcc, &device.GPIOA, device.GPIOB);

@@ -45,7 +45,8 @@ impl ClockTree for Registers<'_> {
     fn count_crystal(&mut self) -> Option<u32> {
         // SAFETY: 31 is a divider the field has (RM0090 section 7.3.3).
         self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(CRYSTAL_DIVIDER) });
-        self.rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
+        let rcc = self.rcc;
+        enable_clock!(rcc.apb2enr: tim11en);
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().set_bit());
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().clear_bit());
         // SAFETY: values of the manual: input 1 is the divided crystal (RMP = 10); input 1 to channel 1 (CC1S = 01), a capture every eighth

@@ -14,7 +14,7 @@ pub struct AnalogueDrive(DAC);
 impl AnalogueDrive {
     /// At zero. Without the chip's output buffer, which cannot go below 0.2 V (DS8626 table 74).
     pub fn new(rcc: &RCC, registers: DAC) -> Self {
-        rcc.apb1enr().modify(|_, w| w.dacen().set_bit());
+        enable_clock!(rcc.apb1enr: dacen);
         let mut drive = Self(registers);
         drive.drive(0);
         drive.0.cr().write(|w| w.boff1().set_bit().en1().set_bit());
@@ -35,7 +35,7 @@ pub struct PulseDrive(TIM3);
 impl PulseDrive {
     /// At zero.
     pub fn new(rcc: &RCC, timer: TIM3) -> PwmValve<Self> {
-        rcc.apb1enr().modify(|_, w| w.tim3en().set_bit());
+        enable_clock!(rcc.apb1enr: tim3en);
         timer.psc().reset();
         // SAFETY: PWM mode 1 (OC1M = 110) with preload (OC1PE), the period, duty zero.
         unsafe {

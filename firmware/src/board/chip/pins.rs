@@ -12,7 +12,7 @@ use crate::seam::DumpValve;
 ///
 /// Each write keeps what it does not mean: the debug probe's pins are on port A too.
 pub fn set_up(rcc: &RCC, port_a: &GPIOA, port_b: GPIOB) -> (DumpValve<DumpPin>, StopPin) {
-    rcc.ahb1enr().modify(|_, w| w.gpioaen().set_bit().gpioben().set_bit());
+    enable_clock!(rcc.ahb1enr: gpioaen, gpioben);
     // Pull-ups first, then functions, then modes: no pin moves before it knows where to.
     port_a.pupdr().modify(|_, w| w.pupdr10().pull_up());
     port_a.afrl().modify(|_, w| w.afrl6().af2());

@@ -22,8 +22,8 @@ pub struct Sampler {
 impl Sampler {
     /// Sets up converter and timer; sampling begins with [`Self::begin`].
     pub fn new(rcc: &RCC, converter: ADC1, common: &ADC_COMMON, timer: TIM2, rates: Rates) -> Self {
-        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
-        rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
+        enable_clock!(rcc.apb2enr: adc1en);
+        enable_clock!(rcc.apb1enr: tim2en);
         common.ccr().modify(|_, w| w.adcpre().div4());
         let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|channel| channel as u8);
         // SAFETY: channel numbers and codes of the manual, in fields of their width.
@@ -92,7 +92,7 @@ const COUNTS_PER_MS: u32 = 2;
 impl Milliseconds {
     /// Starts the timer.
     pub fn start(rcc: &RCC, timer: TIM5, rates: Rates) -> Self {
-        rcc.apb1enr().modify(|_, w| w.tim5en().set_bit());
+        enable_clock!(rcc.apb1enr: tim5en);
         let prescaler = u16::try_from(rates.timer_counts_per_tick() / COUNTS_PER_MS - 1).unwrap_or(u16::MAX);
         // SAFETY: every value divides.
         #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
