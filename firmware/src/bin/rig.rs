@@ -212,7 +212,7 @@ mod image {
 
             log_start(clock.source, boot.faults);
             task.hands_mut().source.begin();
-            sampling::start_guard(&mut core.SYST, rates);
+            sampling::start_guard(&mut core.SYST, &task.hands_mut().source, rates);
             (
                 Shared { tenant: Tenant::none() },
                 Local {

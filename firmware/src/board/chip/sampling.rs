@@ -4,6 +4,7 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
+use crate::board::clock::wait;
 use crate::board::hardware::{Rates, SAMPLING_SEQUENCE};
 use crate::board::tick_task::CycleCounter;
 use crate::seam::{RawSample, SampleSource};
@@ -72,11 +73,16 @@ impl SampleSource for Sampler {
     }
 }
 
-/// Starts the guard: an interrupt each period, half a period away from the sampling's.
-pub fn start_guard(syst: &mut SYST, rates: Rates) {
+/// Starts the guard: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.
+///
+/// The sampling's own timer tells when half of its period is over. The bound is for one that stands still: then there is no phase to keep.
+pub fn start_guard(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(rates.cycles_per_tick() - 1);
-    cortex_m::asm::delay(rates.cycles_per_tick() / 2);
+    let period = rates.timer_counts_per_tick();
+    // Within an eighth of a period behind the middle, whenever this begins; a poll takes some cycles, so two periods at least.
+    let middle = period / 2..period / 2 + period / 8;
+    let _ = wait(2 * rates.cycles_per_tick(), || middle.contains(&sampler.timer.cnt().read().bits()));
     syst.clear_current();
     syst.enable_interrupt();
     syst.enable_counter();
