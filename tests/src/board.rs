@@ -20,7 +20,7 @@ use firmware::device::exchange::DeviceOutputs;
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
-use firmware::seam::{DumpValve, RawSample, SampleSource, ValveDrive};
+use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::tick::{BootReport, Rig, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
@@ -58,6 +58,10 @@ pub struct Unconnected;
 
 impl ValveDrive for Unconnected {
     fn drive(&mut self, _share: u16) {}
+}
+
+impl PulseFrequency for Unconnected {
+    fn set_pulse_hz(&mut self, _pulse_hz: u32) {}
 }
 
 impl ErrorType for Wire {
@@ -188,7 +192,7 @@ impl Board {
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
-            task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000),
+            task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000, None),
             background: BackgroundTask::new(link, facts, background_queues, exchange),
             place: Heap::default(),
             exchange,

@@ -142,7 +142,7 @@ mod image {
             // Hands, all of them at rest.
             let (dump_valve, emergency_stop) = pins::set_up(rcc, &device.GPIOA, device.GPIOB);
             let analogue = AnalogueDrive::new(rcc, device.DAC);
-            let pulse = PulseDrive::new(rcc, device.TIM3);
+            let pulse = PulseDrive::new(rcc, device.TIM3, rates);
             let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
             boot_faults.insert_if(!watchdog_lives, Fault::ClockInaccurate);
             boot_faults.insert_if(supply::start(rcc, &device.PWR, &device.EXTI), Fault::BrownOut);
@@ -204,10 +204,12 @@ mod image {
             let contents = in_place(context.local.model_contents, Model::default);
             let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
             let settings = background.link().settings();
+            // SAFETY: a crystal that runs is on the chip itself.
+            let reference = (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() });
             let task = in_place(context.local.task_home, || {
                 // The link's settings go together, and so do the defaults; a test holds the latter.
                 let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
-                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick())
+                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
             });
 
             log_start(clock.source, boot.faults);

@@ -3,6 +3,7 @@
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use heapless::spsc::{Consumer, Producer, Queue};
+use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 
@@ -48,6 +49,8 @@ pub struct Exchange {
     telemetry_dropped: AtomicU32,
     state: AtomicU8,
     vent_verified: AtomicBool,
+    reference_is_off: AtomicBool,
+    outputs_differ: AtomicBool,
     self_tests: AtomicU32,
     longest_tick_cycles: AtomicU32,
     periods: AtomicU32,
@@ -64,6 +67,8 @@ impl Exchange {
             telemetry_dropped: AtomicU32::new(0),
             state: AtomicU8::new(0),
             vent_verified: AtomicBool::new(false),
+            reference_is_off: AtomicBool::new(false),
+            outputs_differ: AtomicBool::new(false),
             self_tests: AtomicU32::new(0),
             longest_tick_cycles: AtomicU32::new(0),
             periods: AtomicU32::new(0),
@@ -131,6 +136,20 @@ impl Exchange {
     /// Whether the pressure was seen to be gone by the last tick.
     pub fn vent_verified(&self) -> bool {
         self.vent_verified.load(Ordering::Relaxed)
+    }
+
+    /// The tick tells what is wrong with supply and outputs.
+    pub fn report_outputs(&self, faults: FaultSet) {
+        self.reference_is_off.store(faults.contains(Fault::ReferenceVoltage), Ordering::Relaxed);
+        self.outputs_differ.store(faults.contains(Fault::OutputMismatch), Ordering::Relaxed);
+    }
+
+    /// What is wrong with supply and outputs.
+    pub fn output_faults(&self) -> FaultSet {
+        let mut faults = FaultSet::EMPTY;
+        faults.insert_if(self.reference_is_off.load(Ordering::Relaxed), Fault::ReferenceVoltage);
+        faults.insert_if(self.outputs_differ.load(Ordering::Relaxed), Fault::OutputMismatch);
+        faults
     }
 
     /// Longest tick so far, processor cycles; 0 if not measured.

@@ -162,6 +162,11 @@ pub const TRANSMIT_QUEUE: usize = 768;
 
 /// Sequence of the injected conversions. Mirrored, so that the means of both channels belong to the same instant.
 pub const SAMPLING_SEQUENCE: [Channel; 4] = [Channel::Laser, Channel::Pressure, Channel::Pressure, Channel::Laser];
+/// Channel of the chip's own reference voltage (RM0090 section 13.3.3), and of PA4, where the analogue drive can be read back. A regular
+/// conversion a tick reads them in turn, behind the injected ones.
+pub const READ_BACK_CHANNELS: [u8; 2] = [17, 4];
+/// Where the factory left the reference voltage's code at 3.3 V and 30 degrees (DS8626 table 77).
+pub const REFERENCE_CALIBRATION: usize = 0x1fff_7a2a;
 /// Conversions of each channel in a tick, summed.
 pub const CONVERSIONS_PER_CHANNEL: u16 = 2;
 /// Code of one conversion at the reference voltage.
@@ -185,9 +190,6 @@ pub enum Channel {
     /// PA1.
     Pressure = 1,
 }
-
-/// Full duty of the valve's pulse width: 20 kHz with the phase-locked loop.
-pub const PULSE_PERIOD_COUNTS: u16 = 4200;
 
 /// Port B pin of the emergency stop.
 pub const EMERGENCY_STOP_PIN: u32 = 0;

@@ -35,6 +35,8 @@ pub mod flash;
 pub mod hardware;
 pub mod memory_map;
 pub mod periods;
+pub mod pulse;
+pub mod read_back;
 mod reset_cause;
 pub mod tick_task;
 pub mod watchdog;

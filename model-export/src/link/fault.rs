@@ -234,6 +234,12 @@ explained! {
         35 ModelTooSlow "model-too-slow"
             "A step of the active model takes more than 60 % of a millisecond on this processor."
             "Train a smaller model, or one that streams instead of running a window; `catheter inspect` tells the instructions of a step."
+        36 ReferenceVoltage "reference-voltage"
+            "The analogue supply, on which every measured and every given voltage hangs, is more than 3 % off 3.3 V."
+            "Check the board's 3.3 V regulator and its load, then acknowledge."
+        37 OutputMismatch "output-mismatch"
+            "The voltage at the valve's drive or the level at the dump valve's pin is not what the device put out."
+            "Close the supply by hand, and look for a short circuit or a broken driver at PA4 and PB1."
     }
 }
 

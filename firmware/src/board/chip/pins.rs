@@ -34,6 +34,12 @@ fn write(bits: u32) {
     unsafe { (*GPIOB::ptr()).bsrr().write(|w| w.bits(bits)) };
 }
 
+/// Whether the dump valve's pin is high, as it is outside.
+pub fn dump_is_high() -> bool {
+    // SAFETY: reading the input register has no effect (RM0090 section 8.4.5).
+    unsafe { (*GPIOB::ptr()).idr().read().bits() & (1 << DUMP_VALVE_PIN) != 0 }
+}
+
 /// Releases the dump valve, whoever has it. The other way there is only [`DumpValve::obey`].
 pub fn release_dump_valve() {
     write(1 << (16 + DUMP_VALVE_PIN));
