@@ -193,7 +193,7 @@ mod tests {
     fn record() -> impl Strategy<Value = TraceRecord> {
         let command = prop_oneof![
             Just(TraceCommand::None),
-            any::<u16>().prop_map(TraceCommand::Request),
+            any::<u32>().prop_map(TraceCommand::Request),
             Just(TraceCommand::Retest),
             (any::<u64>(), any::<u16>())
                 .prop_map(|(faults, model_period)| TraceCommand::SelfTestReport { faults: FaultSet(faults), model_period }),
