@@ -40,6 +40,7 @@ pub mod settings;
 pub mod storage;
 pub mod supervisor;
 pub mod tick;
+pub mod time;
 
 /// Version of the firmware, as its Hello tells it: major, minor, patch.
 pub const VERSION: [u16; 3] =

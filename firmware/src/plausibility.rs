@@ -186,7 +186,7 @@ impl SensorConfig {
         Sensor {
             calibration: self.calibration,
             // One resolution step on top: a slow signal may cross a code boundary at any tick.
-            largest_step: self.maximum_rate_per_s / crate::tick::TICKS_PER_S + self.calibration.resolution(),
+            largest_step: self.maximum_rate_per_s / crate::time::TICKS_PER_S + self.calibration.resolution(),
             rejected_ticks: self.rejected_ms,
             stuck_ticks: self.stuck_ms,
             stuck_command_ubar: self.stuck_command.0,

@@ -51,16 +51,13 @@ use crate::number::MicroBar;
 use crate::plausibility::{FollowerState, Rejection, SensorState, Verdict};
 use crate::supervisor::{Decision, Event, Observation, SupervisorState, Vent};
 
+pub use crate::time::{TICKS_IN_A_SECOND, TICKS_PER_S};
 pub use config::{Inconsistent, Tick, TickConfig};
 pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, RigFacts, TickInputs, TickOutputs, ValveOutput};
 pub use reports::Insight;
 pub use trace::Origin;
 use trace::{Taken, Tracing};
 
-/// Ticks in a second.
-pub const TICKS_PER_S: f32 = 1000.0;
-/// The same as an integer.
-pub const TICKS_IN_A_SECOND: u32 = 1000;
 /// The background must show life this often while energised.
 pub const BACKGROUND_TICKS_ENERGISED: u16 = 40;
 /// And this often while vented, where a flash erase may take its time.

@@ -8,6 +8,7 @@ mod cost;
 mod front_end;
 mod network;
 mod packed;
+mod shape;
 #[cfg(target_os = "none")]
 #[allow(unsafe_code, reason = "the assembly of the fast kernel; every block says why it is sound")]
 mod smlad;

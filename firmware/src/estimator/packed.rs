@@ -32,62 +32,16 @@ use model_export::schema::{MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
 use model_export::validate::Invalid;
 
 use super::network::{Kernel, KernelSource, Layer, LayerState, Network};
+use super::shape::Shape;
 #[cfg(target_os = "none")]
 use super::smlad::Plan;
 
-/// Most columns that are kept as pairs: they cost fewer instructions and twice the memory of bytes.
-pub const MAX_PAIR_COLUMNS: usize = 8;
 /// Words for the largest network a blob may hold: 64 KiB.
 pub const MAX_PACKED_WORDS: usize =
     Shape { inputs: MAX_FEATURES, units: MAX_UNITS }.words() + Shape { inputs: MAX_UNITS, units: MAX_UNITS }.words();
 
 /// Rows of a unit in the stream's order, as gate numbers of the blob's order i, f, g, o.
 const GATES: [usize; 4] = [0, 1, 3, 2];
-/// Words of a unit behind its matrices.
-const ROW_WORDS: usize = 4 * 4;
-/// What is added to the weight in the low byte.
-pub(super) const BYTE_OFFSET: i32 = 128;
-
-/// Dimensions of a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Shape {
-    /// Width of the input.
-    pub(super) inputs: usize,
-    /// Hidden units.
-    pub(super) units: usize,
-}
-
-impl Shape {
-    /// Whether the input matrix is kept as pairs.
-    pub(super) const fn has_pairs(self) -> bool {
-        self.inputs <= MAX_PAIR_COLUMNS
-    }
-
-    /// Words of a unit's input columns.
-    pub(super) const fn input_words(self) -> usize {
-        if self.has_pairs() { 4 * self.inputs.div_ceil(2) } else { byte_words(self.inputs) }
-    }
-
-    /// Words of a unit's recurrent columns.
-    pub(super) const fn recurrent_words(self) -> usize {
-        byte_words(self.units)
-    }
-
-    /// Words of a unit.
-    const fn unit_words(self) -> usize {
-        self.input_words() + self.recurrent_words() + ROW_WORDS
-    }
-
-    /// Words of the layer.
-    const fn words(self) -> usize {
-        self.units * self.unit_words()
-    }
-}
-
-/// Words of a unit's columns as bytes.
-const fn byte_words(columns: usize) -> usize {
-    4 * columns.div_ceil(4)
-}
 
 /// A network's weights in the fast kernel's layout.
 #[derive(Clone, Debug)]
@@ -261,7 +215,7 @@ fn pair_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
 #[cfg(not(target_os = "none"))]
 fn byte_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
     let read = samples.iter().take(words.len());
-    let start = -BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
+    let start = -super::shape::BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
     let (mut low, mut whole) = ([start; 2], [i64::from(start); 2]);
     for (rows, pair) in words.as_chunks::<2>().0.iter().zip(samples.as_chunks::<2>().0) {
         for ((low, whole), word) in low.iter_mut().zip(&mut whole).zip(rows) {

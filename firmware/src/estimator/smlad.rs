@@ -39,7 +39,7 @@ use model_export::fixed::{CELL_FRACTION, SEGMENTS, SIGMOID, SIGMOID_STEP_BITS, T
 use model_export::schema::{Activation, MAX_UNITS, MAX_WIDTH};
 
 use super::network::{Layer, LayerState};
-use super::packed::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
+use super::shape::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
 
 /// Bytes of code for two columns as pairs.
 const PAIR_CODE_BYTES: usize = 6 * 4;
