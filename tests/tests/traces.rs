@@ -215,7 +215,8 @@ fn a_lost_frame_cuts_the_journal_there_and_all_before_it_is_run_again() {
     let passed_ms = (client.elapsed() - before).as_millis() as usize;
     let journal = tracing.end(&mut client);
     let replay = replay(&journal).unwrap();
-    assert!(matches!(replay.cut, Some(Cut::Lost { bytes: 128..=256 })), "{:?}", replay.cut);
+    // A piece, or two in a row where the next loss follows at once.
+    assert!(matches!(replay.cut, Some(Cut::Lost { bytes: 128..=512 })), "{:?}", replay.cut);
     assert!(replay.is_identical() && replay.ticks > 100 && (replay.ticks as usize) < passed_ms, "{} ticks", replay.ticks);
 }
 
