@@ -24,7 +24,7 @@ mod tests {
     use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
     use firmware::board::chip::{clock, memory};
     use firmware::board::clock::{ClockReport, Source};
-    use firmware::board::hardware::CORE_HZ;
+    use firmware::board::hardware::{CORE_HZ, CRYSTAL_HZ, Pll};
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
     use firmware::parity::{Layers, RandomNetwork, network_digest};
@@ -42,7 +42,7 @@ mod tests {
         let device = Peripherals::take().expect("the first to ask");
         let mut core = CorePeripherals::take().expect("the first to ask");
         let mut registers = clock::Registers { rcc: &device.RCC, flash: &device.FLASH, timer: &device.TIM11 };
-        let clock = firmware::board::clock::start(&mut registers);
+        let clock = firmware::board::clock::start(&mut registers, CRYSTAL_HZ, Pll::CRYSTAL);
         let cycles = Cycles::start(&mut core.DCB, core.DWT);
         Board { clock, device, cycles }
     }
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn a_second_has_as_many_cycles_as_the_clock_says(board: Board) {
-        let clock = Milliseconds::start(&board.device.RCC, board.device.TIM5, board.clock.source.rates());
+        let clock = Milliseconds::start(&board.device.RCC, board.device.TIM5, board.clock.rates);
         let wait_for_edge = || {
             let now = clock.now();
             while clock.now() == now {}
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn the_timer_starts_a_conversion_every_millisecond(board: Board) {
-        let rates = board.clock.source.rates();
+        let rates = board.clock.rates;
         let mut sampler = Sampler::new(&board.device.RCC, board.device.ADC1, &board.device.ADC_COMMON, board.device.TIM2, rates);
         sampler.begin();
         let mut next = || {

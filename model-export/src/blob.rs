@@ -289,6 +289,12 @@ fn seal(bytes: &mut [u8]) {
     }
 }
 
+/// First bytes of the content hash that a blob carries, by which models are told apart on the link.
+#[must_use]
+pub fn content_id(bytes: &[u8]) -> Option<[u8; 8]> {
+    array(bytes, 20)
+}
+
 /// Whether the content hash in the header is that of the payload; the CRC alone does not prove identity.
 #[cfg(feature = "std")]
 #[must_use]

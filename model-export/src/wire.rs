@@ -291,6 +291,16 @@ impl Wire<'_> for f32 {
     }
 }
 
+/// Bytes as they are, as of a tuple.
+impl<const N: usize> Wire<'_> for [u8; N] {
+    fn read(&mut self, from: &mut Reader<'_>) {
+        *self = from.bytes(N).first_chunk().copied().unwrap_or([0; N]);
+    }
+    fn write(&self, to: &mut Writer<'_>) {
+        to.bytes(self);
+    }
+}
+
 impl<'a> Wire<'a> for &'a [u8] {
     fn read(&mut self, from: &mut Reader<'a>) {
         let length = from.length();

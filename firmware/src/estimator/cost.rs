@@ -6,7 +6,7 @@
 
 use model_export::schema::{Activation, Cell, Layer, Mode, Model};
 
-use super::packed::Shape;
+use super::shape::Shape;
 
 /// A step without network, operators, filters and features.
 const STEP: usize = 174;

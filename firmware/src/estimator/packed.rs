@@ -34,11 +34,10 @@ use model_export::schema::{Cell, MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH}
 use model_export::validate::Invalid;
 
 use super::network::{Kernel, KernelSource, Layer, LayerState, Network};
+use super::shape::Shape;
 #[cfg(target_os = "none")]
 use super::smlad::Plan;
 
-/// Most columns that are kept as pairs: they cost fewer instructions and twice the memory of bytes.
-pub const MAX_PAIR_COLUMNS: usize = 8;
 /// Words that a board has for the packed weights, 64 KiB: those of two LSTM layers as large as a blob may hold. A network that needs
 /// more is not exported.
 pub const MAX_PACKED_WORDS: usize = Shape { cell: Cell::Lstm, inputs: MAX_FEATURES, units: MAX_UNITS }.words()
@@ -46,71 +45,13 @@ pub const MAX_PACKED_WORDS: usize = Shape { cell: Cell::Lstm, inputs: MAX_FEATUR
 
 /// Rows of a recurrent unit in the stream's order, as numbers of [`Cell::gates`].
 const GATES: [usize; 4] = [0, 1, 3, 2];
-/// Words of a group behind its matrices.
-const ROW_WORDS: usize = 4 * 4;
-/// What is added to the weight in the low byte.
-pub(super) const BYTE_OFFSET: i32 = 128;
 
-/// Dimensions of a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Shape {
-    /// What the layer computes.
-    pub(super) cell: Cell,
-    /// Width of the input.
-    pub(super) inputs: usize,
-    /// Hidden units.
-    pub(super) units: usize,
-}
-
-impl Shape {
-    /// Whether the input matrix is kept as pairs.
-    pub(super) const fn has_pairs(self) -> bool {
-        self.inputs <= MAX_PAIR_COLUMNS
+/// Gate, by its number, and unit of each row of a group.
+fn rows(shape: Shape, group: usize) -> [(usize, usize); 4] {
+    match shape.cell {
+        Cell::Lstm | Cell::Gru => GATES.map(|gate| (gate, group)),
+        Cell::Dense(_) => [0, 1, 2, 3].map(|row| (0, 4 * group + row)),
     }
-
-    /// Groups of rows.
-    pub(super) const fn groups(self) -> usize {
-        match self.cell {
-            Cell::Lstm | Cell::Gru => self.units,
-            Cell::Dense(_) => self.units.div_ceil(4),
-        }
-    }
-
-    /// Gate, by its number, and unit of each row of a group.
-    fn rows(self, group: usize) -> [(usize, usize); 4] {
-        match self.cell {
-            Cell::Lstm | Cell::Gru => GATES.map(|gate| (gate, group)),
-            Cell::Dense(_) => [0, 1, 2, 3].map(|row| (0, 4 * group + row)),
-        }
-    }
-
-    /// Words of a group's input columns.
-    pub(super) const fn input_words(self) -> usize {
-        if self.has_pairs() { 4 * self.inputs.div_ceil(2) } else { byte_words(self.inputs) }
-    }
-
-    /// Words of a group's recurrent columns.
-    pub(super) const fn recurrent_words(self) -> usize {
-        match self.cell {
-            Cell::Lstm | Cell::Gru => byte_words(self.units),
-            Cell::Dense(_) => 0,
-        }
-    }
-
-    /// Words of a group.
-    const fn group_words(self) -> usize {
-        self.input_words() + self.recurrent_words() + ROW_WORDS
-    }
-
-    /// Words of the layer.
-    const fn words(self) -> usize {
-        self.groups() * self.group_words()
-    }
-}
-
-/// Words of a group's columns as bytes.
-const fn byte_words(columns: usize) -> usize {
-    4 * columns.div_ceil(4)
 }
 
 /// A network's weights in the fast kernel's layout.
@@ -165,7 +106,7 @@ fn pack(layer: &Layer<'_>, shape: Shape, stream: &mut [u32]) {
     let gates = shape.cell.gates();
     for (group, words) in stream.chunks_exact_mut(shape.group_words()).enumerate() {
         let rows =
-            shape.rows(group).map(|(number, unit)| gates.get(number).filter(|_| unit < shape.units).map(|gate| (number, gate, unit)));
+            rows(shape, group).map(|(number, unit)| gates.get(number).filter(|_| unit < shape.units).map(|gate| (number, gate, unit)));
         let input_rows = rows.map(|row| row.and_then(|(_, gate, unit)| Some(gate.input? * shape.units + unit)));
         let recurrent_rows = rows.map(|row| row.and_then(|(_, gate, unit)| Some(gate.recurrent? * shape.units + unit)));
         let mut words = words.iter_mut();
@@ -302,7 +243,7 @@ fn pair_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
 #[cfg(not(target_os = "none"))]
 fn byte_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
     let read = samples.iter().take(words.len());
-    let start = -BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
+    let start = -super::shape::BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
     let (mut low, mut whole) = ([start; 2], [i64::from(start); 2]);
     for (rows, pair) in words.as_chunks::<2>().0.iter().zip(samples.as_chunks::<2>().0) {
         for ((low, whole), word) in low.iter_mut().zip(&mut whole).zip(rows) {

@@ -41,7 +41,7 @@ use model_export::fixed::{CELL_FRACTION, SEGMENTS, SIGMOID, SIGMOID_STEP_BITS, T
 use model_export::schema::{Activation, Cell, MAX_UNITS, MAX_WIDTH};
 
 use super::network::{Layer, LayerState};
-use super::packed::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
+use super::shape::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
 
 /// Bytes of code for two columns as pairs.
 const PAIR_CODE_BYTES: usize = 6 * 4;
@@ -275,6 +275,7 @@ firmware_smlad_unit:
     ldr     pc, [sp, #16]
 
 // Two columns as pairs; 6 instructions of 4 bytes.
+firmware_smlad_pairs:
     .rept 4
     ldm.w   r0!, {r8-r11}
     ldr.w   r12, [r1], #4
@@ -283,6 +284,7 @@ firmware_smlad_unit:
     smlad   r5, r10, r12, r5
     smlad   r6, r11, r12, r6
     .endr
+firmware_smlad_pairs_end:
     .global firmware_smlad_after_pairs
     .type firmware_smlad_after_pairs, %function
     .thumb_func
@@ -291,9 +293,11 @@ firmware_smlad_after_pairs:
     ldm     r1!, {r2-r7}
     ldr     pc, [sp, #20]
 
+firmware_smlad_bytes:
     .rept 16
     smlad_four_columns
     .endr
+firmware_smlad_bytes_end:
     .global firmware_smlad_after_bytes
     .type firmware_smlad_after_bytes, %function
     .thumb_func
@@ -304,9 +308,11 @@ firmware_smlad_after_bytes:
     ldm     r1!, {r2-r7}
     ldr     pc, [sp, #20]
 
+firmware_smlad_recurrent:
     .rept 16
     smlad_four_columns
     .endr
+firmware_smlad_recurrent_end:
     .global firmware_smlad_after_recurrent
     .type firmware_smlad_after_recurrent, %function
     .thumb_func
@@ -408,10 +414,23 @@ firmware_smlad_dense_hard:
 firmware_smlad_end:
     add     sp, sp, #372
     pop     {r4-r11, pc}
+
+// Jumps into the three runs of columns count on these lengths: no bytes follow where they are right, and the assembler stops where one is
+// longer or shorter.
+.macro smlad_is_exactly begin, end, bytes
+    .space  (\end - \begin) - \bytes
+    .space  \bytes - (\end - \begin)
+.endm
+    smlad_is_exactly firmware_smlad_pairs, firmware_smlad_pairs_end, 4 * 24
+    smlad_is_exactly firmware_smlad_bytes, firmware_smlad_bytes_end, 16 * 56
+    smlad_is_exactly firmware_smlad_recurrent, firmware_smlad_recurrent_end, 16 * 56
     .size firmware_smlad_step, . - firmware_smlad_step
 "#,
     options(raw)
 );
+
+// The lengths that the assembler has checked.
+const _: () = assert!(PAIR_CODE_BYTES == 24 && BYTES_CODE_BYTES == 56);
 
 // SAFETY: the signature is that of the assembly above. The others are places inside it, declared for their addresses and never called.
 unsafe extern "C" {

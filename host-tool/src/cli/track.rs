@@ -114,7 +114,11 @@ fn read_model(path: &Path) -> Result<Vec<u8>> {
     beside.push(".blob");
     let beside = PathBuf::from(beside);
     if !beside.is_file() {
-        bail!("{} is no blob, and there is no {}: `catheter export` makes one where the model fits the board", path.display(), beside.display());
+        bail!(
+            "{} is no blob, and there is no {}: `catheter export` makes one where the model fits the board",
+            path.display(),
+            beside.display()
+        );
     }
     say!("{} runs on the desktop; the board gets {}", path.display(), beside.display());
     read(&beside)
