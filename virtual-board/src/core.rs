@@ -9,9 +9,7 @@ use std::sync::Arc;
 
 use rigless::cpu::armv7m::Window;
 use rigless::device::Level;
-use rigless::emulator::{
-    BitAlias, CoreBus, CoreSpec, DataModel, Error, Exit, HaltReason, HostCall, InterruptLine, Processor, Queued,
-};
+use rigless::emulator::{BitAlias, CoreBus, CoreSpec, DataModel, Error, Exit, HaltReason, HostCall, InterruptLine, Processor, Queued};
 use rigless::machine::armv7m::{Core, Fpu, MpuRegions, Variant};
 use rigless::soc::{Endian, Width};
 use rigless::time::VirtualNanos;

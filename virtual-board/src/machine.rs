@@ -156,13 +156,7 @@ impl<I: Read, O: Write> Machine<I, O> {
         protocol::give(&mut self.output, 1, &body)
     }
 
-    fn break_something(
-        &mut self,
-        fault: Fault,
-        session: &mut Session<RigBoard>,
-        stop: Stop,
-        host: &mut dyn Host,
-    ) -> Result<(), String> {
+    fn break_something(&mut self, fault: Fault, session: &mut Session<RigBoard>, stop: Stop, host: &mut dyn Host) -> Result<(), String> {
         let now = stop.at;
         let part = &mut session.board_mut().part;
         match fault {

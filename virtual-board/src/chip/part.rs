@@ -68,20 +68,20 @@ const ABSENT: [&str; 18] = [
 ];
 /// Reset values of the STM32F405 where the register tables have another: the sibling's, or one that the manual corrects.
 const RESETS: [(&str, &str, u64); 14] = [
-    ("RCC", "AHB1LPENR", 0x7e67_91ff),   // 7.3.15
-    ("RCC", "APB1LPENR", 0x36fe_c9ff),   // 7.3.18
-    ("RCC", "APB2LPENR", 0x0007_5f33),   // 7.3.19
-    ("RCC", "PLLI2SCFGR", 0x2000_3000),  // 7.3.23
-    ("PWR", "CR", 0x0000_4000),          // 5.4.1: VOS is one bit
-    ("FLASH", "CR", 0x8000_0000),        // 3.9.5: locked
+    ("RCC", "AHB1LPENR", 0x7e67_91ff),     // 7.3.15
+    ("RCC", "APB1LPENR", 0x36fe_c9ff),     // 7.3.18
+    ("RCC", "APB2LPENR", 0x0007_5f33),     // 7.3.19
+    ("RCC", "PLLI2SCFGR", 0x2000_3000),    // 7.3.23
+    ("PWR", "CR", 0x0000_4000),            // 5.4.1: VOS is one bit
+    ("FLASH", "CR", 0x8000_0000),          // 3.9.5: locked
     ("DBG", "DBGMCU_IDCODE", 0x100f_6413), // 38.6.1, revision Y
-    ("USART1", "SR", 0x0000_00c0),       // 30.6.1
-    ("TIM2", "ARR", 0xffff_ffff),        // 18.4.12
+    ("USART1", "SR", 0x0000_00c0),         // 30.6.1
+    ("TIM2", "ARR", 0xffff_ffff),          // 18.4.12
     ("TIM5", "ARR", 0xffff_ffff),
     ("TIM3", "ARR", 0x0000_ffff),
     ("TIM4", "ARR", 0x0000_ffff),
-    ("TIM11", "ARR", 0x0000_0000),       // 19.5.9
-    ("RCC", "CSR", 0x0e00_0000),         // 7.3.21
+    ("TIM11", "ARR", 0x0000_0000), // 19.5.9
+    ("RCC", "CSR", 0x0e00_0000),   // 7.3.21
 ];
 /// Reset values of MODER, OSPEEDR and PUPDR of ports A and B; the others' are zero (8.4.1, 8.4.3, 8.4.4).
 const PORT_RESETS: [[u64; 3]; 2] = [[0xa800_0000, 0x0c00_0000, 0x6400_0000], [0x0000_0280, 0x0000_00c0, 0x0000_0100]];
