@@ -62,6 +62,8 @@ pub struct Slice {
     pub ticks: u64,
     /// Whether the library in this process gives the same outputs, tick by tick, to the bit.
     pub bit_equal: bool,
+    /// What differs first, or why the journal ends too early.
+    pub difference: Option<String>,
     /// What was logged.
     pub log: String,
 }
@@ -77,6 +79,7 @@ impl Slice {
             unmodelled,
             ticks: replay.ticks,
             bit_equal: replay.is_identical() && replay.cut.is_none(),
+            difference: replay.first_difference.map(|first| format!("{first:?}")).or(replay.cut.map(|cut| cut.in_words())),
             log: processor.log().to_owned(),
         }
     }

@@ -21,7 +21,7 @@ fn rig_config(seed: u64) -> host_tool::link::BoardModelConfig {
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn the_image_in_closed_loop_is_the_library_to_the_bit_and_every_register_it_touches_has_a_model() {
-    let blob = hybrid::exported(&[64, 64]);
+    let blob = hybrid::exported(&[8]);
     let slice = played(&blob, 10.0, 1);
     println!("{slice:?}");
     assert!(slice.bit_equal, "the library gives other outputs");
