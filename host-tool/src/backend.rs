@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Muscle, Processor, Qemu, QemuConfig,
-    Serial, Transport,
+    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Muscle, Processor, Qemu,
+    QemuConfig, Serial, Transport,
 };
 use crate::plant::Plant;
 

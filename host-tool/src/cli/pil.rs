@@ -123,7 +123,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let outcome = experiment::record(&mut client, &excitation, &Limits::default(), Some(over_the_link))?;
             let target = outcome.journal.clone().context("the device told no journal")?;
             let replay = journal::replay(&target)?;
-            ensure!(replay.cut.is_none(), "the journal of the device is not complete: {}", replay.cut.map_or_else(String::new, |cut| cut.in_words()));
+            ensure!(
+                replay.cut.is_none(),
+                "the journal of the device is not complete: {}",
+                replay.cut.map_or_else(String::new, |cut| cut.in_words())
+            );
             let difference = replay.first_difference.map(|difference| FirstDifference {
                 tick: usize::try_from(difference.tick).unwrap_or(usize::MAX),
                 host: format!("{:?}", difference.replayed),

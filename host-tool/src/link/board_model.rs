@@ -61,12 +61,7 @@ impl BoardModelConfig {
     /// # Errors
     /// When one of them is not there, with the command that builds it.
     pub fn find(image: Option<&Path>) -> Result<Self, LinkError> {
-        Ok(Self {
-            program: find(None, PROGRAM_VARIABLE, PROGRAM)?,
-            image: find(image, IMAGE_VARIABLE, IMAGE)?,
-            seed: 1,
-            core_hz: None,
-        })
+        Ok(Self { program: find(None, PROGRAM_VARIABLE, PROGRAM)?, image: find(image, IMAGE_VARIABLE, IMAGE)?, seed: 1, core_hz: None })
     }
 }
 

@@ -7,7 +7,8 @@ use std::rc::Rc;
 use crate::backend::{EMULATED_BOARD, VIRTUAL_BOARD};
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu, QemuConfig, TickRecord,
+    BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu,
+    QemuConfig, TickRecord,
 };
 use crate::rig::live::{AllEffects, Probe};
 
