@@ -118,7 +118,11 @@ pub fn followed(settings: &SettingValues, blob: &[u8], controller: Controller, r
     let (mut client, truth): (_, Truth) = rig::connect(processor, seed, 1, "the board's model", None).expect("a connection");
     run::prepare(&mut client, settings, Some(blob)).expect("a prepared rig");
     let tracing = Tracing::begin(&mut client, BOARD_MODEL, Some(blob)).expect("a trace");
-    let run = compare::follow(&mut client, &truth, controller, reference).expect("a run");
+    let run = compare::follow(&mut client, &truth, controller, reference).unwrap_or_else(|error| {
+        let status = experiment::status(&mut client);
+        let account = client.account().clone();
+        panic!("{}: {error}; {status:?}; {account:?}; {:?}", controller.name, client.transport().processor().pins())
+    });
     let journal = tracing.end(&mut client);
     (Slice::of(&mut client, &journal, begun), run)
 }

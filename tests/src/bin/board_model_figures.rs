@@ -5,7 +5,7 @@
 use std::process::ExitCode;
 
 use host_tool::track::compare::tune_virtual_rig;
-use host_tool::track::{CONTROLLERS, reference};
+use host_tool::track::{CONTROLLERS, reference, rig_settings};
 use rig_tests::board_faults::{ROWS, measure};
 use rig_tests::board_model::{followed, image, image_sha256};
 use serde_json::json;
@@ -72,7 +72,9 @@ fn closed_loop(seconds: f64) -> (f64, f64, Vec<String>, bool) {
                 return (virtual_s, wall_s, unmodelled, bit_equal);
             }
             let reference = reference::named(names[round % names.len()], tuned.reach, SEED).expect("a reference");
-            let (slice, run) = followed(&tuned.settings(**controller), &tuned.blob, **controller, &reference, SEED + round as u64);
+            let mut settings = rig_settings();
+            settings.extend(tuned.settings(**controller));
+            let (slice, run) = followed(&settings, &tuned.blob, **controller, &reference, SEED + round as u64);
             println!(
                 "| {}, {} | {:.1} | {:.1} | {} | {} | {:.3} |",
                 controller.name, reference.name, slice.virtual_s, slice.wall_s, slice.ticks, slice.bit_equal, run.figures.rmse_mm
