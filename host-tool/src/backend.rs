@@ -146,6 +146,14 @@ impl Rig {
         }
     }
 
+    /// What the image logged, where somebody sees it.
+    pub fn log(&mut self) -> Option<&str> {
+        match self {
+            Self::BoardModel(rig) => Some(rig.processor().log()),
+            Self::Virtual(_) | Self::Qemu(_) | Self::Serial(_) => None,
+        }
+    }
+
     /// The simulated hardware.
     pub fn hardware(&mut self) -> Option<&mut Hardware> {
         match self {

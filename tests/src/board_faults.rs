@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use host_tool::backend::BOARD_MODEL;
 use host_tool::experiment;
-use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep};
+use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::fault::Fault;
 use model_export::link::message::{Quantity, Reply, Request, Status};
@@ -43,6 +43,8 @@ pub enum Injection {
     AroundMoving(Breakage),
     /// The host says nothing more.
     HostSilent,
+    /// The host sends bytes that are no frames, as many as the line carries.
+    HostBabbles,
     /// Power goes in the middle of this operation on flash while other settings are saved.
     CutWhileSaving(u32),
     /// The reset pin in this state.
@@ -117,6 +119,7 @@ pub const ROWS: &[Row] = &[
         Injection::ChipWith("watchdog-oscillator 47000", "hang"),
         Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS),
     ),
+    row("supply-low-at-start", "undefined logic", Injection::Start("supply 2800", None), Expected::StaysVented(Fault::BrownOut)),
     row("program-bit-flipped", "any", Injection::Start("flip 08010000 5", None), Expected::StaysVented(Fault::FlashCorrupt)),
     row(
         "supply-dips-2.8-v",
@@ -134,6 +137,8 @@ pub const ROWS: &[Row] = &[
     row("reset-while-running", "outputs floating", Injection::ResetIn(State::Running), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-while-armed", "outputs floating", Injection::ResetIn(State::Armed), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-while-idle", "outputs floating", Injection::ResetIn(State::Idle), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-in-self-test", "outputs floating", Injection::ResetIn(State::SelfTest), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-in-fault", "outputs floating", Injection::ResetIn(State::Fault), Expected::Restarts(SAFE_WITHIN_MS)),
     row(
         "emergency-stop",
         "operator is not heard",
@@ -199,6 +204,7 @@ pub const ROWS: &[Row] = &[
         Expected::Vents(Fault::PressureMismatch, SAFE_WITHIN_MS),
     ),
     row("host-silent", "nobody in charge", Injection::HostSilent, Expected::Vents(Fault::HostLost, 300)),
+    row("host-babbles", "nobody in charge, a busy device", Injection::HostBabbles, Expected::Vents(Fault::HostLost, 300)),
     row("line-noise-2-percent", "damaged requests", Injection::Chip("noise 20000"), Expected::Bounded),
     Row {
         name: "valve-fully-open",
@@ -348,6 +354,20 @@ impl Bench {
     }
 }
 
+/// Brings the image to a held pressure with one of its two drives; gives the pressure and the largest share of the drive.
+///
+/// # Panics
+/// When it does not get there.
+#[must_use]
+pub fn held_with_drive(valve_drive: u32) -> (f64, u16) {
+    let settings = Settings { control_law: 1, valve_drive, ..Settings::default() };
+    let flash = FlashMemory::default().with_settings(&settings).expect("settings that fit");
+    let mut bench = Bench::start(&flash, None);
+    bench.run_up();
+    let share = bench.watch.since(0).iter().map(|moment| moment.valve_share).max().unwrap_or_default();
+    (bench.rig.transport().hardware().pressure_bar(), share)
+}
+
 fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
     let settings = Settings { control_law: 1, ceiling_bar, ..Settings::default() };
     FlashMemory::default().with_settings(&settings).expect("settings that fit")
@@ -374,6 +394,14 @@ pub fn measure(row: &Row) -> Measured {
             match state {
                 State::Running => bench.run_up(),
                 State::Armed => bench.arm(),
+                // It begins 200 ms after the start and takes a while.
+                State::SelfTest => bench.pass(202),
+                State::Fault => {
+                    bench.run_up();
+                    bench.rig.transport().hardware().set_breakage(Some(Breakage::EmergencyStop));
+                    bench.hold(100);
+                    bench.rig.transport().hardware().set_breakage(None);
+                }
                 _ => {
                     experiment::settle(&mut bench.rig).expect("a self-test that ends");
                 }
@@ -415,11 +443,20 @@ pub fn measure(row: &Row) -> Measured {
             }
             bench.measure(from, row.expected)
         }
-        Injection::HostSilent => {
+        Injection::HostSilent | Injection::HostBabbles => {
             let mut bench = Bench::start(&flash, None);
             bench.run_up();
             let from = bench.watch.len();
-            bench.pass(WATCHED_MS);
+            if row.injection == Injection::HostBabbles {
+                // Ends of frames among them, so that the device has something to check all the time.
+                let nonsense: Vec<u8> = (0..92u8).map(|index| if index % 23 == 0 { 0 } else { index.wrapping_mul(89) }).collect();
+                for _ in 0..WATCHED_MS {
+                    bench.rig.transport().send(&nonsense).expect("a line");
+                    bench.pass(1);
+                }
+            } else {
+                bench.pass(WATCHED_MS);
+            }
             bench.measure(from, row.expected)
         }
     }

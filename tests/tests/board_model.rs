@@ -3,7 +3,7 @@
 
 use host_tool::link::{BoardModel, FlashMemory, Hardware, HardwareConfig, Lockstep};
 use host_tool::plant::{Plant, PlantConfig};
-use rig_tests::board_faults::{ROWS, measure};
+use rig_tests::board_faults::{ROWS, held_with_drive, measure};
 use rig_tests::board_model::{ModelRig, config, played, unmodelled};
 use rig_tests::hybrid;
 
@@ -56,6 +56,15 @@ fn settings_that_are_saved_lie_in_the_chips_flash_and_outlast_a_reset() {
     rig.transport().advance_for(200).unwrap();
     assert_eq!(host_tool::experiment::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(1.25));
     assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn both_drives_hold_the_same_pressure() {
+    let [(by_voltage_bar, voltage), (by_width_bar, width)] = [0, 1].map(held_with_drive);
+    // A step of the converter is 1.2 mbar at 5 bar full scale, one of the pulse width as much.
+    assert!((by_voltage_bar - by_width_bar).abs() < 0.005, "{by_voltage_bar} and {by_width_bar} bar");
+    assert!(voltage.abs_diff(width) < 64, "{voltage} and {width}");
 }
 
 #[test]

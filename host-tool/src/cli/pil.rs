@@ -157,7 +157,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     say!("{} ticks as ARM code and in this process, {} samples recorded, in {:.1} s", written.ticks, written.samples, written.wall_seconds);
     match &written.first_difference {
-        None => say!("identical to the bit: every output of every tick, every byte on the link (SHA-256 {})", &written.target_sha256[..16]),
+        None => {
+            let what = match arguments.backend {
+                Target::Qemu => "every output of every tick, every byte on the link",
+                Target::BoardModel => "every output of every tick",
+            };
+            say!("identical to the bit: {what} (SHA-256 {})", &written.target_sha256[..16]);
+        }
         Some(difference) => {
             say!("DIFFERENT from tick {} on\n  host   {}\n  target {}", difference.tick, difference.host, difference.target);
         }

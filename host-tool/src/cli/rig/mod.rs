@@ -6,6 +6,7 @@ mod record;
 mod settings;
 mod state;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -106,6 +107,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         Command::Model(command) => model::run(command, &mut rig, which)?,
         Command::Record(record) => record::run(record, &mut rig, which)?,
     };
+    // As a debug probe would show it, beside what the command says.
+    for line in rig.transport().log().into_iter().flat_map(str::lines) {
+        let _ = writeln!(std::io::stderr(), "log: {line}");
+    }
     if let (Some(path), Some(flash)) = (&which.flash, rig.transport().flash()?) {
         flash.write(path)?;
     }
