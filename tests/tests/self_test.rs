@@ -123,7 +123,7 @@ impl StepTimer for Stopwatch {
         self.readings.set(readings);
         // Every second reading ends a step.
         if readings.is_multiple_of(2) {
-            let interrupted = self.tick_every > 0 && (readings / 2) % self.tick_every != 0;
+            let interrupted = self.tick_every > 0 && !(readings / 2).is_multiple_of(self.tick_every);
             self.now.set(self.now.get().wrapping_add(self.step + if interrupted { 40_000 } else { 0 }));
         }
         self.now.get()
