@@ -1,6 +1,6 @@
 //! The brown-out reset's level, which lies in the option bytes and comes from the factory switched off (RM0090 sections 3.7 and 5.2.2).
 //!
-//! The supply monitor ([`super::chip`]'s `supply`) vents in time; this is the net below it: under 2.7 V or so the chip holds itself in reset, and the
+//! The supply monitor (`chip::supply`) vents in time; this is the net below it: under 2.7 V or so the chip holds itself in reset, and the
 //! pull-downs outside vent. Between there and the power-down reset at 1.7 V nothing the chip does would be certain.
 
 use super::clock::wait;
