@@ -22,7 +22,7 @@ pub enum Kind {
     Fitted(Box<FittedPredictor>),
     Discovered(Box<DiscoveredPredictor>),
     Network(Box<NetworkModel>),
-    Blob(BlobModel),
+    Blob(Box<BlobModel>),
 }
 
 impl Kind {
@@ -32,7 +32,7 @@ impl Kind {
             Format::Fitted => Self::Fitted(Box::new(FittedPredictor::load(path)?)),
             Format::Discovered => Self::Discovered(Box::new(DiscoveredPredictor::load(path)?)),
             Format::Network => Self::Network(Box::new(NetworkModel::load(path)?)),
-            Format::Blob => Self::Blob(BlobModel::load(path)?),
+            Format::Blob => Self::Blob(Box::new(BlobModel::load(path)?)),
         })
     }
 
@@ -56,7 +56,7 @@ impl Kind {
             Self::Fitted(model) => model.as_ref(),
             Self::Discovered(model) => model.as_ref(),
             Self::Network(model) => model.as_ref(),
-            Self::Blob(model) => model,
+            Self::Blob(model) => model.as_ref(),
         }
     }
 
