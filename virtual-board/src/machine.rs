@@ -9,6 +9,7 @@ use rigless::time::VirtualNanos;
 
 use crate::board::{FarEnd, RigBoard};
 use crate::chip::flash::{Change, Speed, sector};
+use crate::chip::part::SUPPLY_MV;
 use crate::core::nmi;
 use crate::log::Log;
 use crate::protocol::{self, Fault, Request};
@@ -17,8 +18,8 @@ use crate::touched::Touched;
 const MILLISECOND: u64 = 1_000_000;
 /// How long the supply is gone after a cut.
 const CUT_MS: u64 = 100;
-/// The supply, mV.
-const SUPPLY_MV: u32 = 3300;
+/// The factory's code of the reference voltage at 3.3 V and its place (DS8626 table 77), for the converter's 1.21 V.
+const REFERENCE_CALIBRATION: (u64, u64) = (0x1fff_7a2a, 1501);
 /// Memory that forgets without supply: SRAM and core-coupled memory.
 const FORGETFUL: [(u64, u64); 2] = [(0x2000_0000, 128 << 10), (0x1000_0000, 64 << 10)];
 
@@ -73,6 +74,8 @@ impl<I: Read, O: Write> Machine<I, O> {
         let flash = &mut session.board_mut().part.flash;
         let running = flash.running();
         let finished = flash.take_finished();
+        let option_bytes = flash.option_bytes;
+        session.board_mut().part.pins.option_bytes = option_bytes;
         for change in finished {
             apply(change, host, |_, new| new);
         }
@@ -169,6 +172,14 @@ impl<I: Read, O: Write> Machine<I, O> {
             Fault::Loop(locks) => part.set_loop(locks),
             Fault::WatchdogHz(hz) => part.set_watchdog_hz(hz),
             Fault::Supply(millivolts) => part.set_supply(millivolts, now),
+            Fault::Analogue(millivolts) => part.set_analogue_supply(millivolts),
+            Fault::DrivePin(code) => part.pins.drive_stuck = code,
+            Fault::DumpPin(level) => part.hold_dump_pin(level),
+            Fault::Swapped => part.pins.swapped = true,
+            Fault::Store { address, value } => {
+                let (value, problem) = (u64::from(value), |_| format!("{address:#010x} is no memory"));
+                host.write(address, Width::W16, value).or_else(|_| host.program(address, Width::W16, value)).map_err(problem)?;
+            }
             Fault::Reset => session.reset_by_pin(now, stop.instruction_count, host),
             Fault::Flip { address, bit } => {
                 let problem = |_| format!("{address:#010x} is no memory");
@@ -260,6 +271,8 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
         }
         if self.tick_end.is_none() {
             self.forget(host);
+            let (address, code) = REFERENCE_CALIBRATION;
+            let _ = host.write(address, Width::W16, code).or_else(|_| host.program(address, Width::W16, code));
         }
         if self.power_back.is_some_and(|back| stop.at >= back) {
             self.power_back = None;
@@ -294,6 +307,8 @@ fn apply(change: Change, host: &mut dyn Host, mut mix: impl FnMut(u64, u64) -> u
                 change_word(host, address, Width::W64, &|_| u64::MAX);
             }
         }
+        // A part of their own.
+        Change::Options { .. } => {}
     }
 }
 
