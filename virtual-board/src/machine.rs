@@ -18,8 +18,6 @@ use crate::touched::Touched;
 const MILLISECOND: u64 = 1_000_000;
 /// How long the supply is gone after a cut.
 const CUT_MS: u64 = 100;
-/// The factory's code of the reference voltage at 3.3 V and its place (DS8626 table 77), for the converter's 1.21 V.
-const REFERENCE_CALIBRATION: (u64, u64) = (0x1fff_7a2a, 1501);
 /// Memory that forgets without supply: SRAM and core-coupled memory.
 const FORGETFUL: [(u64, u64); 2] = [(0x2000_0000, 128 << 10), (0x1000_0000, 64 << 10)];
 
@@ -255,7 +253,7 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
             host.hold(false);
         }
         let powered = !session.unpowered();
-        if !powered && self.powered_before {
+        if !powered && self.powered_before && session.board().part.forgets() {
             self.forget(host);
         }
         self.powered_before = powered;
@@ -271,8 +269,6 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
         }
         if self.tick_end.is_none() {
             self.forget(host);
-            let (address, code) = REFERENCE_CALIBRATION;
-            let _ = host.write(address, Width::W16, code).or_else(|_| host.program(address, Width::W16, code));
         }
         if self.power_back.is_some_and(|back| stop.at >= back) {
             self.power_back = None;

@@ -123,7 +123,13 @@ impl Flash {
             (Change::Program { .. }, Speed::Typical) => 16_000,
             (Change::Program { .. }, Speed::Slowest) => 100_000,
             // Erasing and programming sector-like option bytes (DS8626 table 46: a 16 KiB sector).
-            (Change::Options { .. }, speed) => if speed == Speed::Slowest { 500_000_000 } else { 250_000_000 },
+            (Change::Options { .. }, speed) => {
+                if speed == Speed::Slowest {
+                    500_000_000
+                } else {
+                    250_000_000
+                }
+            }
             (Change::Erase { sector }, speed) => {
                 let kib = SECTORS_KIB.get(sector).copied().unwrap_or_default();
                 let typical_ms: [u64; 3] = match kib {

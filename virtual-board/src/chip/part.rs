@@ -218,6 +218,8 @@ enum Model {
 pub const SUPPLY_MV: u32 = 3300;
 /// The option bytes as delivered: no protection, brown-out reset off (RM0090 section 3.9.6).
 const OPTIONS_OF_THE_FACTORY: u64 = 0x0fff_aaed;
+/// Code of a converter at full scale.
+const FULL_CODE: u32 = 4095;
 /// Channel of PA4 (DS8626 table 7).
 const DRIVE_CHANNEL: Option<Channel> = Channel::new(4);
 
@@ -276,7 +278,13 @@ pub struct Held {
 impl Beside<Gpio> for Held {
     fn answer(&self, register: gpioa::Register, value: u64) -> u64 {
         match self.pins {
-            Some(pins) if register == gpioa::Register::Idr => if self.high { value | pins } else { value & !pins },
+            Some(pins) if register == gpioa::Register::Idr => {
+                if self.high {
+                    value | pins
+                } else {
+                    value & !pins
+                }
+            }
             _ => value,
         }
     }
@@ -318,6 +326,10 @@ pub struct Stm32f405 {
     debug: Dbg,
     cycles: Dwt,
     powered: bool,
+    /// The option bytes as the last reset loaded them (3.7.1).
+    options_in_force: u64,
+    /// The lowest supply since the part was in force.
+    lowest_mv: u32,
 }
 
 impl Stm32f405 {
@@ -370,6 +382,8 @@ impl Stm32f405 {
             debug: Dbg,
             cycles: Dwt::with_clock(HSI_HZ),
             powered: true,
+            options_in_force: pins.option_bytes,
+            lowest_mv: pins.supply_mv,
         };
         part.check()?;
         part.fit(VirtualNanos(0));
@@ -395,10 +409,19 @@ impl Stm32f405 {
         self.models.iter().position(|candidate| *candidate == model).expect("a wired model")
     }
 
-    /// Codes of the next groups of conversions.
+    /// Whether the supply went so low that memory forgets.
+    pub fn forgets(&self) -> bool {
+        self.lowest_mv < POWER_DOWN_MV
+    }
+
+    /// Codes of the next groups of conversions, at 3.3 V.
     pub fn set_codes(&mut self, codes: [[u16; 2]; 2]) {
         let [laser, pressure] = codes;
-        self.converter.beside.codes = if self.pins.swapped { [pressure, laser] } else { codes };
+        // Voltages on the pins do not know of the analogue supply; codes are their share of it.
+        let supply_mv = self.pins.analogue_mv.unwrap_or(SUPPLY_MV);
+        let share = |code: u16| u16::try_from((u32::from(code) * SUPPLY_MV / supply_mv.max(1)).min(FULL_CODE)).unwrap_or_default();
+        let [laser, pressure] = [laser, pressure].map(|pair| pair.map(share));
+        self.converter.beside.codes = if self.pins.swapped { [pressure, laser] } else { [laser, pressure] };
     }
 
     /// Groups of conversions so far.
@@ -431,7 +454,7 @@ impl Stm32f405 {
     /// Supply below which the part is held in reset, and above which it comes out again, mV: the option bytes' brown-out level, typical
     /// voltages of DS8626 table 24.
     fn reset_mv(&self) -> (u32, u32) {
-        match self.pins.option_bytes >> 2 & 0b11 {
+        match self.options_in_force >> 2 & 0b11 {
             0 => (2830, 2920),
             1 => (2500, 2590),
             2 => (2190, 2290),
@@ -444,6 +467,7 @@ impl Stm32f405 {
         let (falling_mv, rising_mv) = self.reset_mv();
         let was_on = self.powered;
         self.pins.supply_mv = millivolts;
+        self.lowest_mv = self.lowest_mv.min(millivolts);
         self.set_analogue_supply(self.pins.analogue_mv);
         let slot = self.slot(Model::Supply);
         let (registers, mut context) = self.bus.drive(at, slot);
@@ -494,7 +518,10 @@ impl Stm32f405 {
         let registers = |model| self.bus.slots()[self.slot(model)].registers();
         let port_a = registers(Model::Port(PORT_A));
         let mode = |pin: u8| port_a.get(gpioa::Register::Moder) >> (2 * pin) & 0b11;
-        let drive_code = self.pins.drive_stuck.or_else(|| self.driven_code());
+        // As share of 3.3 V, which the valve's driver measures.
+        let supply_mv = self.pins.analogue_mv.unwrap_or(SUPPLY_MV);
+        let share = |code: u16| u16::try_from((u32::from(code) * supply_mv / SUPPLY_MV).min(FULL_CODE)).unwrap_or_default();
+        let drive_code = self.pins.drive_stuck.or_else(|| self.driven_code()).map(share);
         let pulse = {
             use rigless::soc::stm32f427::generated::tim3::{Register, ccer, cr1};
             let timer = registers(Model::Timer(0));
@@ -535,6 +562,9 @@ impl Mcu for Stm32f405 {
         let slot = fresh.slot(Model::Clocks);
         if cause != ResetCause::PowerOn {
             fresh.clocks.model.restarted(cause, flags, fresh.bus.slot_mut(slot).registers_mut());
+        } else if self.lowest_mv >= POWER_DOWN_MV {
+            // The brown-out level alone: BORRSTF and PINRSTF (7.3.21).
+            fresh.bus.slot_mut(slot).registers_mut().set(rcc_registers::Register::Csr, 0x0600_0000);
         }
         fresh.line.inherit(&mut self.line);
         fresh.converter.beside.codes = self.converter.beside.codes;
@@ -565,7 +595,7 @@ impl Mcu for Stm32f405 {
             // PA4 is an input of the converter too, and both have one reference. Rounded up, because the model rounds down again.
             let code = self.pins.drive_stuck.or_else(|| self.driven_code()).unwrap_or(0);
             let reference_mv = self.pins.analogue_mv.unwrap_or(self.pins.supply_mv);
-            self.converter.model.set_input(channel, (u32::from(code) * reference_mv).div_ceil(4095));
+            self.converter.model.set_input(channel, (u32::from(code) * reference_mv).div_ceil(FULL_CODE));
         }
         let Self { bus, clocks, supply, lines, flash, ports, line, converter, converter_clock, sampling_timer, .. } = self;
         let answering: Option<&mut dyn ErasedDevice> = match model {
