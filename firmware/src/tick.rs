@@ -336,7 +336,8 @@ impl Rig {
             Action::Request(event) => pending.request = Some(event),
             Action::SetPoint(set_point) => {
                 let accepted = self.tick.controller.accept(&mut self.state.controller, &set_point);
-                if accepted.is_ok() {
+                // A buffer that is full has its points from this host, which is there to send more.
+                if matches!(accepted, Ok(_) | Err(Refusal::PlaybackFull(_))) {
                     self.state.host_age_ticks = 0;
                 }
                 pending.reply = Some(match accepted {

@@ -382,6 +382,30 @@ fn a_lost_or_repeated_chunk_is_told_and_changes_nothing() {
 }
 
 #[test]
+fn a_host_that_finds_the_playback_full_is_there() {
+    let mut session = Session::idle(&Settings::default());
+    let chunk = |first_index, count: usize| {
+        Request::Playback(PlaybackChunk { first_index, last: false, values_bar: heapless::Vec::from_slice(&vec![0.5; count]).unwrap() })
+    };
+    for index in 0..8 {
+        assert!(matches!(session.ask(chunk(32 * index, 32)), Reply::Playback { .. }));
+    }
+    session.ask(Request::Arm);
+    session.ask(Request::Start);
+    let started = session.bench.time_ms;
+    let mut full = 0;
+    while session.bench.time_ms < started + 2_000 {
+        // Always more than fits: the buffer takes a point every 20 ms.
+        full += u32::from(matches!(session.ask(chunk(256, 32)), Reply::Refused(Refusal::PlaybackFull(_))));
+        if session.bench.time_ms > started + 600 {
+            break;
+        }
+    }
+    assert!(full > 10 && session.bench.first_fault() == 0, "{full} refusals, E{:03}", session.bench.first_fault());
+    assert_eq!(session.bench.state(), State::Running);
+}
+
+#[test]
 fn only_set_points_keep_a_running_rig_alive() {
     let mut session = Session::idle(&set_point_settings());
     session.ask(Request::Arm);

@@ -13,6 +13,8 @@ use model_export::link::state::State;
 
 use crate::board_model::{ModelRig, Watch, config};
 
+mod more;
+
 /// Pressure before the fault, bar.
 const SET_POINT_BAR: f64 = 1.5;
 /// The ceiling, bar: a fault may not lead above it by more than a tick of slew.
@@ -49,6 +51,30 @@ pub enum Injection {
     CutWhileSaving(u32),
     /// The reset pin in this state.
     ResetIn(State),
+    /// As [`Injection::Around`], while the set-point moves over nearly the whole range.
+    AroundWide(Breakage),
+    /// While there is pressure, on a chip that started a second time: its option bytes are in force.
+    SecondStart(&'static str),
+    /// While there is pressure, these 16-bit words in place of the tick's first instructions, for 20 ms.
+    Tick(&'static [u16]),
+    /// While there is pressure, the supply falls from 3.3 V to 1.5 V by so many mV a ms.
+    SupplyRamp(u32),
+    /// Both analogue inputs are exchanged from the start.
+    InputsSwapped,
+    /// Power goes in the middle of this operation on flash while a model arrives.
+    CutWhileUploading(u32),
+    /// Settings are saved with flash at its slowest.
+    SlowErase,
+    /// Frames of another session ask for more pressure.
+    OtherSession,
+    /// A frame of this session again.
+    OldFrame,
+    /// One bit of each stored word of the settings slot, with its header and its activations, one start for each.
+    SettingsBits,
+    /// The same of the model's slot.
+    ModelBits,
+    /// Bits of static memory while there is pressure.
+    MemoryBits,
 }
 
 /// What should happen.
@@ -64,6 +90,8 @@ pub enum Expected {
     Bounded,
     /// What was saved is as before or as wanted.
     OldOrNew,
+    /// It names this fault, and the drive stays at zero.
+    NoDrive(Fault),
 }
 
 /// A row of the matrix.
@@ -87,6 +115,15 @@ const fn row(name: &'static str, hazard: &'static str, injection: Injection, exp
 
 /// A laser's fault code of 3.75 mA in 150 ohm, two conversions.
 const FAULT_CODE: u16 = 1396;
+
+/// An instruction that is none (UDF, Armv7-M manual section A7.7.194).
+const UNDEFINED: &[u16] = &[0xde00];
+/// `push {r0-r7, lr}` for ever.
+const PUSH_FOR_EVER: &[u16] = &[0xb5ff, 0xe7fd];
+/// `mov r1, pc`, `str r0, [r1]`.
+const STORE_INTO_PROGRAM: &[u16] = &[0x4679, 0x6008];
+/// `movs r0, #0x20`, `lsls r0, r0, #24`, `adds r0, #1`, `bx r0`: the first word of SRAM as code.
+const EXECUTE_MEMORY: &[u16] = &[0x2020, 0x0600, 0x3001, 0x4700];
 
 /// The matrix.
 pub const ROWS: &[Row] = &[
@@ -169,7 +206,7 @@ pub const ROWS: &[Row] = &[
         hazard: "blind control",
         injection: Injection::Around(Breakage::LaserFrozen),
         expected: Expected::Bounded,
-        residual: "identical codes on a hold are called stuck after 30 s; until then the held pressure is what it was",
+        residual: "not noticed while nothing moves; the held pressure is what it was",
     },
     row(
         "laser-jumps-5-mm",
@@ -226,6 +263,73 @@ pub const ROWS: &[Row] = &[
     row("cut-at-first-word", "other limits after the next start", Injection::CutWhileSaving(2), Expected::OldOrNew),
     row("cut-at-tenth-word", "other limits after the next start", Injection::CutWhileSaving(11), Expected::OldOrNew),
     row("cut-at-fortieth-word", "other limits after the next start", Injection::CutWhileSaving(41), Expected::OldOrNew),
+    row(
+        "analogue-supply-3.0-v",
+        "every pressure off by a tenth",
+        Injection::Chip("analogue 3000"),
+        Expected::Vents(Fault::ReferenceVoltage, SAFE_WITHIN_MS),
+    ),
+    row(
+        "analogue-supply-3.6-v",
+        "every pressure off by a tenth",
+        Injection::Chip("analogue 3600"),
+        Expected::Vents(Fault::ReferenceVoltage, SAFE_WITHIN_MS),
+    ),
+    row(
+        "drive-pin-stuck-high",
+        "full supply pressure",
+        Injection::Chip("drive-pin 4095"),
+        Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS),
+    ),
+    row("drive-pin-stuck-low", "no pressure", Injection::Chip("drive-pin 0"), Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS)),
+    row("dump-pin-stuck-low", "no pressure", Injection::Chip("dump-pin 0"), Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS)),
+    Row {
+        name: "dump-pin-stuck-high",
+        hazard: "venting has no effect",
+        injection: Injection::Start("dump-pin 1", None),
+        expected: Expected::NoDrive(Fault::OutputMismatch),
+        residual: "the dump valve stays closed; the drive stays at zero, and the rig cannot be armed",
+    },
+    row("inputs-swapped", "limits on the wrong quantity", Injection::InputsSwapped, Expected::Bounded),
+    row(
+        "inputs-swap-under-pressure",
+        "limits on the wrong quantity",
+        Injection::Chip("inputs swapped"),
+        Expected::Vents(Fault::LaserRate, SAFE_WITHIN_MS),
+    ),
+    row(
+        "laser-frozen-with-noise",
+        "blind control",
+        Injection::AroundWide(Breakage::LaserFrozenWithNoise),
+        Expected::Vents(Fault::LaserStuck, 1250),
+    ),
+    row(
+        "pressure-frozen-with-noise",
+        "blind limits",
+        Injection::AroundWide(Breakage::PressureFrozenWithNoise),
+        Expected::Vents(Fault::PressureMismatch, 1250),
+    ),
+    row(
+        "supply-dips-at-the-second-start",
+        "wrong codes, undefined logic",
+        Injection::SecondStart("supply 2800"),
+        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
+    ),
+    row("supply-falls-10-v-per-s", "undefined logic", Injection::SupplyRamp(10), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("supply-falls-100-v-per-s", "undefined logic", Injection::SupplyRamp(100), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("undefined-instruction", "any", Injection::Tick(UNDEFINED), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
+    row("stack-overflow", "damaged state", Injection::Tick(PUSH_FOR_EVER), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
+    row("program-writes-into-program", "any", Injection::Tick(STORE_INTO_PROGRAM), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
+    row("memory-as-code", "any", Injection::Tick(EXECUTE_MEMORY), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
+    row("cut-while-erasing-for-a-model", "another model after the next start", Injection::CutWhileUploading(1), Expected::OldOrNew),
+    row("cut-in-a-model", "another model after the next start", Injection::CutWhileUploading(40), Expected::OldOrNew),
+    row("cut-in-a-models-last-words", "another model after the next start", Injection::CutWhileUploading(0), Expected::OldOrNew),
+    row("erase-takes-two-seconds", "watchdog bites", Injection::SlowErase, Expected::OldOrNew),
+    row("frames-of-another-session", "pressure that nobody asked for", Injection::OtherSession, Expected::Bounded),
+    row("an-old-frame-again", "pressure that nobody asked for", Injection::OldFrame, Expected::Bounded),
+    row("settings-bits", "laxer limits", Injection::SettingsBits, Expected::Bounded),
+    row("model-bits", "another model", Injection::ModelBits, Expected::Bounded),
+    row("memory-bits", "any", Injection::MemoryBits, Expected::Bounded),
 ];
 
 /// What was measured.
@@ -294,6 +398,11 @@ impl Bench {
         self.ask_for(milliseconds, |ms| SET_POINT_BAR - 0.25 + 0.25 * (std::f64::consts::TAU * f64::from(ms) / 1000.0).cos());
     }
 
+    /// The same between 0.4 and 2.4 bar, 0.8 times a second.
+    fn swing_wide(&mut self, milliseconds: u32) {
+        self.ask_for(milliseconds, |ms| 1.4 + (std::f64::consts::TAU * 0.8 * f64::from(ms) / 1000.0).sin());
+    }
+
     fn ask_for(&mut self, milliseconds: u32, bar_at: impl Fn(u32) -> f64) {
         for ms in (0..milliseconds).step_by(10) {
             self.rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: bar_at(ms) as f32 }).expect("a line");
@@ -346,6 +455,10 @@ impl Bench {
             }
             Expected::StaysVented(wanted) => {
                 want(moments.iter().all(|moment| !moment.energised), "energised");
+                want(status.as_ref().is_some_and(|status| status.faults.contains(wanted)), "another fault, or none");
+            }
+            Expected::NoDrive(wanted) => {
+                want(moments.iter().all(|moment| moment.valve_share == 0), "drive above zero");
                 want(status.as_ref().is_some_and(|status| status.faults.contains(wanted)), "another fault, or none");
             }
             Expected::Bounded | Expected::OldOrNew => {}
@@ -412,6 +525,29 @@ pub fn measure(row: &Row) -> Measured {
             bench.measure(from, row.expected)
         }
         Injection::CutWhileSaving(operation) => cut_while_saving(operation),
+        Injection::CutWhileUploading(operation) => more::cut_while_uploading(operation),
+        Injection::SlowErase => more::slow_erase(),
+        Injection::OtherSession | Injection::OldFrame => more::strange_frames(row),
+        Injection::SettingsBits => more::settings_bits(),
+        Injection::ModelBits => more::model_bits(),
+        Injection::MemoryBits => more::memory_bits(),
+        Injection::InputsSwapped => more::inputs_swapped(row),
+        Injection::SupplyRamp(step_mv) => more::supply_ramp(row, step_mv),
+        Injection::Tick(instructions) => more::in_the_tick(row, instructions),
+        Injection::SecondStart(what) => {
+            let mut bench = Bench::start(&flash, None);
+            bench.pass(400);
+            bench.break_something("reset");
+            bench.pass(400);
+            let _ = bench.rig.greet_again();
+            bench.run_up();
+            let from = bench.watch.len();
+            bench.break_something(what);
+            bench.hold(WATCHED_MS);
+            bench.break_something("supply 3300");
+            bench.pass(300);
+            bench.measure(from, row.expected)
+        }
         Injection::Chip(what) | Injection::ChipWith(_, what) | Injection::ChipFor(what, ..) => {
             let first = if let Injection::ChipWith(first, _) = row.injection { Some((first, None)) } else { None };
             let mut bench = Bench::start(&flash, first);
@@ -430,16 +566,15 @@ pub fn measure(row: &Row) -> Measured {
             }
             bench.measure(from, row.expected)
         }
-        Injection::Around(breakage) | Injection::AroundMoving(breakage) => {
-            let moving = matches!(row.injection, Injection::AroundMoving(_));
+        Injection::Around(breakage) | Injection::AroundMoving(breakage) | Injection::AroundWide(breakage) => {
             let mut bench = Bench::start(&flash, None);
             bench.run_up();
             let from = bench.watch.len();
             bench.rig.transport().hardware().set_breakage(Some(breakage));
-            if moving {
-                bench.swing(WATCHED_MS)
-            } else {
-                bench.hold(WATCHED_MS)
+            match row.injection {
+                Injection::AroundMoving(_) => bench.swing(WATCHED_MS),
+                Injection::AroundWide(_) => bench.swing_wide(WATCHED_MS),
+                _ => bench.hold(WATCHED_MS),
             }
             bench.measure(from, row.expected)
         }

@@ -9,6 +9,7 @@ use rigless::time::VirtualNanos;
 
 use crate::board::{FarEnd, RigBoard};
 use crate::chip::flash::{Change, Speed, sector};
+use crate::chip::part::SUPPLY_MV;
 use crate::core::nmi;
 use crate::log::Log;
 use crate::protocol::{self, Fault, Request};
@@ -17,8 +18,6 @@ use crate::touched::Touched;
 const MILLISECOND: u64 = 1_000_000;
 /// How long the supply is gone after a cut.
 const CUT_MS: u64 = 100;
-/// The supply, mV.
-const SUPPLY_MV: u32 = 3300;
 /// Memory that forgets without supply: SRAM and core-coupled memory.
 const FORGETFUL: [(u64, u64); 2] = [(0x2000_0000, 128 << 10), (0x1000_0000, 64 << 10)];
 
@@ -73,6 +72,8 @@ impl<I: Read, O: Write> Machine<I, O> {
         let flash = &mut session.board_mut().part.flash;
         let running = flash.running();
         let finished = flash.take_finished();
+        let option_bytes = flash.option_bytes;
+        session.board_mut().part.pins.option_bytes = option_bytes;
         for change in finished {
             apply(change, host, |_, new| new);
         }
@@ -169,6 +170,14 @@ impl<I: Read, O: Write> Machine<I, O> {
             Fault::Loop(locks) => part.set_loop(locks),
             Fault::WatchdogHz(hz) => part.set_watchdog_hz(hz),
             Fault::Supply(millivolts) => part.set_supply(millivolts, now),
+            Fault::Analogue(millivolts) => part.set_analogue_supply(millivolts),
+            Fault::DrivePin(code) => part.pins.drive_stuck = code,
+            Fault::DumpPin(level) => part.hold_dump_pin(level),
+            Fault::Swapped => part.pins.swapped = true,
+            Fault::Store { address, value } => {
+                let (value, problem) = (u64::from(value), |_| format!("{address:#010x} is no memory"));
+                host.write(address, Width::W16, value).or_else(|_| host.program(address, Width::W16, value)).map_err(problem)?;
+            }
             Fault::Reset => session.reset_by_pin(now, stop.instruction_count, host),
             Fault::Flip { address, bit } => {
                 let problem = |_| format!("{address:#010x} is no memory");
@@ -244,7 +253,7 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
             host.hold(false);
         }
         let powered = !session.unpowered();
-        if !powered && self.powered_before {
+        if !powered && self.powered_before && session.board().part.forgets() {
             self.forget(host);
         }
         self.powered_before = powered;
@@ -294,6 +303,8 @@ fn apply(change: Change, host: &mut dyn Host, mut mix: impl FnMut(u64, u64) -> u
                 change_word(host, address, Width::W64, &|_| u64::MAX);
             }
         }
+        // A part of their own.
+        Change::Options { .. } => {}
     }
 }
 

@@ -14,6 +14,10 @@ use virtual_board::chip::part::Pins;
 use virtual_board::log::Log;
 use virtual_board::machine::Machine;
 
+/// The factory's calibration in system memory (DS8626 table 77): the reference voltage's code, for the 1.21 V of the converter's model and
+/// an analogue supply of 3.3 V, in the upper half of this word.
+const CALIBRATION: (u64, u32) = (0x1fff_7a28, 1501 << 16);
+
 const USAGE: &str = "\
 usage: virtual-board --image FILE [options]
 
@@ -66,6 +70,8 @@ fn serve(arguments: &Arguments) -> Result<(), String> {
     let log = Log::of(&bytes);
     let placed = |error: rigless::image::Error| error.to_string();
     let mut images = vec![Image::new(&arguments.image, bytes, None).map_err(placed)?];
+    let (address, word) = CALIBRATION;
+    images.push(Image::new(Path::new("calibration"), word.to_le_bytes().to_vec(), Some(address)).map_err(placed)?);
     for (path, address) in &arguments.flash {
         images.push(Image::new(path, read(path)?, Some(*address)).map_err(placed)?);
     }

@@ -53,6 +53,11 @@ pub enum Request {
 /// | `loop open`, `loop closed` | whether the phase-locked loop locks |
 /// | `watchdog-oscillator 47000` | its frequency, Hz |
 /// | `supply 2800` | mV; below 1700 the part has none |
+/// | `analogue 3000`, `analogue supply` | the analogue supply alone, mV, or as the supply |
+/// | `drive-pin 4095`, `drive-pin free` | the code at PA4, whatever the converter does |
+/// | `dump-pin 0`, `dump-pin 1`, `dump-pin free` | the level at PB1, whatever the port does |
+/// | `inputs swapped` | the two analogue inputs, exchanged |
+/// | `store 08000200 de00` | 16 bits of RAM or flash: address, what is there from now on (hexadecimal) |
 /// | `reset` | the reset pin |
 /// | `flip 20001000 3` | a bit of RAM or flash: address (hexadecimal), bit of the byte |
 /// | `cut 2` | power goes in the middle of the second operation on flash from now, for 100 ms |
@@ -71,6 +76,21 @@ pub enum Fault {
     WatchdogHz(u64),
     /// The supply, mV.
     Supply(u32),
+    /// The analogue supply alone, mV.
+    Analogue(Option<u32>),
+    /// The code at PA4.
+    DrivePin(Option<u16>),
+    /// The level at PB1.
+    DumpPin(Option<bool>),
+    /// The analogue inputs, exchanged.
+    Swapped,
+    /// 16 bits of memory.
+    Store {
+        /// Their address.
+        address: u64,
+        /// What they become.
+        value: u16,
+    },
     /// The reset pin.
     Reset,
     /// A bit of memory.
@@ -97,6 +117,7 @@ impl std::str::FromStr for Fault {
         let words: Vec<&str> = text.split_whitespace().collect();
         let number = |word: &str| word.parse::<u64>().map_err(|_| format!("`{word}` is no number in `{text}`"));
         let small = |word: &str| number(word).and_then(|number| u32::try_from(number).map_err(|_| format!("`{word}` is too large")));
+        let hexadecimal = |word: &str| u64::from_str_radix(word, 16).map_err(|_| format!("`{word}` is no hexadecimal address"));
         Ok(match words[..] {
             ["crystal", "stops"] => Self::Crystal(false),
             ["crystal", "swings"] => Self::Crystal(true),
@@ -108,9 +129,21 @@ impl std::str::FromStr for Fault {
                 _ => return Err("the watchdog's oscillator has 17000 to 47000 Hz".to_owned()),
             },
             ["supply", millivolts] => Self::Supply(small(millivolts)?),
+            ["analogue", "supply"] => Self::Analogue(None),
+            ["analogue", millivolts] => Self::Analogue(Some(small(millivolts)?)),
+            ["drive-pin", "free"] => Self::DrivePin(None),
+            ["drive-pin", code] => Self::DrivePin(Some(u16::try_from(small(code)?.min(4095)).unwrap_or_default())),
+            ["dump-pin", "free"] => Self::DumpPin(None),
+            ["dump-pin", "0"] => Self::DumpPin(Some(false)),
+            ["dump-pin", "1"] => Self::DumpPin(Some(true)),
+            ["inputs", "swapped"] => Self::Swapped,
+            ["store", address, value] => {
+                let value = u16::try_from(hexadecimal(value)?).map_err(|_| format!("`{value}` is too large"))?;
+                Self::Store { address: hexadecimal(address)?, value }
+            }
             ["reset"] => Self::Reset,
             ["flip", address, bit] => {
-                let address = u64::from_str_radix(address, 16).map_err(|_| format!("`{address}` is no hexadecimal address"))?;
+                let address = hexadecimal(address)?;
                 match small(bit)? {
                     bit @ 0..=7 => Self::Flip { address, bit },
                     _ => return Err("a byte has bits 0 to 7".to_owned()),

@@ -124,9 +124,9 @@ mod image {
             let rcc = &device.RCC;
 
             // Why are we here, and in what time.
-            let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits());
-            rcc.csr().modify(|_, w| w.rmvf().set_bit());
             let retained = crash::take();
+            let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
+            rcc.csr().modify(|_, w| w.rmvf().set_bit());
             let clock = firmware::board::clock::start(
                 &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
                 CRYSTAL_HZ,

@@ -8,7 +8,7 @@ use model_export::link::settings::Settings;
 
 use crate::output;
 
-/// Bytes of a settings slot: a sector of 16 KiB on the board.
+/// Bytes of a settings slot: as much of the board's sector of 128 KiB as settings ever need.
 pub const SETTINGS_SLOT_BYTES: usize = 16 * 1024;
 /// Bytes of a model slot: a sector of 128 KiB on the board.
 pub const MODEL_SLOT_BYTES: usize = 128 * 1024;

@@ -80,10 +80,14 @@ pub enum Breakage {
     LaserFrozen,
     /// The laser jumps by this, mm.
     LaserOffsetMm(f64),
+    /// The same, with noise of 2 codes.
+    LaserFrozenWithNoise,
     /// The pressure channel reads this code.
     PressureCode(u16),
     /// The pressure channel keeps the code it had.
     PressureFrozen,
+    /// The same, with noise of 2 codes.
+    PressureFrozenWithNoise,
     /// The pressure reading jumps by this, bar.
     PressureOffsetBar(f64),
     /// The emergency stop is pressed.
@@ -188,6 +192,14 @@ impl Hardware {
             Some(Breakage::LaserCode(code)) => sample.laser_code = code,
             Some(Breakage::PressureCode(code)) => sample.pressure_code = code,
             Some(Breakage::LaserFrozen) => sample.laser_code = self.frozen.get_or_insert(sample).laser_code,
+            Some(Breakage::LaserFrozenWithNoise) => {
+                let code = self.frozen.get_or_insert(sample).laser_code;
+                sample.laser_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
+            }
+            Some(Breakage::PressureFrozenWithNoise) => {
+                let code = self.frozen.get_or_insert(sample).pressure_code;
+                sample.pressure_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
+            }
             Some(Breakage::PressureFrozen) => sample.pressure_code = self.frozen.get_or_insert(sample).pressure_code,
             _ => {}
         }

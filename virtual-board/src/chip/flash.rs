@@ -4,14 +4,15 @@
 //! |---|---|---|
 //! | ACR | stored | 3.9.1 |
 //! | KEYR | KEY1, then KEY2, unlocks CR; anything else locks it until the next reset | 3.6.1, 3.9.2 |
-//! | OPTKEYR, OPTCR | stored; the option bytes do not change | 3.9.3, 3.9.6 |
+//! | OPTKEYR | OPTKEY1, then OPTKEY2, unlocks OPTCR; anything else locks it until the next reset | 3.7.2, 3.9.3 |
+//! | OPTCR | frozen while locked; OPTSTRT programs the option bytes, which count from the next reset on | 3.7.2, 3.9.6 |
 //! | SR | BSY while an operation runs; errors stay until they are written with ones; EOP with EOPIE | 3.9.4 |
 //! | CR | frozen while locked; SER + SNB + STRT erases a sector; PG lets stores program | 3.6.3, 3.6.4, 3.9.5 |
 //! | a store to the array | with PG and the width of PSIZE clears bits; otherwise PGSERR or PGPERR | 3.6.4, 3.9.4 |
 //!
 //! An operation takes the data sheet's time (DS8626 table 46), and meanwhile the processor stands still, as it does at its next fetch from
-//! flash (3.6.3, 3.6.4): the machine sees to both, and changes the array when the time is over. Left out: mass erase, read protection,
-//! the option bytes' programming, PGAERR (a store that crosses 128 bits does not exist on a 32-bit bus), the caches.
+//! flash (3.6.3, 3.6.4): the machine sees to both, and changes the array when the time is over. Left out: mass erase, the effect of read
+//! and write protection, PGAERR (a store that crosses 128 bits does not exist on a 32-bit bus), the caches.
 
 use std::ops::Range;
 
@@ -21,6 +22,9 @@ use rigless::soc::stm32f427::generated::flash::Register;
 use rigless::time::{EventId, VirtualNanos};
 
 const KEYS: [u64; 2] = [0x4567_0123, 0xcdef_89ab];
+const OPTION_KEYS: [u64; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
+const OPTLOCK: u64 = 1;
+const OPTSTRT: u64 = 1 << 1;
 const EOP: u64 = 1;
 const OPERR: u64 = 1 << 1;
 const WRPERR: u64 = 1 << 4;
@@ -55,6 +59,11 @@ pub enum Change {
         /// Which.
         sector: usize,
     },
+    /// The option bytes become this.
+    Options {
+        /// OPTCR without its two commands.
+        value: u64,
+    },
 }
 
 /// Addresses of a sector.
@@ -84,12 +93,17 @@ pub struct Flash {
     keys: usize,
     barred: bool,
     control: u64,
+    /// The option bytes.
+    pub option_bytes: u64,
+    option_keys: usize,
+    options_barred: bool,
+    option_control: u64,
 }
 
 impl Flash {
     /// Out of reset.
-    pub fn new(speed: Speed) -> Self {
-        Self { speed, control: LOCK, ..Self::default() }
+    pub fn new(speed: Speed, option_bytes: u64) -> Self {
+        Self { speed, control: LOCK, option_bytes, option_control: option_bytes | OPTLOCK, ..Self::default() }
     }
 
     /// The operation under way.
@@ -108,6 +122,14 @@ impl Flash {
         let nanoseconds = match (change, self.speed) {
             (Change::Program { .. }, Speed::Typical) => 16_000,
             (Change::Program { .. }, Speed::Slowest) => 100_000,
+            // Erasing and programming sector-like option bytes (DS8626 table 46: a 16 KiB sector).
+            (Change::Options { .. }, speed) => {
+                if speed == Speed::Slowest {
+                    500_000_000
+                } else {
+                    250_000_000
+                }
+            }
             (Change::Erase { sector }, speed) => {
                 let kib = SECTORS_KIB.get(sector).copied().unwrap_or_default();
                 let typical_ms: [u64; 3] = match kib {
@@ -132,6 +154,18 @@ impl Flash {
     fn fail(&self, flag: u64, registers: &mut RegisterFile) {
         let operation = if self.control & ERRIE != 0 { OPERR } else { 0 };
         registers.set(Register::Sr, registers.get(Register::Sr) | flag | operation);
+    }
+
+    fn write_options(&mut self, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        if self.option_control & OPTLOCK == 0 && self.running.is_none() {
+            self.option_control = value & !OPTSTRT;
+            if value & OPTLOCK != 0 {
+                self.option_keys = 0;
+            } else if value & OPTSTRT != 0 {
+                self.start(Change::Options { value: value & !(OPTSTRT | OPTLOCK) | OPTLOCK }, registers, context);
+            }
+        }
+        registers.set(Register::Optcr, self.option_control);
     }
 
     fn write_control(&mut self, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
@@ -180,7 +214,23 @@ impl Device for Flash {
                 let busy = if self.running.is_some() { BSY } else { 0 };
                 registers.set(Register::Sr, registers.get(Register::Sr) & !BSY | busy);
             }
-            Register::Acr | Register::Optkeyr | Register::Optcr | Register::Optcr1 => {}
+            Register::Optkeyr => {
+                if self.options_barred || self.option_control & OPTLOCK == 0 {
+                    return;
+                }
+                if OPTION_KEYS.get(self.option_keys) == Some(&value) {
+                    self.option_keys += 1;
+                } else {
+                    self.options_barred = true;
+                    context.tell("OPTKEYR", "a wrong key locks FLASH_OPTCR until the next reset, RM0090 section 3.7.2");
+                }
+                if self.option_keys == OPTION_KEYS.len() {
+                    self.option_control &= !OPTLOCK;
+                    registers.set(Register::Optcr, self.option_control);
+                }
+            }
+            Register::Optcr => self.write_options(value, registers, context),
+            Register::Acr | Register::Optcr1 => {}
         }
     }
 
@@ -209,13 +259,16 @@ impl Device for Flash {
             return;
         }
         self.running = None;
-        self.finished.push(change);
+        match change {
+            Change::Options { value } => self.option_bytes = value,
+            Change::Program { .. } | Change::Erase { .. } => self.finished.push(change),
+        }
         let end = if self.control & EOPIE != 0 { EOP } else { 0 };
         registers.set(Register::Sr, registers.get(Register::Sr) & !BSY | end);
     }
 
     fn reset(&mut self) {
-        *self = Self::new(self.speed);
+        *self = Self::new(self.speed, self.option_bytes);
     }
 }
 

@@ -5,8 +5,8 @@ use std::num::{NonZeroU32, NonZeroU64};
 use rigless::cpu::armv7m::{self, Dwt};
 use rigless::device::{ErasedDevice, Level, ResetCause};
 use rigless::mcu::{Mcu, Operate};
-use rigless::soc::stm32f427::generated::{self, gpioa, rcc as rcc_registers};
-use rigless::soc::stm32f427::peripherals::adc::{Adc, AdcCommon};
+use rigless::soc::stm32f427::generated::{self, flash as flash_registers, gpioa, rcc as rcc_registers};
+use rigless::soc::stm32f427::peripherals::adc::{Adc, AdcCommon, Channel};
 use rigless::soc::stm32f427::peripherals::dbg::Dbg;
 use rigless::soc::stm32f427::peripherals::gpio::{Gpio, Pin};
 use rigless::soc::stm32f427::peripherals::iwdg::Iwdg;
@@ -17,7 +17,7 @@ use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
 use rigless::soc::{self, Bus, Cpu, Endian, EraseBlocks, Error, Gate, Peripheral, Region, WriteModify};
 use rigless::time::VirtualNanos;
 
-use super::beside::With;
+use super::beside::{Beside, With};
 use super::capture::{Capture, Rates};
 use super::crystal::Oscillators;
 use super::dac::Dac;
@@ -214,6 +214,15 @@ enum Model {
     Cycles,
 }
 
+/// The supply as it should be, mV.
+pub const SUPPLY_MV: u32 = 3300;
+/// The option bytes as delivered: no protection, brown-out reset off (RM0090 section 3.9.6).
+const OPTIONS_OF_THE_FACTORY: u64 = 0x0fff_aaed;
+/// Code of a converter at full scale.
+const FULL_CODE: u32 = 4095;
+/// Channel of PA4 (DS8626 table 7).
+const DRIVE_CHANNEL: Option<Channel> = Channel::new(4);
+
 /// What is on the part's pins; it outlasts resets.
 #[derive(Debug, Clone, Copy)]
 pub struct Pins {
@@ -225,6 +234,16 @@ pub struct Pins {
     pub oscillators: Oscillators,
     /// The supply, mV.
     pub supply_mv: u32,
+    /// The analogue supply, mV, where it is not the supply itself.
+    pub analogue_mv: Option<u32>,
+    /// The code at PA4 whatever the converter does there.
+    pub drive_stuck: Option<u16>,
+    /// The level at PB1 whatever the port does there.
+    pub dump_stuck: Option<bool>,
+    /// Whether the two analogue inputs are exchanged.
+    pub swapped: bool,
+    /// The option bytes, as OPTCR shows them after a reset (3.9.6).
+    pub option_bytes: u64,
     /// Whether the emergency stop's contact is open.
     pub stop_pressed: bool,
     /// How fast flash is.
@@ -237,9 +256,36 @@ impl Default for Pins {
             crystal_hz: 8_000_000,
             watchdog_hz: 32_000,
             oscillators: Oscillators::default(),
-            supply_mv: 3300,
+            supply_mv: SUPPLY_MV,
+            analogue_mv: None,
+            drive_stuck: None,
+            dump_stuck: None,
+            swapped: false,
+            option_bytes: OPTIONS_OF_THE_FACTORY,
             stop_pressed: false,
             flash: Speed::Typical,
+        }
+    }
+}
+
+/// Pins that something outside holds, stronger than the port's own outputs: a short to ground or to the supply. IDR shows it (8.4.5).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Held {
+    pins: Option<u64>,
+    high: bool,
+}
+
+impl Beside<Gpio> for Held {
+    fn answer(&self, register: gpioa::Register, value: u64) -> u64 {
+        match self.pins {
+            Some(pins) if register == gpioa::Register::Idr => {
+                if self.high {
+                    value | pins
+                } else {
+                    value & !pins
+                }
+            }
+            _ => value,
         }
     }
 }
@@ -267,7 +313,7 @@ pub struct Stm32f405 {
     lines: Lines,
     /// The flash interface.
     pub flash: Flash,
-    ports: [Gpio; PORTS.len()],
+    ports: [With<Gpio, Held>; PORTS.len()],
     /// The link's line.
     pub line: Usart,
     converter: With<Adc, InjectedGroup>,
@@ -279,6 +325,11 @@ pub struct Stm32f405 {
     watchdog: Iwdg,
     debug: Dbg,
     cycles: Dwt,
+    powered: bool,
+    /// The option bytes as the last reset loaded them (3.7.1).
+    options_in_force: u64,
+    /// The lowest supply since the part was in force.
+    lowest_mv: u32,
 }
 
 impl Stm32f405 {
@@ -317,8 +368,8 @@ impl Stm32f405 {
             clocks: With { model: Rcc::new(), beside: pins.oscillators },
             supply: With { model: Pwr::new(), beside: MonitorOutput::default() },
             lines: Lines::default(),
-            flash: Flash::new(pins.flash),
-            ports: std::array::from_fn(|_| Gpio::default()),
+            flash: Flash::new(pins.flash, pins.option_bytes),
+            ports: std::array::from_fn(|_| With { model: Gpio::default(), beside: Held::default() }),
             line: Usart::with_clock(Kind::Usart, HSI_HZ),
             // ADCPRE is 2 out of reset (13.13.16).
             converter: With { model: Adc::with_clock(HSI_HZ / 2), beside: InjectedGroup::default() },
@@ -330,6 +381,9 @@ impl Stm32f405 {
             watchdog: Iwdg::new(),
             debug: Dbg,
             cycles: Dwt::with_clock(HSI_HZ),
+            powered: true,
+            options_in_force: pins.option_bytes,
+            lowest_mv: pins.supply_mv,
         };
         part.check()?;
         part.fit(VirtualNanos(0));
@@ -341,10 +395,13 @@ impl Stm32f405 {
         let pins = self.pins;
         self.clocks.model.attach_crystals(pins.crystal_hz, 0);
         self.clocks.model.calibrate_lsi(pins.watchdog_hz);
-        self.converter.model.set_reference(pins.supply_mv);
         self.converter.model.set_backup_battery(pins.supply_mv);
         self.set_supply(pins.supply_mv, at);
         self.press_stop(pins.stop_pressed, at);
+        self.hold_dump_pin(pins.dump_stuck);
+        // The option bytes come with the reset (3.7.1).
+        let slot = self.slot(Model::Flash);
+        self.bus.slot_mut(slot).registers_mut().set(flash_registers::Register::Optcr, pins.option_bytes);
     }
 
     fn slot(&self, model: Model) -> usize {
@@ -352,9 +409,19 @@ impl Stm32f405 {
         self.models.iter().position(|candidate| *candidate == model).expect("a wired model")
     }
 
-    /// Codes of the next groups of conversions.
+    /// Whether the supply went so low that memory forgets.
+    pub fn forgets(&self) -> bool {
+        self.lowest_mv < POWER_DOWN_MV
+    }
+
+    /// Codes of the next groups of conversions, at 3.3 V.
     pub fn set_codes(&mut self, codes: [[u16; 2]; 2]) {
-        self.converter.beside.codes = codes;
+        let [laser, pressure] = codes;
+        // Voltages on the pins do not know of the analogue supply; codes are their share of it.
+        let supply_mv = self.pins.analogue_mv.unwrap_or(SUPPLY_MV);
+        let share = |code: u16| u16::try_from((u32::from(code) * SUPPLY_MV / supply_mv.max(1)).min(FULL_CODE)).unwrap_or_default();
+        let [laser, pressure] = [laser, pressure].map(|pair| pair.map(share));
+        self.converter.beside.codes = if self.pins.swapped { [pressure, laser] } else { [laser, pressure] };
     }
 
     /// Groups of conversions so far.
@@ -368,20 +435,46 @@ impl Stm32f405 {
         let slot = self.slot(Model::Port(PORT_B));
         let (registers, mut context) = self.bus.drive(at, slot);
         if let Some(pin) = Pin::new(STOP_PIN) {
-            self.ports[PORT_B].drive(pin, Some(Level::from(pressed)), registers, &mut context);
+            self.ports[PORT_B].model.drive(pin, Some(Level::from(pressed)), registers, &mut context);
         }
     }
 
-    /// Moves the supply. Below what the power-down reset takes, the part has none (DS8626 table 23: 1.7 V).
+    /// The analogue supply alone, whose share the converters measure; `None`: it follows the supply again.
+    pub fn set_analogue_supply(&mut self, millivolts: Option<u32>) {
+        self.pins.analogue_mv = millivolts;
+        self.converter.model.set_reference(millivolts.unwrap_or(self.pins.supply_mv));
+    }
+
+    /// Holds PB1 at a level, or lets it go.
+    pub fn hold_dump_pin(&mut self, level: Option<bool>) {
+        self.pins.dump_stuck = level;
+        self.ports[PORT_B].beside = Held { pins: level.map(|_| 1 << DUMP_PIN), high: level == Some(true) };
+    }
+
+    /// Supply below which the part is held in reset, and above which it comes out again, mV: the option bytes' brown-out level, typical
+    /// voltages of DS8626 table 24.
+    fn reset_mv(&self) -> (u32, u32) {
+        match self.options_in_force >> 2 & 0b11 {
+            0 => (2830, 2920),
+            1 => (2500, 2590),
+            2 => (2190, 2290),
+            _ => (POWER_DOWN_MV, POWER_DOWN_MV),
+        }
+    }
+
+    /// Moves the supply. Below the brown-out level, or the power-down reset's 1.7 V (DS8626 table 23), the part has none.
     pub fn set_supply(&mut self, millivolts: u32, at: VirtualNanos) {
-        let was_on = self.pins.supply_mv >= POWER_DOWN_MV;
+        let (falling_mv, rising_mv) = self.reset_mv();
+        let was_on = self.powered;
         self.pins.supply_mv = millivolts;
-        self.converter.model.set_reference(millivolts);
+        self.lowest_mv = self.lowest_mv.min(millivolts);
+        self.set_analogue_supply(self.pins.analogue_mv);
         let slot = self.slot(Model::Supply);
         let (registers, mut context) = self.bus.drive(at, slot);
         self.supply.model.set_supply(millivolts, registers);
-        super::beside::Beside::after(&mut self.supply.beside, &mut self.supply.model, registers, &mut context);
-        let is_on = millivolts >= POWER_DOWN_MV;
+        Beside::after(&mut self.supply.beside, &mut self.supply.model, registers, &mut context);
+        let is_on = millivolts >= if was_on { falling_mv } else { rising_mv };
+        self.powered = is_on;
         if is_on != was_on {
             context.request_power(is_on);
         }
@@ -425,7 +518,10 @@ impl Stm32f405 {
         let registers = |model| self.bus.slots()[self.slot(model)].registers();
         let port_a = registers(Model::Port(PORT_A));
         let mode = |pin: u8| port_a.get(gpioa::Register::Moder) >> (2 * pin) & 0b11;
-        let drive_code = Dac::output(registers(Model::Dac), 0).filter(|_| mode(DRIVE_PIN) == 0b11);
+        // As share of 3.3 V, which the valve's driver measures.
+        let supply_mv = self.pins.analogue_mv.unwrap_or(SUPPLY_MV);
+        let share = |code: u16| u16::try_from((u32::from(code) * supply_mv / SUPPLY_MV).min(FULL_CODE)).unwrap_or_default();
+        let drive_code = self.pins.drive_stuck.or_else(|| self.driven_code()).map(share);
         let pulse = {
             use rigless::soc::stm32f427::generated::tim3::{Register, ccer, cr1};
             let timer = registers(Model::Timer(0));
@@ -436,7 +532,13 @@ impl Stm32f405 {
         let port_b = registers(Model::Port(PORT_B));
         let driven = port_b.get(gpioa::Register::Moder) >> (2 * DUMP_PIN) & 0b11 == 0b01;
         let high = port_b.get(gpioa::Register::Odr) >> DUMP_PIN & 1 != 0;
-        Outputs { drive_code, pulse, dump_valve: driven && high }
+        Outputs { drive_code, pulse, dump_valve: self.pins.dump_stuck.unwrap_or(driven && high) }
+    }
+
+    /// The code that the converter puts on PA4.
+    fn driven_code(&self) -> Option<u16> {
+        let analogue = self.bus.slots()[self.slot(Model::Port(PORT_A))].registers().get(gpioa::Register::Moder) >> (2 * DRIVE_PIN) & 0b11;
+        Dac::output(self.bus.slots()[self.slot(Model::Dac)].registers(), 0).filter(|_| analogue == 0b11)
     }
 }
 
@@ -460,9 +562,13 @@ impl Mcu for Stm32f405 {
         let slot = fresh.slot(Model::Clocks);
         if cause != ResetCause::PowerOn {
             fresh.clocks.model.restarted(cause, flags, fresh.bus.slot_mut(slot).registers_mut());
+        } else if self.lowest_mv >= POWER_DOWN_MV {
+            // The brown-out level alone: BORRSTF and PINRSTF (7.3.21).
+            fresh.bus.slot_mut(slot).registers_mut().set(rcc_registers::Register::Csr, 0x0600_0000);
         }
         fresh.line.inherit(&mut self.line);
         fresh.converter.beside.codes = self.converter.beside.codes;
+        fresh.powered = self.powered;
         *self = fresh;
         self.fit(at);
     }
@@ -484,6 +590,12 @@ impl Mcu for Stm32f405 {
                 timer_hz: self.clocks.model.timer_clock(registers, Apb::Two),
                 input_hz: if swings && divider > 1 { self.pins.crystal_hz / divider } else { 0 },
             };
+        }
+        if let (Model::Converter, Some(channel)) = (model, DRIVE_CHANNEL) {
+            // PA4 is an input of the converter too, and both have one reference. Rounded up, because the model rounds down again.
+            let code = self.pins.drive_stuck.or_else(|| self.driven_code()).unwrap_or(0);
+            let reference_mv = self.pins.analogue_mv.unwrap_or(self.pins.supply_mv);
+            self.converter.model.set_input(channel, (u32::from(code) * reference_mv).div_ceil(FULL_CODE));
         }
         let Self { bus, clocks, supply, lines, flash, ports, line, converter, converter_clock, sampling_timer, .. } = self;
         let answering: Option<&mut dyn ErasedDevice> = match model {
