@@ -95,7 +95,7 @@ fn recording_refuses_what_the_rig_cannot_or_must_not_do_before_it_moves() {
     bench.refuses("rig record --excitation missing.toml --out run.csv", &["missing.toml"]);
     bench.refuses("rig record --excitation sine.toml --out run.txt", &[".csv"]);
     bench.refuses("rig --backend serial:no-such-port status", &["no-such-port", "cannot be opened"]);
-    bench.refuses("rig --backend parallel status", &["virtual, qemu or serial:PORT"]);
+    bench.refuses("rig --backend parallel status", &["virtual, qemu, board-model or serial:PORT"]);
 }
 
 #[test]
