@@ -243,7 +243,7 @@ fn a_damaged_active_slot_falls_back_to_the_other_and_says_so() {
     }
 }
 
-/// Settings as they are told apart in these tests.
+/// Settings that these tests distinguish.
 fn saved_with(ceiling_bar: f32) -> Settings {
     Settings { ceiling_bar, ..Settings::default() }
 }
@@ -333,9 +333,9 @@ fn a_slot_that_is_lost_whole_does_not_bring_the_settings_before_it_back_unsaid()
     let stored = settings::load(&settings_store(flash.clone()));
     assert!(stored.is_damaged, "{} bar", stored.settings.ceiling_bar);
     // Saving again mends it.
-    let mut mended = settings_store(flash.after_power_up());
-    mended.save(&encoded(0.8)).unwrap();
-    assert_eq!(settings::load(&mended), settings::Stored { settings: saved_with(0.8), ..settings::Stored::default() });
+    let mut repaired = settings_store(flash.after_power_up());
+    repaired.save(&encoded(0.8)).unwrap();
+    assert_eq!(settings::load(&repaired), settings::Stored { settings: saved_with(0.8), ..settings::Stored::default() });
 }
 
 #[test]

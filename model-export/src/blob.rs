@@ -289,7 +289,7 @@ fn seal(bytes: &mut [u8]) {
     }
 }
 
-/// First bytes of the content hash that a blob carries, by which models are told apart on the link.
+/// First bytes of the content hash that a blob carries, by which the link distinguishes models.
 #[must_use]
 pub fn content_id(bytes: &[u8]) -> Option<[u8; 8]> {
     array(bytes, 20)

@@ -1,5 +1,7 @@
 //! Single faults of the flashable image on the model of its chip: what strikes, what should notice it, what was measured.
 
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use host_tool::backend::BOARD_MODEL;
@@ -113,6 +115,11 @@ const fn row(name: &'static str, hazard: &'static str, injection: Injection, exp
     Row { name, hazard, injection, expected, residual: "" }
 }
 
+/// A row after which the outputs are safe in time, with this fault named.
+const fn vents(name: &'static str, hazard: &'static str, injection: Injection, fault: Fault) -> Row {
+    row(name, hazard, injection, Expected::Vents(fault, SAFE_WITHIN_MS))
+}
+
 /// A laser's fault code of 3.75 mA in 150 ohm, two conversions.
 const FAULT_CODE: u16 = 1396;
 
@@ -142,64 +149,24 @@ pub const ROWS: &[Row] = &[
     row("crystal-9-percent-fast", "wrong slew", Injection::Start("crystal 8720000", None), Expected::StaysVented(Fault::ClockInaccurate)),
     row("crystal-4-mhz", "wrong slew", Injection::Start("crystal 4000000", None), Expected::StaysVented(Fault::ClockInaccurate)),
     row("loop-does-not-lock", "slow ticks", Injection::Start("loop open", Some(16_000_000)), Expected::StaysVented(Fault::ClockFailed)),
-    row("crystal-stops", "wrong time base", Injection::Chip("crystal stops"), Expected::Vents(Fault::ClockFailed, SAFE_WITHIN_MS)),
-    row("core-hangs", "outputs frozen", Injection::Chip("hang"), Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS)),
-    row(
-        "core-hangs-slow-watchdog",
-        "outputs frozen",
-        Injection::ChipWith("watchdog-oscillator 17000", "hang"),
-        Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS),
-    ),
-    row(
-        "core-hangs-fast-watchdog",
-        "outputs frozen",
-        Injection::ChipWith("watchdog-oscillator 47000", "hang"),
-        Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS),
-    ),
+    vents("crystal-stops", "wrong time base", Injection::Chip("crystal stops"), Fault::ClockFailed),
+    vents("core-hangs", "outputs frozen", Injection::Chip("hang"), Fault::WatchdogReset),
+    vents("core-hangs-slow-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 17000", "hang"), Fault::WatchdogReset),
+    vents("core-hangs-fast-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 47000", "hang"), Fault::WatchdogReset),
     row("supply-low-at-start", "undefined logic", Injection::Start("supply 2800", None), Expected::StaysVented(Fault::BrownOut)),
     row("program-bit-flipped", "any", Injection::Start("flip 08010000 5", None), Expected::StaysVented(Fault::FlashCorrupt)),
-    row(
-        "supply-dips-2.8-v",
-        "wrong codes, undefined logic",
-        Injection::Chip("supply 2800"),
-        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
-    ),
-    row(
-        "supply-dips-for-5-ms",
-        "wrong codes, undefined logic",
-        Injection::ChipFor("supply 2800", 5, "supply 3300"),
-        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
-    ),
+    vents("supply-dips-2.8-v", "wrong codes, undefined logic", Injection::Chip("supply 2800"), Fault::BrownOut),
+    vents("supply-dips-for-5-ms", "wrong codes, undefined logic", Injection::ChipFor("supply 2800", 5, "supply 3300"), Fault::BrownOut),
     row("supply-gone", "undefined outputs", Injection::Chip("supply 0"), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-while-running", "outputs floating", Injection::ResetIn(State::Running), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-while-armed", "outputs floating", Injection::ResetIn(State::Armed), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-while-idle", "outputs floating", Injection::ResetIn(State::Idle), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-in-self-test", "outputs floating", Injection::ResetIn(State::SelfTest), Expected::Restarts(SAFE_WITHIN_MS)),
     row("reset-in-fault", "outputs floating", Injection::ResetIn(State::Fault), Expected::Restarts(SAFE_WITHIN_MS)),
-    row(
-        "emergency-stop",
-        "operator is not heard",
-        Injection::Around(Breakage::EmergencyStop),
-        Expected::Vents(Fault::EmergencyStop, SAFE_WITHIN_MS),
-    ),
-    row(
-        "laser-wire-broken",
-        "blind control",
-        Injection::Around(Breakage::LaserCode(0)),
-        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
-    ),
-    row(
-        "laser-at-full-scale",
-        "blind control",
-        Injection::Around(Breakage::LaserCode(8190)),
-        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
-    ),
-    row(
-        "laser-fault-code-in-band",
-        "blind control",
-        Injection::Around(Breakage::LaserCode(FAULT_CODE)),
-        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
-    ),
+    vents("emergency-stop", "operator is not heard", Injection::Around(Breakage::EmergencyStop), Fault::EmergencyStop),
+    vents("laser-wire-broken", "blind control", Injection::Around(Breakage::LaserCode(0)), Fault::LaserRange),
+    vents("laser-at-full-scale", "blind control", Injection::Around(Breakage::LaserCode(8190)), Fault::LaserRange),
+    vents("laser-fault-code-in-band", "blind control", Injection::Around(Breakage::LaserCode(FAULT_CODE)), Fault::LaserRange),
     row("laser-frozen", "blind control", Injection::AroundMoving(Breakage::LaserFrozen), Expected::Vents(Fault::LaserStuck, 1000)),
     Row {
         name: "laser-frozen-on-hold",
@@ -208,24 +175,9 @@ pub const ROWS: &[Row] = &[
         expected: Expected::Bounded,
         residual: "not noticed while nothing moves; the held pressure is what it was",
     },
-    row(
-        "laser-jumps-5-mm",
-        "control follows a lie",
-        Injection::Around(Breakage::LaserOffsetMm(5.0)),
-        Expected::Vents(Fault::LaserRate, SAFE_WITHIN_MS),
-    ),
-    row(
-        "pressure-wire-broken",
-        "blind limits",
-        Injection::Around(Breakage::PressureCode(0)),
-        Expected::Vents(Fault::PressureRange, SAFE_WITHIN_MS),
-    ),
-    row(
-        "pressure-at-full-scale",
-        "blind limits",
-        Injection::Around(Breakage::PressureCode(8190)),
-        Expected::Vents(Fault::PressureRange, SAFE_WITHIN_MS),
-    ),
+    vents("laser-jumps-5-mm", "control follows a lie", Injection::Around(Breakage::LaserOffsetMm(5.0)), Fault::LaserRate),
+    vents("pressure-wire-broken", "blind limits", Injection::Around(Breakage::PressureCode(0)), Fault::PressureRange),
+    vents("pressure-at-full-scale", "blind limits", Injection::Around(Breakage::PressureCode(8190)), Fault::PressureRange),
     row("pressure-frozen", "blind limits", Injection::AroundMoving(Breakage::PressureFrozen), Expected::Vents(Fault::PressureStuck, 1000)),
     Row {
         name: "pressure-frozen-on-hold",
@@ -234,11 +186,11 @@ pub const ROWS: &[Row] = &[
         expected: Expected::Bounded,
         residual: "as of the laser",
     },
-    row(
+    vents(
         "pressure-jumps-1-bar",
         "limits at the wrong place",
         Injection::Around(Breakage::PressureOffsetBar(1.0)),
-        Expected::Vents(Fault::PressureMismatch, SAFE_WITHIN_MS),
+        Fault::PressureMismatch,
     ),
     row("host-silent", "nobody in charge", Injection::HostSilent, Expected::Vents(Fault::HostLost, 300)),
     row("host-babbles", "nobody in charge, a busy device", Injection::HostBabbles, Expected::Vents(Fault::HostLost, 300)),
@@ -263,26 +215,11 @@ pub const ROWS: &[Row] = &[
     row("cut-at-first-word", "other limits after the next start", Injection::CutWhileSaving(2), Expected::OldOrNew),
     row("cut-at-tenth-word", "other limits after the next start", Injection::CutWhileSaving(11), Expected::OldOrNew),
     row("cut-at-fortieth-word", "other limits after the next start", Injection::CutWhileSaving(41), Expected::OldOrNew),
-    row(
-        "analogue-supply-3.0-v",
-        "every pressure off by a tenth",
-        Injection::Chip("analogue 3000"),
-        Expected::Vents(Fault::ReferenceVoltage, SAFE_WITHIN_MS),
-    ),
-    row(
-        "analogue-supply-3.6-v",
-        "every pressure off by a tenth",
-        Injection::Chip("analogue 3600"),
-        Expected::Vents(Fault::ReferenceVoltage, SAFE_WITHIN_MS),
-    ),
-    row(
-        "drive-pin-stuck-high",
-        "full supply pressure",
-        Injection::Chip("drive-pin 4095"),
-        Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS),
-    ),
-    row("drive-pin-stuck-low", "no pressure", Injection::Chip("drive-pin 0"), Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS)),
-    row("dump-pin-stuck-low", "no pressure", Injection::Chip("dump-pin 0"), Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS)),
+    vents("analogue-supply-3.0-v", "every pressure off by a tenth", Injection::Chip("analogue 3000"), Fault::ReferenceVoltage),
+    vents("analogue-supply-3.6-v", "every pressure off by a tenth", Injection::Chip("analogue 3600"), Fault::ReferenceVoltage),
+    vents("drive-pin-stuck-high", "full supply pressure", Injection::Chip("drive-pin 4095"), Fault::OutputMismatch),
+    vents("drive-pin-stuck-low", "no pressure", Injection::Chip("drive-pin 0"), Fault::OutputMismatch),
+    vents("dump-pin-stuck-low", "no pressure", Injection::Chip("dump-pin 0"), Fault::OutputMismatch),
     Row {
         name: "dump-pin-stuck-high",
         hazard: "venting has no effect",
@@ -291,12 +228,7 @@ pub const ROWS: &[Row] = &[
         residual: "the dump valve stays closed; the drive stays at zero, and the rig cannot be armed",
     },
     row("inputs-swapped", "limits on the wrong quantity", Injection::InputsSwapped, Expected::Bounded),
-    row(
-        "inputs-swap-under-pressure",
-        "limits on the wrong quantity",
-        Injection::Chip("inputs swapped"),
-        Expected::Vents(Fault::LaserRate, SAFE_WITHIN_MS),
-    ),
+    vents("inputs-swap-under-pressure", "limits on the wrong quantity", Injection::Chip("inputs swapped"), Fault::LaserRate),
     row(
         "laser-frozen-with-noise",
         "blind control",
@@ -309,18 +241,13 @@ pub const ROWS: &[Row] = &[
         Injection::AroundWide(Breakage::PressureFrozenWithNoise),
         Expected::Vents(Fault::PressureMismatch, 1250),
     ),
-    row(
-        "supply-dips-at-the-second-start",
-        "wrong codes, undefined logic",
-        Injection::SecondStart("supply 2800"),
-        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
-    ),
+    vents("supply-dips-at-the-second-start", "wrong codes, undefined logic", Injection::SecondStart("supply 2800"), Fault::BrownOut),
     row("supply-falls-10-v-per-s", "undefined logic", Injection::SupplyRamp(10), Expected::Restarts(SAFE_WITHIN_MS)),
     row("supply-falls-100-v-per-s", "undefined logic", Injection::SupplyRamp(100), Expected::Restarts(SAFE_WITHIN_MS)),
-    row("undefined-instruction", "any", Injection::Tick(UNDEFINED), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
-    row("stack-overflow", "damaged state", Injection::Tick(PUSH_FOR_EVER), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
-    row("program-writes-into-program", "any", Injection::Tick(STORE_INTO_PROGRAM), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
-    row("memory-as-code", "any", Injection::Tick(EXECUTE_MEMORY), Expected::Vents(Fault::HardFault, SAFE_WITHIN_MS)),
+    vents("undefined-instruction", "any", Injection::Tick(UNDEFINED), Fault::HardFault),
+    vents("stack-overflow", "damaged state", Injection::Tick(PUSH_FOR_EVER), Fault::HardFault),
+    vents("program-writes-into-program", "any", Injection::Tick(STORE_INTO_PROGRAM), Fault::HardFault),
+    vents("memory-as-code", "any", Injection::Tick(EXECUTE_MEMORY), Fault::HardFault),
     row("cut-while-erasing-for-a-model", "another model after the next start", Injection::CutWhileUploading(1), Expected::OldOrNew),
     row("cut-in-a-model", "another model after the next start", Injection::CutWhileUploading(40), Expected::OldOrNew),
     row("cut-in-a-models-last-words", "another model after the next start", Injection::CutWhileUploading(0), Expected::OldOrNew),
@@ -486,6 +413,29 @@ fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
     FlashMemory::default().with_settings(&settings).expect("settings that fit")
 }
 
+/// [`measure`] of some rows, on as many threads as there are cores; `each` hears of every one when it is done. In the order of the rows.
+///
+/// # Panics
+/// As [`measure`].
+pub fn measure_all(rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<Measured> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<Option<Measured>>> = Mutex::new(vec![None; rows.len()]);
+    std::thread::scope(|scope| {
+        for _ in 0..threads.min(rows.len()) {
+            scope.spawn(|| {
+                while let Some((index, row)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, rows.get(index)?)))
+                {
+                    let measured = measure(row);
+                    each(row, &measured);
+                    done.lock().expect("no thread panics while it holds the lock")[index] = Some(measured);
+                }
+            });
+        }
+    });
+    done.into_inner().expect("no thread panics while it holds the lock").into_iter().flatten().collect()
+}
+
 /// Does what a row says.
 ///
 /// # Panics
@@ -554,9 +504,9 @@ pub fn measure(row: &Row) -> Measured {
             bench.run_up();
             let from = bench.watch.len();
             bench.break_something(what);
-            if let Injection::ChipFor(_, milliseconds, mended) = row.injection {
+            if let Injection::ChipFor(_, milliseconds, repaired) = row.injection {
                 bench.pass(milliseconds);
-                bench.break_something(mended);
+                bench.break_something(repaired);
             }
             bench.hold(WATCHED_MS);
             if what.starts_with("supply") {

@@ -3,7 +3,7 @@
 
 use host_tool::link::{BoardModel, FlashMemory, Hardware, HardwareConfig, Lockstep};
 use host_tool::plant::{Plant, PlantConfig};
-use rig_tests::board_faults::{ROWS, held_with_drive, measure};
+use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all};
 use rig_tests::board_model::{ModelRig, config, played, unmodelled};
 use rig_tests::hybrid;
 
@@ -70,15 +70,17 @@ fn both_drives_hold_the_same_pressure() {
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn every_fault_of_the_matrix_ends_as_its_row_says() {
-    let mut failed = Vec::new();
     // Some of them alone: their names, with commas.
     let wanted = std::env::var("BOARD_FAULTS").ok();
-    for row in ROWS.iter().filter(|row| wanted.as_ref().is_none_or(|wanted| wanted.split(',').any(|name| name == row.name))) {
-        let measured = measure(row);
-        println!("{:26} {:?}", row.name, measured);
-        if !measured.ok {
-            failed.push(format!("{}: {}", row.name, measured.remark));
-        }
-    }
+    let is_wanted = |row: &&Row| wanted.as_ref().is_none_or(|wanted| wanted.split(',').any(|name| name == row.name));
+    let rows: Vec<&Row> = ROWS.iter().filter(is_wanted).collect();
+    let all = measure_all(&rows, |row, measured| println!("{:26} {measured:?}", row.name));
+    assert_eq!(all.len(), rows.len(), "every row was measured");
+    let failed: Vec<String> = rows
+        .iter()
+        .zip(&all)
+        .filter(|(_, measured)| !measured.ok)
+        .map(|(row, measured)| format!("{}: {}", row.name, measured.remark))
+        .collect();
     assert!(failed.is_empty(), "{}", failed.join("\n"));
 }

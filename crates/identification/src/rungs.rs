@@ -142,7 +142,7 @@ pub fn physics_rungs() -> Vec<Rung> {
     ]
 }
 
-/// What nuisances are told from: flexible, once with weights of any sign and once without.
+/// What nuisances are inferred from: flexible, once with weights of any sign and once without.
 pub(crate) fn references() -> [Rung; 2] {
     let rung = |bound, enter| Rung {
         name: "reference",

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use host_tool::track::compare::tune_virtual_rig;
 use host_tool::track::{CONTROLLERS, reference, rig_settings};
-use rig_tests::board_faults::{ROWS, measure};
+use rig_tests::board_faults::{ROWS, measure_all};
 use rig_tests::board_model::{followed, image, image_sha256};
 use serde_json::json;
 
@@ -28,8 +28,8 @@ fn main() -> ExitCode {
     let (virtual_s, wall_s, unmodelled, bit_equal) = closed_loop(seconds);
     println!("\n| fault | outputs safe after, ms | peak, bar | device says | as expected |\n| --- | --- | --- | --- | --- |");
     let mut faults = Vec::new();
-    for row in ROWS {
-        let measured = measure(row);
+    let rows: Vec<_> = ROWS.iter().collect();
+    for (row, measured) in rows.iter().zip(measure_all(&rows, |_, _| ())) {
         let after = measured.detected_ms.map_or_else(|| "-".to_owned(), |ms| ms.to_string());
         let verdict = if measured.ok { "yes".to_owned() } else { format!("no: {}", measured.remark) };
         println!("| {} | {after} | {:.2} | E{:03} | {verdict} |", row.name, measured.peak_bar, measured.fault);
