@@ -15,6 +15,8 @@
 //!    recording, a covariate from the other recordings, both against a reference that knows of no nuisance. A recording cannot win by
 //!    having a constant of its own, and a memory that only looks like a zero is already explained by the reference without.
 
+use statrs::function::beta::beta_reg;
+
 use crate::Series;
 
 /// Chance at which a test names what is not there.
@@ -480,50 +482,7 @@ fn f_beyond(value: f64, above: f64, below: f64) -> f64 {
     if value.is_nan() {
         return 1.0;
     }
-    incomplete_beta(below / (below + above * value.max(0.0)), 0.5 * below, 0.5 * above)
-}
-
-/// The regularised incomplete beta function, by its continued fraction (26.5.8).
-fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
-    if x <= 0.0 || x >= 1.0 {
-        return x.clamp(0.0, 1.0);
-    }
-    // The fraction converges fast below the mean.
-    if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - incomplete_beta(1.0 - x, b, a);
-    }
-    let front = (a * x.ln() + b * (1.0 - x).ln() + log_gamma(a + b) - log_gamma(a) - log_gamma(b)).exp() / a;
-    let tiny = 1e-300;
-    let (mut c, mut d) = (1.0, 1.0 / (1.0 - (a + b) * x / (a + 1.0)));
-    let mut fraction = d;
-    for step in 1..300 {
-        let m = f64::from(step);
-        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
-        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-        let mut change = 1.0;
-        for term in [even, odd] {
-            d = 1.0 / nonzero(1.0 + term * d, tiny);
-            c = nonzero(1.0 + term / c, tiny);
-            change = c * d;
-            fraction *= change;
-        }
-        if (change - 1.0).abs() < 1e-14 {
-            break;
-        }
-    }
-    (front * fraction).clamp(0.0, 1.0)
-}
-
-fn nonzero(value: f64, tiny: f64) -> f64 {
-    if value.abs() < tiny { tiny } else { value }
-}
-
-/// The logarithm of the gamma function by Stirling's series (6.1.41), shifted up to where that is exact.
-fn log_gamma(x: f64) -> f64 {
-    let shift: f64 = (0..10).map(|step| (x + f64::from(step)).ln()).sum();
-    let z = x + 10.0;
-    (z - 0.5) * z.ln() - z + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * z) - 1.0 / (360.0 * z.powi(3)) + 1.0 / (1260.0 * z.powi(5))
-        - shift
+    beta_reg(0.5 * below, 0.5 * above, below / (below + above * value.max(0.0)))
 }
 
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
