@@ -121,8 +121,8 @@ global_asm!(
     smlal   r4, r7, r9, \from_hidden
 .endm
 
-// Gates into r2, r3, r5, the candidate's pre-activation into r7; then the constants.
-.macro smlad_gates
+// The first two rows' sigmoids into r2 and r3, the third row's pre-activation into r7.
+.macro smlad_sigmoids
     ldm     sp, {r10, r11, r12, lr}
     ldr     r1, [sp, #28]
     smlad_pre_activation r10, r2
@@ -130,6 +130,11 @@ global_asm!(
     smlad_pre_activation r11, r3
     smlad_curve r3, r1, r7, 21, 12
     smlad_pre_activation r12, r5
+.endm
+
+// Gates into r2, r3, r5, the candidate's pre-activation into r7; then the constants.
+.macro smlad_gates
+    smlad_sigmoids
     smlad_curve r5, r1, r7, 21, 12
     smlad_pre_activation lr, r6
     add     r1, sp, #32
@@ -169,13 +174,7 @@ global_asm!(
 
 // Gates of a GRU, u into r3 and the rest to one into r2, the candidate's pre-activation into r7; then the constants.
 .macro smlad_gru_gates
-    ldm     sp, {r10, r11, r12, lr}
-    ldr     r1, [sp, #28]
-    smlad_pre_activation r10, r2
-    smlad_curve r2, r1, r7, 21, 12
-    smlad_pre_activation r11, r3
-    smlad_curve r3, r1, r7, 21, 12
-    smlad_pre_activation r12, r5
+    smlad_sigmoids
     smmulr  r5, r2, r7
     smlad_pre_activation lr, r6
     qdadd   r7, r7, r5
