@@ -14,6 +14,9 @@
 //!       256..    payload
 //! ```
 //!
+//! Where flash is programmed in units of more than a word ([`Flash::PROGRAM_WORDS`]), each unit once, an activation and the word that retires it
+//! have a unit each, so there are fewer of them.
+//!
 //! An upload erases the other slot, writes the payload, reads it back, then writes the header: from then on the slot is whole but not
 //! active. Activation is three words; it is the one moment at which old becomes new. Then the activation before it is retired. Rolling back is
 //! activating the other slot.
@@ -34,8 +37,10 @@ const ERASED: u32 = u32::MAX;
 /// Bytes of a slot that are not payload.
 pub const HEADER_BYTES: u32 = 1024;
 const LOG_FIRST_WORD: u32 = 8;
-const LOG_ENTRIES: u32 = 60;
-const ENTRY_WORDS: u32 = 4;
+/// Words of an activation's number, and of an entry as it is read.
+const ACTIVATION_WORDS: u32 = 3;
+const ENTRY_WORDS: u32 = ACTIVATION_WORDS + 1;
+const LOG_WORDS: u32 = HEADER_BYTES / WORD_BYTES - LOG_FIRST_WORD;
 /// A retired activation's last word. Half of its bits decide, so that a flipped one does not.
 const RETIRED: u32 = 0;
 const WORD_BYTES: u32 = 4;
@@ -70,6 +75,10 @@ impl Slot {
 pub trait Flash {
     /// What can go wrong.
     type Error;
+
+    /// Words that the flash takes only together and only once between two erases, a power of two. A store programs them in order, beginning at a
+    /// multiple of their length, and fills up with erased ones; what a unit holds can be read when all of it was programmed.
+    const PROGRAM_WORDS: u32 = 1;
 
     /// The slot's bytes; internal flash is mapped into memory.
     fn contents(&self, slot: Slot) -> &[u8];
@@ -284,8 +293,10 @@ impl<F: Flash> Store<F> {
         for piece in bytes.chunks(4) {
             let mut word = ERASED.to_le_bytes();
             word.iter_mut().zip(piece).for_each(|(byte, new)| *byte = *new);
-            self.flash.program(upload.slot, at, u32::from_le_bytes(word)).map_err(|_| StorageError::Flash)?;
-            at = at.saturating_add(WORD_BYTES);
+            at = self.program(upload.slot, at, &[u32::from_le_bytes(word)])?;
+        }
+        if end == upload.length {
+            self.fill_unit(upload.slot, at)?;
         }
         upload.written = end;
         Ok(())
@@ -306,14 +317,10 @@ impl<F: Flash> Store<F> {
         }
         let kind_and_version = (u32::from(self.kind) << 16) | u32::from(self.version);
         let words = [MAGIC, kind_and_version, upload.length, upload.crc32];
-        let mut header_crc = 0;
-        let mut at = 0;
-        for word in words {
-            header_crc = crc32(header_crc, &word.to_le_bytes());
-            self.flash.program(upload.slot, at, word).map_err(|_| StorageError::Flash)?;
-            at += WORD_BYTES;
-        }
-        self.flash.program(upload.slot, at, header_crc).map_err(|_| StorageError::Flash)?;
+        let header_crc = words.iter().fold(0, |crc, word| crc32(crc, &word.to_le_bytes()));
+        let at = self.program(upload.slot, 0, &words)?;
+        let at = self.program(upload.slot, at, &[header_crc])?;
+        self.fill_unit(upload.slot, at)?;
         if self.payload(upload.slot).is_some() { Ok(upload.slot) } else { Err(StorageError::Flash) }
     }
 
@@ -331,21 +338,20 @@ impl<F: Flash> Store<F> {
         }
         let last = Slot::BOTH.into_iter().flat_map(|slot| self.log(slot)).map(|(_, activation)| activation.sequence).max();
         let sequence = last.unwrap_or(0).checked_add(1).ok_or(StorageError::LogFull)?;
-        let free = (0..LOG_ENTRIES).find(|entry| self.entry(slot, *entry) == Some([ERASED; ENTRY_WORDS as usize]));
-        let mut at = (LOG_FIRST_WORD + ENTRY_WORDS * free.ok_or(StorageError::LogFull)?) * WORD_BYTES;
-        for word in activation_words(sequence) {
-            self.flash.program(slot, at, word).map_err(|_| StorageError::Flash)?;
-            at += WORD_BYTES;
-        }
+        let free = (0..Self::LOG_ENTRIES).find(|entry| self.entry(slot, *entry) == Some([ERASED; ENTRY_WORDS as usize]));
+        let [first, _] = Self::entry_places(free.ok_or(StorageError::LogFull)?);
+        let at = self.program(slot, first * WORD_BYTES, &activation_words(sequence))?;
+        self.fill_unit(slot, at)?;
         // Every activation before it, so that none can come back when this one is lost.
         for slot in Slot::BOTH {
-            for entry in 0..LOG_ENTRIES {
+            for entry in 0..Self::LOG_ENTRIES {
                 let is_live = |words: &[u32; ENTRY_WORDS as usize]| {
                     Activation::decode(*words).is_some_and(|other| other.sequence != sequence && !other.is_retired)
                 };
                 if let Some([.., ERASED]) = self.entry(slot, entry).filter(is_live) {
-                    let at = (LOG_FIRST_WORD + ENTRY_WORDS * entry + ENTRY_WORDS - 1) * WORD_BYTES;
-                    self.flash.program(slot, at, RETIRED).map_err(|_| StorageError::Flash)?;
+                    let [_, retirement] = Self::entry_places(entry);
+                    let at = self.program(slot, retirement * WORD_BYTES, &[RETIRED])?;
+                    self.fill_unit(slot, at)?;
                 }
             }
         }
@@ -371,19 +377,50 @@ impl<F: Flash> Store<F> {
         Slot::BOTH.into_iter().find(|slot| Some(*slot) != active && self.payload(*slot).is_some())
     }
 
+    /// Words of an activation and of its retirement: whole units each.
+    const ENTRY_PARTS: [u32; 2] = [ACTIVATION_WORDS.next_multiple_of(F::PROGRAM_WORDS), F::PROGRAM_WORDS];
+    /// Activations in a slot's log.
+    const LOG_ENTRIES: u32 = LOG_WORDS / (Self::ENTRY_PARTS[0] + Self::ENTRY_PARTS[1]);
+
+    /// First words of an entry's activation and of its retirement.
+    const fn entry_places(entry: u32) -> [u32; 2] {
+        let [activation, retirement] = Self::ENTRY_PARTS;
+        let first = LOG_FIRST_WORD.next_multiple_of(F::PROGRAM_WORDS) + (activation + retirement) * entry;
+        [first, first + activation]
+    }
+
+    /// Programs words at a byte offset; gives the offset behind them.
+    fn program(&mut self, slot: Slot, at: u32, words: &[u32]) -> Result<u32, StorageError> {
+        let mut at = at;
+        for word in words {
+            self.flash.program(slot, at, *word).map_err(|_| StorageError::Flash)?;
+            at = at.saturating_add(WORD_BYTES);
+        }
+        Ok(at)
+    }
+
+    /// Fills the unit that ends before or at this byte offset, if it is not full.
+    fn fill_unit(&mut self, slot: Slot, at: u32) -> Result<(), StorageError> {
+        let mut at = at;
+        while !at.is_multiple_of(WORD_BYTES * F::PROGRAM_WORDS) {
+            at = self.program(slot, at, &[ERASED])?;
+        }
+        Ok(())
+    }
+
     fn word(&self, slot: Slot, index: u32) -> Option<u32> {
         let at = usize::try_from(index * WORD_BYTES).ok()?;
         self.flash.contents(slot).get(at..)?.first_chunk::<4>().map(|word| u32::from_le_bytes(*word))
     }
 
     fn entry(&self, slot: Slot, entry: u32) -> Option<[u32; ENTRY_WORDS as usize]> {
-        let at = LOG_FIRST_WORD + ENTRY_WORDS * entry;
-        Some([self.word(slot, at)?, self.word(slot, at + 1)?, self.word(slot, at + 2)?, self.word(slot, at + 3)?])
+        let [at, retirement] = Self::entry_places(entry);
+        Some([self.word(slot, at)?, self.word(slot, at + 1)?, self.word(slot, at + 2)?, self.word(slot, retirement)?])
     }
 
     /// The activations of a slot, each with its place.
     fn log(&self, slot: Slot) -> impl Iterator<Item = (u32, Activation)> {
-        (0..LOG_ENTRIES).filter_map(move |entry| Some((entry, Activation::decode(self.entry(slot, entry)?)?)))
+        (0..Self::LOG_ENTRIES).filter_map(move |entry| Some((entry, Activation::decode(self.entry(slot, entry)?)?)))
     }
 
     /// Sequence number of a slot's newest activation that is not retired.
@@ -393,7 +430,7 @@ impl<F: Flash> Store<F> {
 
     /// Whether a slot was never activated: a first activation may have been cut short, and one bit of the rest may have flipped.
     fn is_log_fresh(&self, slot: Slot) -> bool {
-        let cleared: u32 = (1..LOG_ENTRIES).filter_map(|entry| self.entry(slot, entry)).flatten().map(u32::count_zeros).sum();
+        let cleared: u32 = (1..Self::LOG_ENTRIES).filter_map(|entry| self.entry(slot, entry)).flatten().map(u32::count_zeros).sum();
         self.log(slot).next().is_none() && cleared <= 1
     }
 }

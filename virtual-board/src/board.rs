@@ -1,20 +1,17 @@
 //! The board: the part, its core, and a line to the host.
 
 use std::collections::VecDeque;
-use std::num::{NonZeroU32, NonZeroU64};
+use std::num::NonZeroU64;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rigless::chip::Timeline;
 use rigless::chip::uart::Peer;
-use rigless::cpu::armv7m;
 use rigless::machine::{Board, Target};
-use rigless::mcu::{Mcu, Operate};
+use rigless::mcu::Mcu;
 use rigless::snapshot::Store;
-use rigless::soc::Error;
 use rigless::time::VirtualNanos;
 
-use crate::chip::part::{Pins, Stm32f405};
-use crate::core;
+use crate::part::RigPart;
 
 /// Bytes on their way, in both directions.
 #[derive(Debug, Default)]
@@ -25,7 +22,7 @@ pub struct Wire {
     pub from_part: Vec<u8>,
 }
 
-/// The far end of USART1.
+/// The far end of the line.
 #[derive(Debug, Clone, Default)]
 pub struct FarEnd(Arc<Mutex<Wire>>);
 
@@ -51,34 +48,30 @@ impl Peer for FarEnd {
 
 /// The part on its board.
 #[derive(Debug)]
-pub struct RigBoard {
+pub struct RigBoard<P> {
     /// The part.
-    pub part: Stm32f405,
+    pub part: P,
     core_hz: NonZeroU64,
 }
 
-impl RigBoard {
-    /// The board with what is on the pins, and the rate of the core's own timer; the line's far end beside it.
-    ///
-    /// # Errors
-    /// When the part's description contradicts itself.
-    pub fn new(pins: Pins, core_hz: NonZeroU64) -> Result<(Self, FarEnd), Error> {
-        let mut part = Stm32f405::new(pins)?;
+impl<P: RigPart> RigBoard<P> {
+    /// The board, and the rate of the core's own timer; the line's far end beside it.
+    pub fn new(mut part: P, core_hz: Option<NonZeroU64>) -> (Self, FarEnd) {
         let far_end = FarEnd::default();
-        part.line.attach(far_end.clone());
-        Ok((Self { part, core_hz }, far_end))
+        part.attach(far_end.clone());
+        (Self { part, core_hz: core_hz.unwrap_or(P::CORE_HZ) }, far_end)
     }
 }
 
-impl Store for RigBoard {}
+impl<P> Store for RigBoard<P> {}
 
-impl Board for RigBoard {
+impl<P: RigPart + Send> Board for RigBoard<P> {
     fn name(&self) -> &'static str {
-        self.part.pins.wiring.name
+        self.part.board()
     }
 
     fn target_names(&self) -> Vec<&'static str> {
-        vec!["stm32f405"]
+        vec![P::NAME]
     }
 
     fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
@@ -86,8 +79,7 @@ impl Board for RigBoard {
     }
 
     fn targets(&mut self) -> Vec<Target<'_>> {
-        let lines = NonZeroU32::new(u32::from(Operate::cpu(&self.part).interrupt_lines)).unwrap_or(NonZeroU32::MIN);
-        let spec = core::spec(self.core_hz, lines, &armv7m::windows(self.part.bus()));
-        vec![Target::new("stm32f405", &mut self.part, spec)]
+        let spec = self.part.core(self.core_hz);
+        vec![Target::new(P::NAME, &mut self.part, spec)]
     }
 }

@@ -6,10 +6,18 @@ pub mod stm32f405 {
     #[path = "../../firmware/src/board/stm32f405/wiring.rs"]
     pub mod wiring;
 }
+/// The same of the STM32H743.
+#[path = "."]
+pub mod stm32h743 {
+    #[path = "../../firmware/src/board/stm32h743/wiring.rs"]
+    pub mod wiring;
+}
 #[path = "../../firmware/src/board/custom_f405/mod.rs"]
 pub mod custom_f405;
 #[path = "../../firmware/src/board/feather_f405/mod.rs"]
 pub mod feather_f405;
+#[path = "../../firmware/src/board/nucleo_h743zi/mod.rs"]
+pub mod nucleo_h743zi;
 
 use stm32f405::wiring::Wiring;
 
@@ -18,16 +26,20 @@ use stm32f405::wiring::Wiring;
 pub enum Kind {
     /// Around an STM32F405.
     Stm32f405(Wiring),
+    /// Around an STM32H743.
+    Stm32h743(stm32h743::wiring::Wiring),
 }
 
 /// All boards; the first is meant unless another is asked for.
-pub const BOARDS: [Kind; 2] = [Kind::Stm32f405(custom_f405::WIRING), Kind::Stm32f405(feather_f405::WIRING)];
+pub const BOARDS: [Kind; 3] =
+    [Kind::Stm32f405(custom_f405::WIRING), Kind::Stm32f405(feather_f405::WIRING), Kind::Stm32h743(nucleo_h743zi::WIRING)];
 
 impl Kind {
     /// Its name.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Stm32f405(wiring) => wiring.name,
+            Self::Stm32h743(wiring) => wiring.name,
         }
     }
 

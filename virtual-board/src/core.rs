@@ -35,7 +35,11 @@ pub fn spec(clock_hz: NonZeroU64, interrupt_lines: NonZeroU32, windows: &[Window
         instructions_per_second: const { NonZeroU64::new(INSTRUCTIONS_PER_SECOND).unwrap() },
         boot: "flash",
     };
-    let mut spec = core.spec_with_parts(windows, Fpu::FpV4Sp, MpuRegions::Eight);
+    with_nmi(core.spec_with_parts(windows, Fpu::FpV4Sp, MpuRegions::Eight))
+}
+
+/// Gives a core the line of its NMI.
+pub fn with_nmi(mut spec: CoreSpec) -> CoreSpec {
     let make = Arc::clone(&spec.processor);
     spec.processor = Arc::new(move |endian| Ok(Box::new(WithNmi { core: make(endian)? }) as Box<dyn Processor>));
     spec

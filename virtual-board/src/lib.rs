@@ -12,5 +12,7 @@ pub mod chip;
 pub mod core;
 pub mod log;
 pub mod machine;
+pub mod part;
 pub mod protocol;
+pub mod stm32h743;
 pub mod touched;

@@ -8,19 +8,17 @@ use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
 use crate::board::{FarEnd, RigBoard};
-use crate::chip::flash::{Change, Speed, sector};
+use crate::chip::flash::{Change, sector};
 use crate::chip::part::SUPPLY_MV;
 use crate::core::nmi;
 use crate::log::Log;
+use crate::part::RigPart;
 use crate::protocol::{self, Fault, Request};
 use crate::touched::Touched;
 
 const MILLISECOND: u64 = 1_000_000;
 /// How long the supply is gone after a cut.
 const CUT_MS: u64 = 100;
-/// Memory that forgets without supply: SRAM and core-coupled memory.
-const FORGETFUL: [(u64, u64); 2] = [(0x2000_0000, 128 << 10), (0x1000_0000, 64 << 10)];
-
 /// Who drives the run.
 #[derive(Debug)]
 pub struct Machine<I, O> {
@@ -68,12 +66,10 @@ impl<I: Read, O: Write> Machine<I, O> {
     }
 
     /// Flash: the processor stands while it is busy, and the array changes when it is done.
-    fn follow_flash(&mut self, session: &mut Session<RigBoard>, host: &mut dyn Host, now: VirtualNanos) {
-        let flash = &mut session.board_mut().part.flash;
-        let running = flash.running();
-        let finished = flash.take_finished();
-        let option_bytes = flash.option_bytes;
-        session.board_mut().part.pins.option_bytes = option_bytes;
+    fn follow_flash<P: RigPart>(&mut self, session: &mut Session<RigBoard<P>>, host: &mut dyn Host, now: VirtualNanos) {
+        let part = &mut session.board_mut().part;
+        let running = part.flash_running();
+        let finished = part.take_flash_changes();
         for change in finished {
             apply(change, host, |_, new| new);
         }
@@ -103,15 +99,15 @@ impl<I: Read, O: Write> Machine<I, O> {
     }
 
     /// Asks the run to stop where something is due next.
-    fn aim(&self, session: &mut Session<RigBoard>) {
+    fn aim<P: RigPart>(&self, session: &mut Session<RigBoard<P>>) {
         if let Some(end) = self.tick_end {
             session.run_until(self.cut_at.map_or(end, |cut| cut.min(end)));
         }
     }
 
     /// Power goes; an operation on flash stays half done.
-    fn cut(&mut self, session: &mut Session<RigBoard>, host: &mut dyn Host, now: VirtualNanos) {
-        if let Some(change) = session.board().part.flash.running() {
+    fn cut<P: RigPart>(&mut self, session: &mut Session<RigBoard<P>>, host: &mut dyn Host, now: VirtualNanos) {
+        if let Some(change) = session.board().part.flash_running() {
             let chance = &mut self.chance;
             apply(change, host, |old, new| {
                 let which = chance.next();
@@ -122,15 +118,15 @@ impl<I: Read, O: Write> Machine<I, O> {
         self.power_back = Some(VirtualNanos(now.0 + CUT_MS * MILLISECOND));
     }
 
-    fn forget(&mut self, host: &mut dyn Host) {
-        for (start, length) in FORGETFUL {
+    fn forget<P: RigPart>(&mut self, host: &mut dyn Host) {
+        for (start, length) in P::FORGETFUL.iter().copied() {
             for address in (start..start + length).step_by(8) {
                 let _ = host.write(address, Width::W64, self.chance.next());
             }
         }
     }
 
-    fn answer_tick(&mut self, session: &mut Session<RigBoard>, stop: Stop, host: &mut dyn Host) -> std::io::Result<()> {
+    fn answer_tick<P: RigPart>(&mut self, session: &mut Session<RigBoard<P>>, stop: Stop, host: &mut dyn Host) -> std::io::Result<()> {
         let part = &session.board().part;
         let outputs = part.outputs();
         let groups = part.groups();
@@ -160,23 +156,15 @@ impl<I: Read, O: Write> Machine<I, O> {
         protocol::give(&mut self.output, 1, &body)
     }
 
-    fn break_something(&mut self, fault: Fault, session: &mut Session<RigBoard>, stop: Stop, host: &mut dyn Host) -> Result<(), String> {
+    fn break_something<P: RigPart>(
+        &mut self,
+        fault: Fault,
+        session: &mut Session<RigBoard<P>>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
         let now = stop.at;
-        let part = &mut session.board_mut().part;
         match fault {
-            Fault::Crystal(swings) => {
-                if part.set_crystal(swings, now) {
-                    host.set_interrupt(nmi(), rigless::device::Level::High);
-                }
-            }
-            Fault::CrystalHz(hz) => part.set_crystal_hz(hz),
-            Fault::Loop(locks) => part.set_loop(locks),
-            Fault::WatchdogHz(hz) => part.set_watchdog_hz(hz),
-            Fault::Supply(millivolts) => part.set_supply(millivolts, now),
-            Fault::Analogue(millivolts) => part.set_analogue_supply(millivolts),
-            Fault::DrivePin(code) => part.pins.drive_stuck = code,
-            Fault::DumpPin(level) => part.hold_dump_pin(level),
-            Fault::Swapped => part.pins.swapped = true,
             Fault::Store { address, value } => {
                 let (value, problem) = (u64::from(value), |_| format!("{address:#010x} is no memory"));
                 host.write(address, Width::W16, value).or_else(|_| host.program(address, Width::W16, value)).map_err(problem)?;
@@ -192,19 +180,21 @@ impl<I: Read, O: Write> Machine<I, O> {
                 self.hung_since_reset = Some(session.resets().len());
                 host.hold(true);
             }
-            Fault::LateFlash => {
-                part.pins.flash = Speed::Slowest;
-                part.flash.speed = Speed::Slowest;
-            }
-            Fault::Noise(words) => {
-                let errors = part.line.errors_mut();
-                errors.noise = rigless::chip::uart::Rate { name: "line-noise", per_million: words };
+            other => {
+                if session.board_mut().part.break_something(other, now)? {
+                    host.set_interrupt(nmi(), rigless::device::Level::High);
+                }
             }
         }
         Ok(())
     }
 
-    fn converse(&mut self, session: &mut Session<RigBoard>, stop: Stop, host: &mut dyn Host) -> std::io::Result<Option<VirtualNanos>> {
+    fn converse<P: RigPart>(
+        &mut self,
+        session: &mut Session<RigBoard<P>>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> std::io::Result<Option<VirtualNanos>> {
         while let Some(request) = protocol::take(&mut self.input)? {
             match request {
                 Err(reason) => protocol::give(&mut self.output, protocol::REFUSED, reason.as_bytes())?,
@@ -214,9 +204,7 @@ impl<I: Read, O: Write> Machine<I, O> {
                         self.far_end.with(|wire| wire.to_part.extend(line));
                     }
                     part.set_codes(codes);
-                    if part.pins.stop_pressed != pressed {
-                        part.press_stop(pressed, stop.at);
-                    }
+                    part.press_stop(pressed, stop.at);
                     return Ok(Some(VirtualNanos(stop.at.0 + MILLISECOND)));
                 }
                 Ok(Request::Fault(fault)) => match self.break_something(fault, session, stop, host) {
@@ -242,8 +230,8 @@ impl<I: Read, O: Write> Machine<I, O> {
     }
 }
 
-impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
-    fn on_settled(&mut self, session: &mut Session<RigBoard>, host: &mut dyn Host, settled: Settled) {
+impl<P: RigPart + Send, I: Read + Send, O: Write + Send> Driver<RigBoard<P>> for Machine<I, O> {
+    fn on_settled(&mut self, session: &mut Session<RigBoard<P>>, host: &mut dyn Host, settled: Settled) {
         let now = match settled {
             Settled::Access { access, .. } => {
                 self.touched.book(&access);
@@ -259,12 +247,12 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
         }
         let powered = !session.unpowered();
         if !powered && self.powered_before && session.board().part.forgets() {
-            self.forget(host);
+            self.forget::<P>(host);
         }
         self.powered_before = powered;
     }
 
-    fn on_stop(&mut self, session: &mut Session<RigBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<RigBoard<P>>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         if self.cut_at.is_some_and(|cut| stop.at >= cut) {
             self.cut_at = None;
             self.cut(session, host, stop.at);
@@ -273,7 +261,7 @@ impl<I: Read + Send, O: Write + Send> Driver<RigBoard> for Machine<I, O> {
             return Some(end);
         }
         if self.tick_end.is_none() {
-            self.forget(host);
+            self.forget::<P>(host);
         }
         if self.power_back.is_some_and(|back| stop.at >= back) {
             self.power_back = None;

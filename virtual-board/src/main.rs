@@ -11,22 +11,20 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 use virtual_board::board::RigBoard;
 use virtual_board::boards::{BOARDS, Kind};
-use virtual_board::chip::part::Pins;
+use virtual_board::chip::part::{self as stm32f405, Stm32f405};
 use virtual_board::log::Log;
 use virtual_board::machine::Machine;
-
-/// The factory's calibration in system memory (DS8626 table 77): the reference voltage's code, for the 1.21 V of the converter's model and
-/// an analogue supply of 3.3 V, in the upper half of this word.
-const CALIBRATION: (u64, u32) = (0x1fff_7a28, 1501 << 16);
+use virtual_board::part::RigPart;
+use virtual_board::stm32h743::part::{self as stm32h743, Stm32h743};
 
 const USAGE: &str = "\
 usage: virtual-board --image FILE [options]
 
   --image FILE        the image, sealed: target/thumbv7em-none-eabihf/release/rig, built by `cargo xtask firmware`
-  --board NAME        custom-f405 (default) or feather-f405; the image must be of it
+  --board NAME        custom-f405 (default), feather-f405 or nucleo-h743zi; the image must be of it
   --flash FILE@ADDR   what the flash holds besides, at a hexadecimal address; may be given more than once
   --seed N            seed of what memory holds without supply (default 1)
-  --core-hz N         rate of the core's own timer, which does not follow the clock tree (default 168000000)
+  --core-hz N         rate of the core's own timer, which does not follow the clock tree (default: the full frequency)
 
 Requests on standard input, answers on standard output: see `virtual-board/src/protocol.rs`.
 ";
@@ -36,14 +34,14 @@ struct Arguments {
     board: Kind,
     flash: Vec<(PathBuf, u64)>,
     seed: u64,
-    core_hz: NonZeroU64,
+    core_hz: Option<NonZeroU64>,
 }
 
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut image = None;
     let mut board = BOARDS[0];
     let mut flash = Vec::new();
-    let (mut seed, mut core_hz) = (1, const { NonZeroU64::new(168_000_000).unwrap() });
+    let (mut seed, mut core_hz) = (1, None);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} wants a value"));
         match word.as_str() {
@@ -58,7 +56,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
                 flash.push((PathBuf::from(path), address));
             }
             "--seed" => seed = value()?.parse().map_err(|_| "--seed wants a number")?,
-            "--core-hz" => core_hz = value()?.parse().map_err(|_| "--core-hz wants a number above zero")?,
+            "--core-hz" => core_hz = Some(value()?.parse().map_err(|_| "--core-hz wants a number above zero")?),
             _ => return Err(format!("`{word}` is no option")),
         }
     }
@@ -78,15 +76,26 @@ fn serve(arguments: &Arguments) -> Result<(), String> {
         return Err(format!("{} is no image of the board {name}", arguments.image.display()));
     }
     let log = Log::of(&bytes);
+    match arguments.board {
+        Kind::Stm32f405(wiring) => run_on(arguments, bytes, log, Stm32f405::new(stm32f405::Pins::of(wiring))),
+        Kind::Stm32h743(wiring) => run_on(arguments, bytes, log, Stm32h743::new(stm32h743::Pins::of(wiring))),
+    }
+}
+
+fn run_on<P: RigPart + Send + 'static>(
+    arguments: &Arguments,
+    bytes: Vec<u8>,
+    log: Option<Log>,
+    part: Result<P, rigless::soc::Error>,
+) -> Result<(), String> {
     let placed = |error: rigless::image::Error| error.to_string();
     let mut images = vec![Image::new(&arguments.image, bytes, None).map_err(placed)?];
-    let (address, word) = CALIBRATION;
+    let (address, word) = P::CALIBRATION;
     images.push(Image::new(Path::new("calibration"), word.to_le_bytes().to_vec(), Some(address)).map_err(placed)?);
     for (path, address) in &arguments.flash {
         images.push(Image::new(path, read(path)?, Some(*address)).map_err(placed)?);
     }
-    let Kind::Stm32f405(wiring) = arguments.board;
-    let (board, far_end) = RigBoard::new(Pins::of(wiring), arguments.core_hz).map_err(|error| error.to_string())?;
+    let (board, far_end) = RigBoard::new(part.map_err(|error| error.to_string())?, arguments.core_hz);
     let session = Session::new(Box::new(board), 0, VirtualNanos(0)).map_err(|error| error.to_string())?;
     let machine = Machine::new(BufReader::new(std::io::stdin()), BufWriter::new(std::io::stdout()), far_end, log, arguments.seed);
     let finished = run(session, &Start::new(&images), machine).map_err(|error| error.to_string())?;

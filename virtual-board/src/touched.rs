@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use rigless::emulator::{Access, AccessKind};
-use rigless::mcu::Mcu;
 use rigless::session::Session;
 use rigless::soc::Bus;
 
 use crate::board::RigBoard;
+use crate::part::RigPart;
 
 /// Reads and writes, by address.
 #[derive(Debug, Default)]
@@ -24,7 +24,7 @@ impl Touched {
 
     /// The report: `registers` with their counts, `without_model` (answered by a register file alone, or not at all), `refused` (a clock
     /// that was off, a bus error), `told` (what a model found forbidden).
-    pub fn json(&self, session: &mut Session<RigBoard>) -> String {
+    pub fn json<P: RigPart>(&self, session: &mut Session<RigBoard<P>>) -> String {
         let mut without_model: Vec<String> = session
             .unimplemented()
             .iter()

@@ -30,8 +30,11 @@ pub struct Board {
 }
 
 /// All of them; the first is built unless another is asked for.
-pub const BOARDS: [Board; 2] =
-    [Board { name: "custom-f405", chip: "STM32F405RGTx" }, Board { name: "feather-f405", chip: "STM32F405RGTx" }];
+pub const BOARDS: [Board; 3] = [
+    Board { name: "custom-f405", chip: "STM32F405RGTx" },
+    Board { name: "feather-f405", chip: "STM32F405RGTx" },
+    Board { name: "nucleo-h743zi", chip: "STM32H743ZITx" },
+];
 
 impl Board {
     /// The board of this name.

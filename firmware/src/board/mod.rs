@@ -35,11 +35,13 @@ pub mod custom_f405;
 pub mod exchange;
 pub mod feather_f405;
 pub mod memory_map;
+pub mod nucleo_h743zi;
 pub mod periods;
 pub mod pulse;
 pub mod rates;
 pub mod read_back;
 pub mod stm32f405;
+pub mod stm32h743;
 pub mod tick_task;
 pub mod watchdog;
 
@@ -48,10 +50,15 @@ pub mod watchdog;
 pub mod target;
 
 /// The chip of the board that this build is for.
+#[cfg(chip = "stm32f405")]
 pub use stm32f405 as chip;
+#[cfg(chip = "stm32h743")]
+pub use stm32h743 as chip;
 /// The wiring of the board that this build is for.
 pub const SELECTED: chip::wiring::Wiring = selected::WIRING;
 #[cfg(board = "custom-f405")]
 use custom_f405 as selected;
 #[cfg(board = "feather-f405")]
 use feather_f405 as selected;
+#[cfg(board = "nucleo-h743zi")]
+use nucleo_h743zi as selected;

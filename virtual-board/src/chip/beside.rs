@@ -17,6 +17,11 @@ pub trait Beside<M: Device> {
         let _ = (model, registers, context);
     }
 
+    /// Before the model is written to; the register file holds the value already.
+    fn before(&mut self, register: M::Register, registers: &mut RegisterFile) {
+        let _ = (register, registers);
+    }
+
     /// Another instance's request, before the model hears it.
     fn request(&mut self, change: RequestChange, model: &mut M, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         let _ = (change, model, registers, context);
@@ -64,6 +69,7 @@ where
     }
 
     fn write(&mut self, register: M::Register, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.beside.before(register, registers);
         self.model.write(register, value, registers, context);
         self.beside.after(&mut self.model, registers, context);
     }

@@ -1,4 +1,5 @@
-//! TIM11's input capture of the divided crystal (RM0090 sections 7.2.11 and 19.5).
+//! A timer's input capture of the divided crystal: TIM11 of the STM32F405 (RM0090 sections 7.2.11 and 19.5), TIM17 of the STM32H743 (RM0433
+//! section 41.6), which differ in the register that selects the input.
 //!
 //! | register | behaviour | RM0090 |
 //! |---|---|---|
@@ -7,12 +8,16 @@
 //! | CCMR1.CC1S = 01, IC1PSC | a capture every 1, 2, 4 or 8 events of the input | 19.5.5 |
 //! | CCER.CC1E | captures | 19.5.6 |
 //! | CNT, PSC, ARR, CCR1 | the counter, its divider, its end, the captured count | 19.5.7 to 19.5.10 |
-//! | OR.RMP = 10 | the input is HSE over CFGR.RTCPRE | 19.5.11 |
+//! | OR.RMP = 10; TISEL.TI1SEL = 2 | the input is HSE over CFGR.RTCPRE | 19.5.11; RM0433 41.6.19 |
 //!
 //! Left out: output compare, the input filter (IC1F is stored), interrupts, the other inputs of OR.RMP, and CNT writes while counting.
 
+use std::marker::PhantomData;
+
 use rigless::device::{Device, DeviceContext, RegisterFile};
-use rigless::soc::stm32f427::generated::tim11::Register;
+use rigless::soc::Layout;
+use rigless::soc::stm32f427::generated::tim11;
+use rigless::soc::stm32h743::generated::tim17;
 use rigless::time::{EventId, Run, VirtualNanos};
 
 const CEN: u64 = 1;
@@ -20,8 +25,57 @@ const CC1IF: u64 = 1 << 1;
 const CC1OF: u64 = 1 << 9;
 const CC1E: u64 = 1;
 const INPUT_IS_TI1: u64 = 0b01;
-const REMAP_HSE: u64 = 0b10;
 const NANOS_PER_SECOND: u128 = 1_000_000_000;
+
+/// The registers of a timer with this input.
+pub trait Registers: Layout + Copy + PartialEq + std::fmt::Debug + Send + 'static {
+    /// Control.
+    const CR1: Self;
+    /// Status.
+    const SR: Self;
+    /// Capture mode.
+    const CCMR1: Self;
+    /// Capture enable.
+    const CCER: Self;
+    /// Counter.
+    const CNT: Self;
+    /// Its divider.
+    const PSC: Self;
+    /// Its end.
+    const ARR: Self;
+    /// The captured count.
+    const CCR1: Self;
+    /// Selects the input.
+    const SELECTION: Self;
+    /// The bits that select the divided crystal, and their mask.
+    const CRYSTAL: (u64, u64);
+}
+
+impl Registers for tim11::Register {
+    const CR1: Self = Self::Cr1;
+    const SR: Self = Self::Sr;
+    const CCMR1: Self = Self::Ccmr1Input;
+    const CCER: Self = Self::Ccer;
+    const CNT: Self = Self::Cnt;
+    const PSC: Self = Self::Psc;
+    const ARR: Self = Self::Arr;
+    const CCR1: Self = Self::Ccr1;
+    const SELECTION: Self = Self::Or;
+    const CRYSTAL: (u64, u64) = (0b10, 0b11);
+}
+
+impl Registers for tim17::Register {
+    const CR1: Self = Self::Cr1;
+    const SR: Self = Self::Sr;
+    const CCMR1: Self = Self::Ccmr1Input;
+    const CCER: Self = Self::Ccer;
+    const CNT: Self = Self::Cnt;
+    const PSC: Self = Self::Psc;
+    const ARR: Self = Self::Arr;
+    const CCR1: Self = Self::Ccr1;
+    const SELECTION: Self = Self::Tim17Tisel;
+    const CRYSTAL: (u64, u64) = (0b0010, 0b1111);
+}
 
 /// What clocks the timer and its input, Hz; zero for none.
 #[derive(Debug, Clone, Copy, Default)]
@@ -33,66 +87,67 @@ pub struct Rates {
 }
 
 /// The timer.
-#[derive(Debug, Default)]
-pub struct Capture {
+#[derive(Debug)]
+pub struct Capture<R> {
     /// Rates in force; the chip keeps them current.
     pub rates: Rates,
     since: Option<VirtualNanos>,
     next: Option<(EventId, Run)>,
     flags: u64,
+    registers: PhantomData<R>,
 }
 
-impl Capture {
+impl<R> Default for Capture<R> {
+    fn default() -> Self {
+        Self { rates: Rates::default(), since: None, next: None, flags: 0, registers: PhantomData }
+    }
+}
+
+impl<R: Registers> Capture<R> {
     fn count(&self, now: VirtualNanos, registers: &RegisterFile) -> u64 {
-        let Some(since) = self.since else { return registers.get(Register::Cnt) };
-        let divider = u128::from(registers.get(Register::Psc)) + 1;
+        let Some(since) = self.since else { return registers.get(R::CNT) };
+        let divider = u128::from(registers.get(R::PSC)) + 1;
         let counts = u128::from(now.0 - since.0) * u128::from(self.rates.timer_hz) / NANOS_PER_SECOND / divider;
         // An end of zero blocks the counter (RM0090 section 19.5.9).
-        let period = u128::from(registers.get(Register::Arr) & 0xffff) + 1;
+        let period = u128::from(registers.get(R::ARR) & 0xffff) + 1;
         if period == 1 { 0 } else { u64::try_from(counts % period).unwrap_or_default() }
     }
 
     fn capturing(&self, registers: &RegisterFile) -> bool {
         self.since.is_some()
-            && registers.get(Register::Ccer) & CC1E != 0
-            && registers.get(Register::Ccmr1Input) & 0b11 == INPUT_IS_TI1
-            && registers.get(Register::Or) & 0b11 == REMAP_HSE
+            && registers.get(R::CCER) & CC1E != 0
+            && registers.get(R::CCMR1) & 0b11 == INPUT_IS_TI1
+            && registers.get(R::SELECTION) & R::CRYSTAL.1 == R::CRYSTAL.0
             && self.rates.input_hz > 0
     }
 
     fn schedule(&mut self, run: Run, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
-        let events = 1u128 << (registers.get(Register::Ccmr1Input) >> 2 & 0b11);
+        let events = 1u128 << (registers.get(R::CCMR1) >> 2 & 0b11);
         let mut run = run;
         run.extend(events, self.rates.input_hz);
         self.next = Some((context.schedule(run.ends), run));
     }
 }
 
-impl Device for Capture {
-    type Register = Register;
+impl<R: Registers> Device for Capture<R> {
+    type Register = R;
 
-    fn read(&mut self, register: Register, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) -> Option<u64> {
-        match register {
-            Register::Cnt => Some(self.count(context.now(), registers)),
-            Register::Sr => Some(self.flags),
-            Register::Ccr1 => {
-                self.flags &= !CC1IF;
-                None
-            }
-            _ => None,
+    fn read(&mut self, register: R, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) -> Option<u64> {
+        if register == R::CCR1 {
+            self.flags &= !CC1IF;
         }
+        if register == R::CNT { Some(self.count(context.now(), registers)) } else { (register == R::SR).then_some(self.flags) }
     }
 
-    fn write(&mut self, register: Register, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        match register {
-            Register::Sr => self.flags &= value,
-            Register::Cr1 if value & CEN == 0 => {
-                let held = self.count(context.now(), registers);
-                registers.set(Register::Cnt, held);
-                self.since = None;
-            }
-            Register::Cr1 if self.since.is_none() => self.since = Some(context.now()),
-            _ => {}
+    fn write(&mut self, register: R, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        if register == R::SR {
+            self.flags &= value;
+        } else if register == R::CR1 && value & CEN == 0 {
+            let held = self.count(context.now(), registers);
+            registers.set(R::CNT, held);
+            self.since = None;
+        } else if register == R::CR1 && self.since.is_none() {
+            self.since = Some(context.now());
         }
         match (self.capturing(registers), self.next.is_some()) {
             (true, false) => self.schedule(Run::at(context.now()), registers, context),
@@ -110,7 +165,7 @@ impl Device for Capture {
             self.next = None;
             return;
         }
-        registers.set(Register::Ccr1, self.count(context.now(), registers));
+        registers.set(R::CCR1, self.count(context.now(), registers));
         self.flags |= if self.flags & CC1IF != 0 { CC1IF | CC1OF } else { CC1IF };
         self.schedule(run, registers, context);
     }

@@ -2,10 +2,13 @@
 
 use std::num::{NonZeroU32, NonZeroU64};
 
+use rigless::chip::uart::Rate;
 use rigless::cpu::armv7m::{self, Dwt};
 use rigless::device::{ErasedDevice, Level, ResetCause};
+use rigless::emulator::CoreSpec;
 use rigless::mcu::{Mcu, Operate};
-use rigless::soc::stm32f427::generated::{self, flash as flash_registers, gpioa, rcc as rcc_registers};
+use rigless::snapshot::Store;
+use rigless::soc::stm32f427::generated::{self, flash as flash_registers, gpioa, rcc as rcc_registers, tim11};
 use rigless::soc::stm32f427::peripherals::adc::{Adc, AdcCommon, Channel};
 use rigless::soc::stm32f427::peripherals::dbg::Dbg;
 use rigless::soc::stm32f427::peripherals::gpio::{Gpio, Pin};
@@ -17,14 +20,18 @@ use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
 use rigless::soc::{self, Bus, Cpu, Endian, EraseBlocks, Error, Gate, Peripheral, Region, WriteModify};
 use rigless::time::VirtualNanos;
 
+use crate::board::FarEnd;
+
 use super::beside::{Beside, With};
 use super::capture::{Capture, Rates};
 use super::crystal::Oscillators;
 use super::dac::Dac;
-use super::flash::{Flash, Speed};
+use super::flash::{Change, Flash, Speed};
 use super::lines::{Lines, MonitorOutput};
 use super::sampling::{InjectedGroup, TriggerOutput};
 use crate::boards::stm32f405::wiring::{self, DRIVE, PULSE, Wiring};
+use crate::part::{Outputs, RigPart};
+use crate::protocol::Fault;
 
 // What the STM32F405 has where the STM32F427 has something else. RM0090 gives both families, each in sections of its own.
 
@@ -295,17 +302,6 @@ impl Beside<Gpio> for Held {
     }
 }
 
-/// What the part does to the pins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Outputs {
-    /// Code at the drive's pin, if the converter drives it.
-    pub drive_code: Option<u16>,
-    /// Duty cycle at the pulse width's pin as compare value and period, if the timer drives it.
-    pub pulse: Option<(u16, u16)>,
-    /// Whether the dump valve's pin is driven high.
-    pub dump_valve: bool,
-}
-
 /// The part.
 #[derive(Debug)]
 pub struct Stm32f405 {
@@ -326,7 +322,7 @@ pub struct Stm32f405 {
     sampling_timer: With<Tim<General>, TriggerOutput>,
     timers: [Tim<General>; TIMERS.len()],
     dac: Dac,
-    capture: Capture,
+    capture: Capture<tim11::Register>,
     watchdog: Iwdg,
     debug: Dbg,
     cycles: Dwt,
@@ -645,5 +641,91 @@ impl Mcu for Stm32f405 {
             Model::Cycles => Some(&mut self.cycles),
         };
         (bus, answering)
+    }
+}
+
+impl Store for Stm32f405 {}
+
+impl RigPart for Stm32f405 {
+    const NAME: &'static str = "stm32f405";
+    const CORE_HZ: NonZeroU64 = const { NonZeroU64::new(168_000_000).unwrap() };
+    // SRAM and core-coupled memory.
+    const FORGETFUL: &'static [(u64, u64)] = &[(0x2000_0000, 128 << 10), (0x1000_0000, 64 << 10)];
+    // DS8626 table 77: in the upper half of this word, for the 1.21 V of the converter's model.
+    const CALIBRATION: (u64, u32) = (0x1fff_7a28, 1501 << 16);
+
+    fn board(&self) -> &'static str {
+        self.pins.wiring.name
+    }
+
+    fn core(&self, clock_hz: NonZeroU64) -> CoreSpec {
+        let lines = NonZeroU32::new(u32::from(Operate::cpu(self).interrupt_lines)).unwrap_or(NonZeroU32::MIN);
+        crate::core::spec(clock_hz, lines, &armv7m::windows(self.bus()))
+    }
+
+    fn attach(&mut self, far_end: FarEnd) {
+        self.line.attach(far_end);
+    }
+
+    fn set_codes(&mut self, codes: [[u16; 2]; 2]) {
+        Self::set_codes(self, codes);
+    }
+
+    fn press_stop(&mut self, pressed: bool, at: VirtualNanos) {
+        if self.pins.stop_pressed != pressed {
+            Self::press_stop(self, pressed, at);
+        }
+    }
+
+    fn outputs(&self) -> Outputs {
+        Self::outputs(self)
+    }
+
+    fn groups(&self) -> u64 {
+        Self::groups(self)
+    }
+
+    fn line_is_connected(&self) -> (bool, bool) {
+        Self::line_is_connected(self)
+    }
+
+    fn break_something(&mut self, fault: Fault, at: VirtualNanos) -> Result<bool, String> {
+        match fault {
+            Fault::Crystal(swings) => return Ok(self.set_crystal(swings, at)),
+            Fault::CrystalHz(hz) => self.set_crystal_hz(hz),
+            Fault::Loop(locks) => self.set_loop(locks),
+            Fault::WatchdogHz(hz) => self.set_watchdog_hz(hz),
+            Fault::Supply(millivolts) => Self::set_supply(self, millivolts, at),
+            Fault::Analogue(millivolts) => self.set_analogue_supply(millivolts),
+            Fault::DrivePin(code) => self.pins.drive_stuck = code,
+            Fault::DumpPin(level) => self.hold_dump_pin(level),
+            Fault::Swapped => self.pins.swapped = true,
+            Fault::LateFlash => {
+                self.pins.flash = Speed::Slowest;
+                self.flash.speed = Speed::Slowest;
+            }
+            Fault::Noise(words) => self.line.errors_mut().noise = Rate { name: "line-noise", per_million: words },
+            Fault::Store { .. } | Fault::Reset | Fault::Flip { .. } | Fault::Cut(_) | Fault::Hang => {
+                return Err(format!("{fault:?} is no fault of the part's own"));
+            }
+        }
+        Ok(false)
+    }
+
+    fn set_supply(&mut self, millivolts: u32, at: VirtualNanos) {
+        Self::set_supply(self, millivolts, at);
+    }
+
+    fn forgets(&self) -> bool {
+        Self::forgets(self)
+    }
+
+    fn flash_running(&self) -> Option<Change> {
+        self.flash.running()
+    }
+
+    fn take_flash_changes(&mut self) -> Vec<Change> {
+        self.pins.option_bytes = self.flash.option_bytes;
+        self.flash.take_finished()
     }
 }

@@ -11,7 +11,7 @@
 use rigless::device::{Device, DeviceContext, Level, RegisterFile, RequestChange};
 use rigless::soc::stm32f427::generated::adc1::{Register as AdcRegister, cr2, jsqr};
 use rigless::soc::stm32f427::peripherals::adc::Adc;
-use rigless::soc::stm32f427::peripherals::tim::{General, Tim};
+use rigless::soc::stm32f427::peripherals::tim::{Family, Tim};
 
 use super::beside::Beside;
 use crate::boards::stm32f405::wiring::Pin;
@@ -33,8 +33,11 @@ pub struct TriggerOutput {
     pulses: u64,
 }
 
-impl Beside<Tim<General>> for TriggerOutput {
-    fn after(&mut self, model: &mut Tim<General>, _registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+impl<F: Family> Beside<Tim<F>> for TriggerOutput
+where
+    Tim<F>: Device,
+{
+    fn after(&mut self, model: &mut Tim<F>, _registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         let (level, pulses) = model.trigger_output();
         if pulses != self.pulses {
             context.request(TRGO_REQUEST, Level::High);

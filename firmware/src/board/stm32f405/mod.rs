@@ -11,7 +11,7 @@ pub mod regions;
 mod reset_cause;
 pub mod wiring;
 
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", chip = "stm32f405"))]
 #[expect(unsafe_code, reason = "registers, linker symbols and memory that survives a reset")]
 pub mod registers;
 
