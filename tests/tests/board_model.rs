@@ -98,6 +98,39 @@ fn the_feathers_image_in_closed_loop_on_its_own_pins_and_crystal_is_the_library_
 
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_second_chip_familys_image_in_closed_loop_is_the_library_to_the_bit() {
+    let slice = played_on(&config_of("nucleo-h743zi"), &hybrid::exported(&[8]), 2.0, 4);
+    println!("{slice:?}");
+    assert!(slice.bit_equal, "the library gives other outputs");
+    assert!(slice.ticks > 2_000, "{} ticks", slice.ticks);
+    assert_eq!(slice.unmodelled, Vec::<String>::new());
+    assert!(slice.log.contains("400 MHz from the crystal"), "{}", slice.log);
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn settings_of_the_second_chip_family_lie_in_its_flash_and_outlast_a_reset() {
+    use model_export::link::message::Request;
+    use model_export::link::settings::{SettingValue, by_name};
+    let processor = BoardModel::start(config_of("nucleo-h743zi"), &FlashMemory::default()).unwrap();
+    let plant = Plant::new(PlantConfig::default()).unwrap();
+    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+    let mut rig = ModelRig::connect(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap();
+    host_tool::experiment::settle(&mut rig).unwrap();
+    let number = by_name("limits.ceiling_bar").unwrap().number;
+    for ceiling_bar in [1.25, 1.5, 0.75] {
+        rig.command(&Request::SettingSet { number, value: SettingValue::Float(ceiling_bar) }).unwrap();
+        rig.command(&Request::SettingsSave).unwrap();
+        rig.transport().processor().break_something("reset").unwrap();
+        rig.transport().advance_for(200).unwrap();
+        assert_eq!(host_tool::experiment::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(ceiling_bar));
+        host_tool::experiment::settle(&mut rig).unwrap();
+    }
+    assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn an_image_on_another_boards_pins_is_refused() {
     let wrong = host_tool::link::BoardModelConfig { board: "feather-f405".to_owned(), ..config() };
     let mut processor = BoardModel::start(wrong, &FlashMemory::default()).unwrap();

@@ -65,7 +65,7 @@ impl<P: RigPart> RigBoard<P> {
 
 impl<P> Store for RigBoard<P> {}
 
-impl<P: RigPart + Send> Board for RigBoard<P> {
+impl<P: RigPart> Board for RigBoard<P> {
     fn name(&self) -> &'static str {
         self.part.board()
     }

@@ -230,7 +230,7 @@ impl<I: Read, O: Write> Machine<I, O> {
     }
 }
 
-impl<P: RigPart + Send, I: Read + Send, O: Write + Send> Driver<RigBoard<P>> for Machine<I, O> {
+impl<P: RigPart, I: Read + Send, O: Write + Send> Driver<RigBoard<P>> for Machine<I, O> {
     fn on_settled(&mut self, session: &mut Session<RigBoard<P>>, host: &mut dyn Host, settled: Settled) {
         let now = match settled {
             Settled::Access { access, .. } => {

@@ -82,7 +82,7 @@ fn serve(arguments: &Arguments) -> Result<(), String> {
     }
 }
 
-fn run_on<P: RigPart + Send + 'static>(
+fn run_on<P: RigPart + 'static>(
     arguments: &Arguments,
     bytes: Vec<u8>,
     log: Option<Log>,

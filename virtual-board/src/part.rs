@@ -23,7 +23,7 @@ pub struct Outputs {
 }
 
 /// A part with the rig's surroundings on its pins.
-pub trait RigPart: Mcu + Store + std::fmt::Debug {
+pub trait RigPart: Mcu + Store + Send + std::fmt::Debug {
     /// The part's name.
     const NAME: &'static str;
     /// Rate of the core's own timer, which does not follow the clock tree, unless another is asked for, Hz.

@@ -108,19 +108,19 @@ mod image {
                 }
 
                 #[init(local = [
-                                    commands: CommandQueue = CommandQueue::new(),
-                                    answers: AnswerQueue = AnswerQueue::new(),
-                                    telemetry: TelemetryQueue = TelemetryQueue::new(),
-                                    trace: TraceQueue = TraceQueue::new(),
-                                    line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
-                                    model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
-                                    model_state: EstimatorState = EstimatorState::new(),
-                                    model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
-                                    program: [&'static [u8]; 4] = [&[]; 4],
-                                    task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
-                                    background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
-                                    link_buffers: LinkBuffers = LinkBuffers::new(),
-                                ])]
+                                                commands: CommandQueue = CommandQueue::new(),
+                                                answers: AnswerQueue = AnswerQueue::new(),
+                                                telemetry: TelemetryQueue = TelemetryQueue::new(),
+                                                trace: TraceQueue = TraceQueue::new(),
+                                                line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
+                                                model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+                                                model_state: EstimatorState = EstimatorState::new(),
+                                                model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
+                                                program: [&'static [u8]; 4] = [&[]; 4],
+                                                task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
+                                                background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
+                                                link_buffers: LinkBuffers = LinkBuffers::new(),
+                                            ])]
                 fn init(context: init::Context) -> (Shared, Local) {
                     let peripherals = Peripherals { device: context.device, core: context.core };
                     let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);

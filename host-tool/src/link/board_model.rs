@@ -8,6 +8,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
+use firmware::board::{stm32f405, stm32h743};
 use firmware::device::DeviceInputs;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
 use firmware::seam::RawSample;
@@ -28,13 +29,17 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/release/rig";
 const PROGRAM_VARIABLE: &str = "CATHETER_BOARD_MODEL";
 const IMAGE_VARIABLE: &str = "CATHETER_RIG_IMAGE";
 
-/// First addresses of the slots: settings A and B, models A and B (`firmware/src/board/stm32f405/facts.rs`).
-const SLOTS: [(u32, usize); 4] = [
-    (0x080c_0000, SETTINGS_SLOT_BYTES),
-    (0x080e_0000, SETTINGS_SLOT_BYTES),
-    (0x0808_0000, MODEL_SLOT_BYTES),
-    (0x080a_0000, MODEL_SLOT_BYTES),
-];
+/// Address and length of the slots on a board: settings A and B, models A and B.
+fn slots(board: &str) -> [(u32, usize); 4] {
+    let (settings, models) = match board {
+        "nucleo-h743zi" => (stm32h743::facts::SETTINGS_SECTORS, stm32h743::facts::MODEL_SECTORS),
+        _ => (stm32f405::facts::SETTINGS_SECTORS, stm32f405::facts::MODEL_SECTORS),
+    };
+    let of = |sectors: [(u32, u8); 2], bytes| sectors.map(|(address, _)| (address, bytes));
+    let ([a, b], [c, d]) = (of(settings, SETTINGS_SLOT_BYTES), of(models, MODEL_SLOT_BYTES));
+    [a, b, c, d]
+}
+
 /// Length of an answer to a tick before its bytes for the host.
 const TICK_BYTES: usize = 35;
 /// Code of a converter that is not connected to its pin, and of one at full scale.
@@ -136,7 +141,7 @@ impl BoardModel {
         }
         let bytes = flash.to_bytes();
         let mut rest = bytes.as_slice();
-        for (address, length) in SLOTS {
+        for (address, length) in slots(&config.board) {
             let (slot, behind) = rest.split_at(length);
             rest = behind;
             // What is erased need not be placed.
@@ -307,7 +312,7 @@ impl Processor for BoardModel {
 
     fn read_flash(&mut self) -> Result<FlashMemory, LinkError> {
         let mut bytes = Vec::new();
-        for (address, length) in SLOTS {
+        for (address, length) in slots(&config.board) {
             bytes.extend(self.read(address, u32::try_from(length).unwrap_or_default())?);
         }
         FlashMemory::from_bytes(&bytes).ok_or_else(|| LinkError::Emulator("its flash has another size".to_owned()))

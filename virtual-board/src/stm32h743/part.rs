@@ -239,9 +239,9 @@ impl Mcu for Stm32h743 {
         if cause != ResetCause::PowerOn {
             let flags = self.bus.slots()[self.slot(Model::Clocks)].registers().get(rcc_registers::Register::Rsr);
             std::mem::swap(&mut fresh.clocks, &mut self.clocks);
-            fresh.clocks.reset();
+            Device::reset(&mut fresh.clocks);
             std::mem::swap(&mut fresh.supply, &mut self.supply);
-            fresh.supply.reset();
+            Device::reset(&mut fresh.supply);
             let slot = fresh.slot(Model::Clocks);
             fresh.clocks.restarted(cause, flags, fresh.bus.slot_mut(slot).registers_mut());
         }
@@ -359,7 +359,7 @@ impl RigPart for Stm32h743 {
     }
 
     fn outputs(&self) -> Outputs {
-        use rigless::soc::stm32h743::generated::tim3::{Register, ccer, cr1};
+        use rigless::soc::stm32h743::generated::tim2::{Register, ccer, cr1};
         let registers = |model| self.bus.slots()[self.slot(model)].registers();
         let timer = registers(Model::Timer(0));
         let on = cr1::CEN.is_set(timer.get(Register::Cr1)) && ccer::CC1E.is_set(timer.get(Register::Ccer));

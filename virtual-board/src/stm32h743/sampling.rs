@@ -33,7 +33,8 @@ pub struct TriggeredGroup {
     /// Groups that ran to their end.
     pub groups: u64,
     armed: bool,
-    running: bool,
+    /// The configuration while a group runs: for the model the trigger is one of software's, which it has.
+    running: Option<u64>,
     rank: usize,
     taken: [usize; CHANNELS],
 }
@@ -74,7 +75,11 @@ impl Beside<Adc> for TriggeredGroup {
     }
 
     fn answer(&self, register: Register, value: u64) -> u64 {
-        if register == Register::Cr && self.armed { cr::ADSTART.set(value, 1) } else { value }
+        match (register, self.running) {
+            (Register::Cr, _) if self.armed => cr::ADSTART.set(value, 1),
+            (Register::Cfgr, Some(configuration)) => configuration,
+            _ => value,
+        }
     }
 
     fn request(&mut self, change: RequestChange, model: &mut Adc, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
@@ -87,22 +92,18 @@ impl Beside<Adc> for TriggeredGroup {
             Level::Low => 0b10,
         };
         let wanted = cfgr::EXTSEL.get(configuration) == EXTSEL_TIM2_TRGO && cfgr::EXTEN.get(configuration) & edge != 0;
-        if wanted && self.armed && !self.running {
-            (self.running, self.rank, self.taken) = (true, 0, [0; CHANNELS]);
+        if wanted && self.armed && self.running.is_none() {
+            (self.running, self.rank, self.taken) = (Some(configuration), 0, [0; CHANNELS]);
             self.present(model);
-            // The hardware's trigger does what the software's does; for the model it is one.
             registers.set(Register::Cfgr, cfgr::EXTEN.set(configuration, 0));
             let start = cr::ADSTART.set(registers.get(Register::Cr), 1);
             registers.set(Register::Cr, start);
             model.write(Register::Cr, start, registers, context);
-            registers.set(Register::Cfgr, configuration);
         }
     }
 
     fn event(&mut self, model: &mut Adc, registers: &mut RegisterFile) {
-        if !self.running {
-            return;
-        }
+        let Some(configuration) = self.running else { return };
         if let Some(number) = Self::number(registers, self.rank)
             && let Some(channel) = self.numbers.iter().position(|own| *own == Some(number))
         {
@@ -111,11 +112,9 @@ impl Beside<Adc> for TriggeredGroup {
         }
         self.rank += 1;
         if self.rank > usize::try_from(sqr1::L3.get(registers.get(Register::Sqr1))).unwrap_or(3) {
-            self.running = false;
+            self.running = None;
             self.groups += 1;
-            // With a trigger the group ends and the start stays: the model, which knows of none, has it for over or not yet.
-            let control = registers.get(Register::Cr);
-            registers.set(Register::Cr, cr::ADSTART.set(control, 0));
+            registers.set(Register::Cfgr, configuration);
         }
     }
 

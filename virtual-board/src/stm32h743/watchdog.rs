@@ -119,6 +119,8 @@ impl Device for Iwdg {
     }
 
     fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        // Two that are due at once are one event.
+        let ends = self.expiry == Some(event);
         for (which, flag) in [PVU, RVU].into_iter().enumerate() {
             if self.crossings[which] == Some(event) {
                 self.crossings[which] = None;
@@ -126,10 +128,9 @@ impl Device for Iwdg {
                 self.in_force[which] = self.shown[which];
                 registers.set(Register::Sr, registers.get(Register::Sr) & !flag);
                 self.aim(context);
-                return;
             }
         }
-        if self.expiry == Some(event) {
+        if ends {
             context.request_reset();
         }
     }

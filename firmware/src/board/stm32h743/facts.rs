@@ -13,10 +13,10 @@ pub const INTERNAL_HZ: u32 = 64_000_000;
 pub const INTERNAL_TOLERANCE_PER_MILLE: u32 = 30;
 /// Processor with the phase-locked loop running, Hz: the most at voltage scale 1 (DS12110 table 22).
 pub const CORE_HZ: u32 = 400_000_000;
-/// Divided input of the loop, Hz (RM0433 section 8.7.12, range 2 to 4 MHz).
-const LOOP_INPUT_HZ: u32 = 2_000_000;
+/// Divided input of the loop, Hz (RM0433 section 8.7.12, range 4 to 8 MHz).
+const LOOP_INPUT_HZ: u32 = 4_000_000;
 /// The loop's own frequency over its divided input: 800 MHz; and its divider to the core.
-pub const LOOP_MULTIPLIER: u32 = 400;
+pub const LOOP_MULTIPLIER: u32 = 200;
 /// See [`LOOP_MULTIPLIER`].
 pub const LOOP_CORE_DIVIDER: u32 = 2;
 const _: () = assert!(LOOP_INPUT_HZ * LOOP_MULTIPLIER / LOOP_CORE_DIVIDER == CORE_HZ);
@@ -33,7 +33,7 @@ pub struct Pll {
 }
 
 impl Pll {
-    /// From an input of a multiple of 2 MHz.
+    /// From an input of a multiple of 4 MHz.
     pub const fn of(input_hz: u32) -> Self {
         let [divider, ..] = (input_hz / LOOP_INPUT_HZ).to_le_bytes();
         Self { divider }

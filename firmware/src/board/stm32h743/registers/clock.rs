@@ -94,11 +94,11 @@ impl ClockTree for Registers<'_> {
 
     fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
         self.rcc.cr().modify(|_, w| w.pll1on().clear_bit());
-        // SAFETY: sources 0 (internal) and 2 (crystal), a divider of 1 to 63 (RM0433 section 8.7.11); a divided input of 2 to 4 MHz (range 01), the
+        // SAFETY: sources 0 (internal) and 2 (crystal), a divider of 1 to 63 (RM0433 section 8.7.11); a divided input of 4 to 8 MHz (range 10), the
         // wide oscillator, output P (section 8.7.12); multiplier and divider less one (section 8.7.13).
         unsafe {
             self.rcc.pllckselr().modify(|_, w| w.pllsrc().bits(if from_crystal { 2 } else { 0 }).divm1().bits(pll.divider));
-            self.rcc.pllcfgr().modify(|r, w| w.bits(r.bits() & !0b1111 | 0b01 << 2 | 1 << 16));
+            self.rcc.pllcfgr().modify(|r, w| w.bits(r.bits() & !0b1111 | 0b10 << 2 | 1 << 16));
             self.rcc.pll1divr().modify(|r, w| w.bits(r.bits() & !0xffff | (LOOP_CORE_DIVIDER - 1) << 9 | (LOOP_MULTIPLIER - 1)));
         }
         self.rcc.cr().modify(|_, w| w.pll1on().set_bit());
