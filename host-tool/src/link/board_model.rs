@@ -312,7 +312,7 @@ impl Processor for BoardModel {
 
     fn read_flash(&mut self) -> Result<FlashMemory, LinkError> {
         let mut bytes = Vec::new();
-        for (address, length) in slots(&config.board) {
+        for (address, length) in slots(&self.config.board) {
             bytes.extend(self.read(address, u32::try_from(length).unwrap_or_default())?);
         }
         FlashMemory::from_bytes(&bytes).ok_or_else(|| LinkError::Emulator("its flash has another size".to_owned()))
