@@ -3,7 +3,7 @@
 //! Some functions have one pin here: the analogue drive is DAC_OUT1 at PA4, the pulse width is TIM3_CH1 at PA6, the line is USART3 at PD8 and
 //! PD9 (DS12110 tables 11 to 20). The board's model reads this file too, so it says nothing of the firmware.
 
-use super::super::stm32f405::wiring::Pin;
+use super::super::stm32f405::wiring::{Pin, all_differ};
 
 /// The analogue drive's pin.
 pub const DRIVE: Pin = Pin::new('A', 4);
@@ -71,19 +71,8 @@ impl Wiring {
     /// Whether the chip can do that: converter channels where they are needed, a clock within its range, and no pin twice.
     pub const fn is_possible(&self) -> bool {
         let analogue = channel(self.laser).is_some() && channel(self.pressure).is_some();
-        let crystal = self.crystal_hz >= 4_000_000 && self.crystal_hz <= 48_000_000 && self.crystal_hz % 4_000_000 == 0;
-        let pins = self.pins();
-        let mut distinct = true;
-        let mut first = 0;
-        while first < pins.len() {
-            let mut second = first + 1;
-            while second < pins.len() {
-                distinct &= pins[first].port != pins[second].port || pins[first].number != pins[second].number;
-                second += 1;
-            }
-            first += 1;
-        }
-        analogue && crystal && distinct
+        let crystal = self.crystal_hz >= 4_000_000 && self.crystal_hz <= 48_000_000 && self.crystal_hz.is_multiple_of(4_000_000);
+        analogue && crystal && all_differ(&self.pins())
     }
 
     /// Every pin in use.

@@ -39,6 +39,12 @@ impl Memory {
     }
 }
 
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// The interrupt's side.
 pub struct Port {
     registers: USART3,
