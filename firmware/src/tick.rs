@@ -109,6 +109,7 @@ pub struct TickState {
 }
 
 impl TickState {
+    #[inline(always)]
     fn new(tick: &Tick, boot: BootReport) -> Self {
         let mut boot_faults = boot.faults;
         boot_faults.insert_if(boot.reset_cause == ResetCause::Watchdog, Fault::WatchdogReset);
@@ -175,6 +176,7 @@ struct Pending {
 
 impl Rig {
     /// A rig that has just started: vented, in [`State::Boot`].
+    #[inline(always)]
     pub fn new(tick: Tick, boot: BootReport) -> Self {
         let state = TickState::new(&tick, boot);
         Self { tick, state }

@@ -18,7 +18,7 @@ use firmware::link::{Link, LinkConfig};
 use firmware::model::ModelFacts;
 use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::storage::{Flash, Slot, Store};
-use firmware::tick::{BootReport, NoModel, Rig, TickConfig};
+use firmware::tick::{BootReport, NoModel, TickConfig};
 use model_export::link::Kind;
 use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::hello::Hello;
@@ -199,7 +199,7 @@ impl Board {
             facts: FACTS,
         };
         let link = Link::new(config, store.release(), ram());
-        let rig = Rig::new(TickConfig { settings: &settings, facts: FACTS }.build().unwrap(), BootReport::default());
+        let tick = TickConfig { settings: &settings, facts: FACTS }.build().unwrap();
         let wires = Wire::default();
         let hands = Hands {
             source: wires.clone(),
@@ -214,7 +214,7 @@ impl Board {
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
         let background = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
-        let task = TickTask::new(rig, hands, queues, exchange, 168_000, Some(1500));
+        let task = TickTask::new(tick, BootReport::default(), hands, queues, exchange, 168_000, Some(1500));
         let background = BackgroundTask::new(link, facts, background, exchange);
         Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0 }
     }

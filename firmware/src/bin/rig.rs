@@ -74,7 +74,7 @@ mod image {
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
-        use firmware::tick::{BootReport, Rig, TickConfig};
+        use firmware::tick::{BootReport, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
         use model_export::schema::Model;
 
@@ -209,7 +209,7 @@ mod image {
             let task = in_place(context.local.task_home, || {
                 // The link's settings go together, and so do the defaults; a test holds the latter.
                 let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
-                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
+                TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
             });
 
             log_start(clock.source, boot.faults);
