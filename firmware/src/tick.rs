@@ -48,7 +48,7 @@ use crate::control::{Accepted, Compensator, ControlInputs, ControlLaw, Controlle
 use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
 use crate::number::MicroBar;
-use crate::plausibility::{FollowerState, Rejection, SensorState, Verdict};
+use crate::plausibility::{Rejection, ResidualState, SensorState, Verdict};
 use crate::supervisor::{Decision, Event, Observation, SupervisorState, Vent};
 
 pub use crate::time::{TICKS_IN_A_SECOND, TICKS_PER_S};
@@ -77,8 +77,8 @@ pub struct TickState {
     boot_faults: FaultSet,
     laser: SensorState,
     pressure: SensorState,
-    pressure_follower: FollowerState,
-    model_follower: FollowerState,
+    pressure_residual: ResidualState,
+    model_residual: ResidualState,
     decimator: Decimator<FILTERED>,
     decimator_state: DecimatorState<FILTERED>,
     has_model: bool,
@@ -119,8 +119,8 @@ impl TickState {
             boot_faults,
             laser: SensorState::default(),
             pressure: SensorState::default(),
-            pressure_follower: FollowerState::default(),
-            model_follower: FollowerState::default(),
+            pressure_residual: ResidualState::default(),
+            model_residual: ResidualState::default(),
             decimator: DecimatorConfig { factor: DEFAULT_MODEL_PERIOD }.build(),
             decimator_state: DecimatorState::default(),
             has_model: false,
@@ -222,7 +222,7 @@ impl Rig {
 
         let window_begins = self.state.decimator_state.is_between_windows();
         let model_faults = self.step_model(model, in_force, pressure.value(), laser.value());
-        let mismatch = self.follow_pressure(in_force, pressure.value());
+        let mismatch = self.judge_pressure(in_force, pressure.value());
 
         // What is wrong, acted on while energised and otherwise only in the way of arming and acknowledging.
         let mut causes = sensor_faults(laser, [Fault::LaserRange, Fault::LaserRate, Fault::LaserStuck]);
@@ -440,6 +440,7 @@ impl Rig {
             state.filtered = filtered;
             if state.direction == Direction::Inverse {
                 state.estimate_mm = None;
+                state.laser.expect(None);
                 let wanted = Some(state.controller.tracking.learned_wanted_mm()).filter(|_| state.has_model);
                 state.inverse_bar = wanted.map(|wanted_mm| model.step(wanted_mm)).filter(|bar| bar.is_finite());
                 return faults;
@@ -455,10 +456,11 @@ impl Rig {
                 }
                 _ => None,
             };
-            if let (Some(follower), Some(estimate_mm), Some(displacement_mm)) =
-                (&self.tick.model_follower, state.estimate_mm, displacement_mm)
+            state.laser.expect(state.estimate_mm.filter(|_| !model.is_outside_domain()));
+            if let (Some(monitor), Some(estimate_mm), Some(displacement_mm)) =
+                (&self.tick.model_residual, state.estimate_mm, displacement_mm)
             {
-                let mismatch = follower.step(&mut state.model_follower, estimate_mm, displacement_mm);
+                let mismatch = monitor.step(&mut state.model_residual, estimate_mm, displacement_mm);
                 faults.insert_if(mismatch, Fault::ModelMismatch);
             }
         }
@@ -466,13 +468,13 @@ impl Rig {
         faults
     }
 
-    fn follow_pressure(&mut self, in_force: MicroBar, pressure_bar: Option<f32>) -> bool {
+    fn judge_pressure(&mut self, in_force: MicroBar, pressure_bar: Option<f32>) -> bool {
         match pressure_bar {
             Some(pressure_bar) if self.state.is_energised() => {
-                self.tick.pressure_follower.step(&mut self.state.pressure_follower, in_force.bar(), pressure_bar)
+                self.tick.pressure_residual.step(&mut self.state.pressure_residual, in_force.bar(), pressure_bar)
             }
             _ => {
-                self.state.pressure_follower = FollowerState::default();
+                self.state.pressure_residual = ResidualState::default();
                 false
             }
         }
@@ -588,8 +590,8 @@ impl Rig {
             self.tick.controller.start(&mut self.state.controller, &inputs);
         }
         if !decision.energised {
-            self.state.pressure_follower = FollowerState::default();
-            self.state.model_follower = FollowerState::default();
+            self.state.pressure_residual = ResidualState::default();
+            self.state.model_residual = ResidualState::default();
             self.state.set_point = 0.0;
         }
     }

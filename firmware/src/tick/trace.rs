@@ -13,7 +13,7 @@ use super::{Action, BootReport, Command, ModelStep, NoModel, Rig, Tick, TickInpu
 use crate::adaptation::WindowWatch;
 use crate::decimate::{DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
-use crate::plausibility::{FollowerState, SensorState};
+use crate::plausibility::{ResidualState, SensorState};
 use crate::supervisor::Event;
 
 /// What a rig that begins again keeps.
@@ -108,8 +108,8 @@ impl Rig {
             boot_faults,
             laser,
             pressure,
-            pressure_follower,
-            model_follower,
+            pressure_residual,
+            model_residual,
             decimator,
             decimator_state,
             has_model,
@@ -139,7 +139,7 @@ impl Rig {
         } = &mut self.state;
         *boot_faults = FaultSet::EMPTY;
         (*laser, *pressure) = (SensorState::default(), SensorState::default());
-        (*pressure_follower, *model_follower) = (FollowerState::default(), FollowerState::default());
+        (*pressure_residual, *model_residual) = (ResidualState::default(), ResidualState::default());
         *decimator = DecimatorConfig { factor: super::DEFAULT_MODEL_PERIOD }.build();
         *decimator_state = DecimatorState::default();
         (*has_model, *has_compensator, *limited) = (false, false, false);
