@@ -1,7 +1,8 @@
 //! The shape of the sources: which file of a package needs which, read from their `use` lines and paths.
 //!
 //! A file needs another one when it names something that is defined there: through `crate::`, `super::` or a re-export, which is followed to
-//! where the thing is. A module needs its children, since it declares them. What stands under `#[cfg(test)]` does not count.
+//! where the thing is. A module needs its children, since it declares them. What stands under `#[cfg(test)]` does not count. The same holds for the
+//! folders and files at the top of a package, each taken as one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -166,7 +167,7 @@ fn tree(tokens: &[String], mut at: usize, before: &[String], found: &mut Vec<Vec
 fn paths(tokens: &[String]) -> Vec<Vec<String>> {
     let mut found = uses(tokens);
     for (at, token) in tokens.iter().enumerate() {
-        let begins = ["crate", "super"].contains(&token.as_str()) && (at == 0 || ![":", "$", "("].contains(&tokens[at - 1].as_str()));
+        let begins = ["crate", "super"].contains(&token.as_str()) && (at == 0 || ![":", "$"].contains(&tokens[at - 1].as_str()));
         if begins {
             let mut path = vec![token.clone()];
             let mut next = at + 1;
@@ -209,16 +210,29 @@ fn circles<'a>(needs: &BTreeMap<&'a str, BTreeSet<&'a str>>) -> Vec<Vec<&'a str>
     groups
 }
 
+/// The same for whole folders: what the root's modules need of each other.
+fn folders<'a>(needs: &BTreeMap<&'a str, BTreeSet<&'a str>>) -> BTreeMap<&'a str, BTreeSet<&'a str>> {
+    let top = |module: &'a str| module.split("::").next().unwrap_or_default();
+    let mut folders: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for (module, needed) in needs.iter().filter(|(module, _)| !module.is_empty()) {
+        let others = needed.iter().map(|other| top(other)).filter(|other| *other != top(module));
+        folders.entry(top(module)).or_default().extend(others);
+    }
+    folders
+}
+
 fn circles_of(package: &str) -> Vec<String> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(package).join("src");
     let package = Package::read(&source);
     assert!(package.files.len() > 1, "{}", source.display());
     let needs = package.needs();
     let mut lines = Vec::new();
-    for group in circles(&needs) {
-        for module in &group {
-            let within: Vec<&str> = needs[module].iter().copied().filter(|needed| group.contains(needed)).collect();
-            lines.push(format!("{module} needs {}", within.join(", ")));
+    for needs in [&needs, &folders(&needs)] {
+        for group in circles(needs) {
+            for module in &group {
+                let within: Vec<&str> = needs[module].iter().copied().filter(|needed| group.contains(needed)).collect();
+                lines.push(format!("{module} needs {}", within.join(", ")));
+            }
         }
     }
     lines

@@ -9,6 +9,7 @@
 use model_export::link::fault::{Fault, FaultSet};
 
 use super::stm32f405::facts::CONVERTER_FULL_SCALE;
+use crate::seam::ReadBack;
 
 /// Largest deviation of the analogue supply from the nominal, in parts per thousand: as large an error of every pressure.
 pub const SUPPLY_TOLERANCE_PER_MILLE: u32 = 30;
@@ -18,17 +19,6 @@ pub const DRIVE_TOLERANCE_CODES: u16 = CONVERTER_FULL_SCALE / 50;
 pub const READINGS: u8 = 10;
 /// Codes of the reference voltage, 1.18 to 1.24 V, that a calibration at 3.3 V can have, with a margin (DS8626 table 76).
 const CALIBRATIONS: core::ops::RangeInclusive<u16> = 1400..=1600;
-
-/// What was read in a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ReadBack {
-    /// Code of the reference voltage, if it was converted.
-    pub reference_code: Option<u16>,
-    /// Code of the drive's pin, if it was converted.
-    pub drive_code: Option<u16>,
-    /// Whether the dump valve's pin is high.
-    pub dump_is_high: bool,
-}
 
 /// What was put out when the readings were taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

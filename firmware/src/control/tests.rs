@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use hysteresis::PrandtlIshlinskii;
 use model_export::compensation::Compensation;
-use model_export::link::fault::Notice;
+use model_export::link::fault::{Notice, NoticeSet};
 use model_export::link::message::{PlaybackChunk, Quantity, Refusal};
 
 use super::*;

@@ -5,9 +5,9 @@ use core::num::NonZeroU16;
 use model_export::link::fault::AdaptationCondition;
 use model_export::link::settings::Settings;
 
-use super::{RigFacts, ValveOutput};
-use crate::adaptation::{Adaptation, AdaptationConfig, ClosedLoop, certify};
-use crate::calibration::CalibrationConfig;
+use crate::adaptation::{Adaptation, AdaptationConfig};
+use crate::calibration::{CalibrationConfig, ConverterConfig};
+use crate::certificate::{ClosedLoop, certify};
 use crate::control::{
     Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
 };
@@ -15,6 +15,23 @@ use crate::limiter::{Limiter, LimiterConfig};
 use crate::number::MicroBar;
 use crate::plausibility::{ResidualMonitor, ResidualMonitorConfig, Sensor, SensorConfig};
 use crate::supervisor::{Supervisor, SupervisorConfig};
+
+/// What the board knows about itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigFacts {
+    /// The converter of both measured channels.
+    pub converter: ConverterConfig,
+}
+
+/// Which of the board's two outputs drives the valve; the other one stays at zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ValveOutput {
+    /// A voltage.
+    #[default]
+    Analogue,
+    /// A pulse width.
+    PulseWidth,
+}
 
 /// The settings and the board's facts, before they are built.
 #[derive(Clone, Debug, PartialEq)]

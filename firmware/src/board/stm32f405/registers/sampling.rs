@@ -5,11 +5,10 @@ use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
 use super::pins;
-use crate::board::read_back::ReadBack;
 use crate::board::stm32f405::clock::wait;
 use crate::board::stm32f405::facts::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
 use crate::board::tick_task::CycleCounter;
-use crate::seam::{RawSample, SampleSource};
+use crate::seam::{RawSample, ReadBack, SampleSource};
 
 /// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
 const TRIGGER_TIM2_TRGO: u8 = 0b0011;
