@@ -1,9 +1,20 @@
-//! Link arguments of the target binaries; nothing on the desktop.
+//! Which board this build is for, and link arguments of the target binaries.
+
+/// The boards, each a feature of the package with its chip's folder. The last one that is on is meant, so that every combination builds:
+/// `--all-features` is one of them.
+const BOARDS: [(&str, &str); 2] = [("custom-f405", "stm32f405"), ("feather-f405", "stm32f405")];
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=../memory.x");
     println!("cargo:rustc-check-cfg=cfg(planted_panic)");
+    let is_on = |name: &str| std::env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase().replace('-', "_"))).is_some();
+    let (board, chip) = BOARDS.into_iter().rev().find(|(name, _)| is_on(name)).unwrap_or(BOARDS[0]);
+    println!("cargo:rustc-cfg=board=\"{board}\"");
+    println!("cargo:rustc-cfg=chip=\"{chip}\"");
+    let list = |names: [&str; BOARDS.len()]| names.map(|name| format!("\"{name}\"")).join(", ");
+    println!("cargo:rustc-check-cfg=cfg(board, values({}))", list(BOARDS.map(|(board, _)| board)));
+    println!("cargo:rustc-check-cfg=cfg(chip, values({}))", list(BOARDS.map(|(_, chip)| chip)));
     // The macro of embedded-test asks for it.
     println!("cargo:rustc-check-cfg=cfg(rust_analyzer)");
     if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {

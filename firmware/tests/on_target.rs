@@ -20,11 +20,14 @@ mod image {
 #[cfg(target_os = "none")]
 #[embedded_test::tests]
 mod tests {
-    use firmware::board::chip::pac::{CorePeripherals, Peripherals};
-    use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
-    use firmware::board::chip::{clock, memory};
-    use firmware::board::stm32f405::clock::{ClockReport, Source};
-    use firmware::board::stm32f405::facts::{CORE_HZ, CRYSTAL_HZ, Pll};
+    use firmware::board::SELECTED;
+    use firmware::board::chip::registers::clock;
+    use firmware::board::chip::registers::pac::{CorePeripherals, Peripherals};
+    use firmware::board::chip::registers::sampling::{Milliseconds, Sampler};
+    use firmware::board::clock::{ClockReport, Source};
+    use firmware::board::stm32f405::facts::{CORE_HZ, plan};
+    use firmware::board::target::cycles::Cycles;
+    use firmware::board::target::memory;
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
     use firmware::parity::{Layers, RandomNetwork, network_digest};
@@ -42,7 +45,7 @@ mod tests {
         let device = Peripherals::take().expect("the first to ask");
         let mut core = CorePeripherals::take().expect("the first to ask");
         let mut registers = clock::Registers { rcc: &device.RCC, flash: &device.FLASH, timer: &device.TIM11 };
-        let clock = firmware::board::stm32f405::clock::start(&mut registers, CRYSTAL_HZ, Pll::CRYSTAL);
+        let clock = firmware::board::clock::start(&mut registers, &plan(SELECTED.crystal_hz));
         let cycles = Cycles::start(&mut core.DCB, core.DWT);
         Board { clock, device, cycles }
     }

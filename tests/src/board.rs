@@ -11,9 +11,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
+use firmware::board::SELECTED;
+use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line, TRANSMIT_QUEUE};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
-use firmware::board::stm32f405::facts::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
+use firmware::board::stm32f405::facts::CORE_HZ;
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::device::exchange::DeviceOutputs;
@@ -168,7 +169,7 @@ impl Board {
         let (trace_in, trace_out) = Box::leak(Box::new(TraceQueue::new())).split();
         let config = LinkConfig {
             firmware: firmware::VERSION,
-            board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
+            board: heapless::String::try_from(SELECTED.name).unwrap_or_default(),
             reset_cause: ResetCause::PowerOn,
             previous_record: None,
             facts: FACTS,

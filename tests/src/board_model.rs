@@ -28,6 +28,16 @@ pub fn config() -> BoardModelConfig {
     BoardModelConfig::find(None).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// The same, with the image of another board, which lies beside the first one's.
+///
+/// # Panics
+/// When it is missing.
+#[must_use]
+pub fn config_of(board: &str) -> BoardModelConfig {
+    let image = config().image.with_file_name(format!("rig-{board}"));
+    BoardModelConfig::find(Some(&image)).unwrap_or_else(|error| panic!("{error}: `cargo xtask firmware --board {board}`"))
+}
+
 /// SHA-256 of the image, in hexadecimal.
 ///
 /// # Panics
@@ -91,11 +101,20 @@ impl Slice {
 /// When the experiment cannot be done.
 #[must_use]
 pub fn played(blob: &[u8], seconds: f64, seed: u64) -> Slice {
+    played_on(&config(), blob, seconds, seed)
+}
+
+/// As [`played`], with this board's image.
+///
+/// # Panics
+/// When the experiment cannot be done.
+#[must_use]
+pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64) -> Slice {
     let begun = Instant::now();
     let settings = model_export::link::settings::Settings { mismatch_displacement_mm: 0.0, ..Default::default() };
     let flash = FlashMemory::with_model(blob).and_then(|flash| flash.with_settings(&settings)).expect("flash");
     let (hardware, _) = rig::hardware(seed, 1);
-    let processor = BoardModel::start(config(), &flash).unwrap_or_else(|error| panic!("{error}"));
+    let processor = BoardModel::start(config.clone(), &flash).unwrap_or_else(|error| panic!("{error}"));
     let lockstep = Lockstep::new(processor, hardware, (), "the board's model", BOARD_MODEL).expect("a start");
     let mut client = Client::connect(lockstep).expect("a connection");
     let signal = Signal::DescendingSine { amplitude_bar: 1.4, frequency_hz: 0.5, decay_per_s: 0.05, offset_bar: 0.0 };

@@ -78,9 +78,10 @@ impl Package {
         if let Some(name) = rest.first()
             && depth < 8
         {
-            let from = uses(tokens).into_iter().find(|used| used.last() == Some(name) && used.len() > 1);
-            if let Some(found) = from.and_then(|used| self.home(&at, &used, depth + 1)) {
-                return Some(found);
+            let from = uses(tokens).into_iter().find(|used| used.name == *name && (used.path.len() > 1 || used.path[0] != *name));
+            if let Some(used) = from {
+                // Nothing, where it is from another package.
+                return self.home(&at, &[used.path.as_slice(), &rest[1..]].concat(), depth + 1);
             }
         }
         Some(home)
@@ -98,8 +99,15 @@ fn parent(module: &str) -> Option<&str> {
 /// Words and signs of a source, without comments, strings, and what is for tests.
 fn tokens(text: &str) -> Vec<String> {
     let mut tokens = Vec::new();
-    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-    for line in code.lines() {
+    let (mut marked, mut in_tests) = (false, false);
+    for line in text.lines() {
+        // A module for tests that stands in the file ends with a brace at the margin.
+        in_tests |= marked && line.contains("mod ") && line.ends_with('{');
+        marked = line == "#[cfg(test)]";
+        if in_tests {
+            in_tests = line != "}";
+            continue;
+        }
         // Quotes of characters and lifetimes do no harm; a string with `//` or a path in it is not code.
         let mut outside = String::new();
         for (nth, piece) in line.split("//").next().unwrap_or_default().split('"').enumerate() {
@@ -124,8 +132,14 @@ fn tokens(text: &str) -> Vec<String> {
     tokens
 }
 
-/// The paths of all `use` items, one for each name.
-fn uses(tokens: &[String]) -> Vec<Vec<String>> {
+/// A name that a `use` item brings, and the path it stands for.
+struct Used {
+    name: String,
+    path: Vec<String>,
+}
+
+/// What all `use` items bring.
+fn uses(tokens: &[String]) -> Vec<Used> {
     let mut found = Vec::new();
     for (at, token) in tokens.iter().enumerate() {
         if token == "use" {
@@ -136,8 +150,9 @@ fn uses(tokens: &[String]) -> Vec<Vec<String>> {
 }
 
 /// Takes the tree that begins at a token apart; gives the place behind it.
-fn tree(tokens: &[String], mut at: usize, before: &[String], found: &mut Vec<Vec<String>>) -> usize {
+fn tree(tokens: &[String], mut at: usize, before: &[String], found: &mut Vec<Used>) -> usize {
     let mut path = before.to_vec();
+    let mut new_name = None;
     while let Some(token) = tokens.get(at) {
         match token.as_str() {
             ":" => at += 1,
@@ -150,22 +165,27 @@ fn tree(tokens: &[String], mut at: usize, before: &[String], found: &mut Vec<Vec
                 return at + 1;
             }
             "," | "}" | ";" => break,
-            // A module under its own name is the path so far; a new name does not matter.
+            // A module under its own name is the path so far.
             "self" if path.len() > before.len() || !before.is_empty() => at += 1,
-            "as" => at += 2,
+            "as" => {
+                new_name = tokens.get(at + 1).cloned();
+                at += 2;
+            }
             word => {
                 path.push(word.to_owned());
                 at += 1;
             }
         }
     }
-    found.push(path);
+    if let Some(name) = new_name.or(path.last().cloned()) {
+        found.push(Used { name, path });
+    }
     at
 }
 
 /// The paths that a file names: those of its `use` items, and those in its code.
 fn paths(tokens: &[String]) -> Vec<Vec<String>> {
-    let mut found = uses(tokens);
+    let mut found: Vec<Vec<String>> = uses(tokens).into_iter().map(|used| used.path).collect();
     for (at, token) in tokens.iter().enumerate() {
         let begins = ["crate", "super"].contains(&token.as_str()) && (at == 0 || ![":", "$"].contains(&tokens[at - 1].as_str()));
         if begins {
@@ -179,7 +199,8 @@ fn paths(tokens: &[String]) -> Vec<Vec<String>> {
                 path.push(word.clone());
                 next += 3;
             }
-            if path.len() > 1 {
+            // A tree goes on: the names in it are among the `use` items.
+            if path.len() > 1 && tokens.get(next).is_none_or(|sign| sign != ":") {
                 found.push(path);
             }
         }

@@ -4,7 +4,7 @@
 use host_tool::link::{BoardModel, FlashMemory, Hardware, HardwareConfig, Lockstep};
 use host_tool::plant::{Plant, PlantConfig};
 use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all};
-use rig_tests::board_model::{ModelRig, config, played, unmodelled};
+use rig_tests::board_model::{ModelRig, config, config_of, played, played_on, unmodelled};
 use rig_tests::hybrid;
 
 fn rig(seed: u64, flash: &FlashMemory) -> ModelRig {
@@ -83,4 +83,24 @@ fn every_fault_of_the_matrix_ends_as_its_row_says() {
         .map(|(row, measured)| format!("{}: {}", row.name, measured.remark))
         .collect();
     assert!(failed.is_empty(), "{}", failed.join("\n"));
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_feathers_image_in_closed_loop_on_its_own_pins_and_crystal_is_the_library_to_the_bit() {
+    let slice = played_on(&config_of("feather-f405"), &hybrid::exported(&[8]), 2.0, 3);
+    println!("{slice:?}");
+    assert!(slice.bit_equal, "the library gives other outputs");
+    assert!(slice.ticks > 2_000, "{} ticks", slice.ticks);
+    assert_eq!(slice.unmodelled, Vec::<String>::new());
+    assert!(slice.log.contains("MHz from the crystal"), "{}", slice.log);
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn an_image_on_another_boards_pins_is_refused() {
+    let wrong = host_tool::link::BoardModelConfig { board: "feather-f405".to_owned(), ..config() };
+    let mut processor = BoardModel::start(wrong, &FlashMemory::default()).unwrap();
+    let error = processor.report().unwrap_err().to_string();
+    assert!(error.contains("is no image of the board feather-f405"), "{error}");
 }

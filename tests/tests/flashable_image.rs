@@ -26,7 +26,7 @@ fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
     // Noise on the line between two words.
     device.send(&[0xff, 0x00, 0x13, 0x37, 0x00]);
     let hello = device.hello();
-    assert_eq!((hello.board.as_str(), hello.protocol, hello.schema_hash), ("stm32f405-rig", PROTOCOL, SCHEMA_HASH));
+    assert_eq!((hello.board.as_str(), hello.protocol, hello.schema_hash), ("custom-f405", PROTOCOL, SCHEMA_HASH));
     assert_eq!((hello.model_id, hello.reset_cause), ([0; 8], ResetCause::Unknown));
 
     let status = device.status();
@@ -75,13 +75,13 @@ fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
 fn an_image_with_one_flipped_bit_knows_it() {
     let mut bytes = std::fs::read(image()).unwrap();
     // A letter of its name, which the answer shows and nothing else depends on.
-    let place = bytes.windows(13).position(|window| window == b"stm32f405-rig").expect("the board's name is in the image");
+    let place = bytes.windows(11).position(|window| window == b"custom-f405").expect("the board's name is in the image");
     bytes[place] ^= 1;
     let folder = tempfile::tempdir().unwrap();
     let damaged = folder.path().join("damaged");
     std::fs::write(&damaged, bytes).unwrap();
     let mut device = Emulator::start(&damaged);
-    assert_eq!(device.hello().board.as_str(), "rtm32f405-rig");
+    assert_eq!(device.hello().board.as_str(), "bustom-f405");
     let status = device.status();
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::FlashCorrupt.number()));
 }

@@ -74,7 +74,7 @@ impl Store for RigBoard {}
 
 impl Board for RigBoard {
     fn name(&self) -> &'static str {
-        "stm32f405-rig"
+        self.part.pins.wiring.name
     }
 
     fn target_names(&self) -> Vec<&'static str> {

@@ -7,6 +7,7 @@
 #![deny(unsafe_code)]
 
 pub mod board;
+pub mod boards;
 pub mod chip;
 pub mod core;
 pub mod log;

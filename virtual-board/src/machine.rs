@@ -140,7 +140,10 @@ impl<I: Read, O: Write> Machine<I, O> {
         let (compare, period) = outputs.pulse.map_or((0, 0), |(compare, reload)| (compare, reload.saturating_add(1)));
         let unpowered = session.unpowered();
         let state = u8::from(outputs.dump_valve) | u8::from(unpowered) << 1 | u8::from(self.standing) << 2;
+        // What is sent while the pins are not the serial port's reaches nobody.
+        let (speaks, _) = part.line_is_connected();
         let line = self.far_end.with(|wire| std::mem::take(&mut wire.from_part));
+        let line = if speaks { line } else { Vec::new() };
         let text = self.log.as_mut().filter(|_| !unpowered).map(|log| log.take(host)).unwrap_or_default();
         let mut body = Vec::with_capacity(48 + line.len() + text.len());
         body.extend(stop.at.0.to_le_bytes());
@@ -206,8 +209,10 @@ impl<I: Read, O: Write> Machine<I, O> {
             match request {
                 Err(reason) => protocol::give(&mut self.output, protocol::REFUSED, reason.as_bytes())?,
                 Ok(Request::Tick { codes, stop: pressed, line }) => {
-                    self.far_end.with(|wire| wire.to_part.extend(line));
                     let part = &mut session.board_mut().part;
+                    if part.line_is_connected().1 {
+                        self.far_end.with(|wire| wire.to_part.extend(line));
+                    }
                     part.set_codes(codes);
                     if part.pins.stop_pressed != pressed {
                         part.press_stop(pressed, stop.at);

@@ -10,6 +10,7 @@ use rigless::image::Image;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
 use virtual_board::board::RigBoard;
+use virtual_board::boards::{BOARDS, Kind};
 use virtual_board::chip::part::Pins;
 use virtual_board::log::Log;
 use virtual_board::machine::Machine;
@@ -22,6 +23,7 @@ const USAGE: &str = "\
 usage: virtual-board --image FILE [options]
 
   --image FILE        the image, sealed: target/thumbv7em-none-eabihf/release/rig, built by `cargo xtask firmware`
+  --board NAME        custom-f405 (default) or feather-f405; the image must be of it
   --flash FILE@ADDR   what the flash holds besides, at a hexadecimal address; may be given more than once
   --seed N            seed of what memory holds without supply (default 1)
   --core-hz N         rate of the core's own timer, which does not follow the clock tree (default 168000000)
@@ -31,6 +33,7 @@ Requests on standard input, answers on standard output: see `virtual-board/src/p
 
 struct Arguments {
     image: PathBuf,
+    board: Kind,
     flash: Vec<(PathBuf, u64)>,
     seed: u64,
     core_hz: NonZeroU64,
@@ -38,6 +41,7 @@ struct Arguments {
 
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut image = None;
+    let mut board = BOARDS[0];
     let mut flash = Vec::new();
     let (mut seed, mut core_hz) = (1, const { NonZeroU64::new(168_000_000).unwrap() });
     while let Some(word) = words.next() {
@@ -45,6 +49,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
         match word.as_str() {
             "--help" | "-h" => return Ok(None),
             "--image" => image = Some(PathBuf::from(value()?)),
+            "--board" => board = Kind::named(&value()?)?,
             "--flash" => {
                 let value = value()?;
                 let (path, address) = value.rsplit_once('@').ok_or("--flash wants FILE@ADDR")?;
@@ -58,7 +63,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
         }
     }
     let image = image.ok_or("--image FILE is missing")?;
-    Ok(Some(Arguments { image, flash, seed, core_hz }))
+    Ok(Some(Arguments { image, board, flash, seed, core_hz }))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, String> {
@@ -67,6 +72,11 @@ fn read(path: &Path) -> Result<Vec<u8>, String> {
 
 fn serve(arguments: &Arguments) -> Result<(), String> {
     let bytes = read(&arguments.image)?;
+    // The name is what its Hello will say. On another board's pins an image would do nothing that can be understood.
+    let name = arguments.board.name();
+    if !bytes.windows(name.len()).any(|window| window == name.as_bytes()) {
+        return Err(format!("{} is no image of the board {name}", arguments.image.display()));
+    }
     let log = Log::of(&bytes);
     let placed = |error: rigless::image::Error| error.to_string();
     let mut images = vec![Image::new(&arguments.image, bytes, None).map_err(placed)?];
@@ -75,7 +85,8 @@ fn serve(arguments: &Arguments) -> Result<(), String> {
     for (path, address) in &arguments.flash {
         images.push(Image::new(path, read(path)?, Some(*address)).map_err(placed)?);
     }
-    let (board, far_end) = RigBoard::new(Pins::default(), arguments.core_hz).map_err(|error| error.to_string())?;
+    let Kind::Stm32f405(wiring) = arguments.board;
+    let (board, far_end) = RigBoard::new(Pins::of(wiring), arguments.core_hz).map_err(|error| error.to_string())?;
     let session = Session::new(Box::new(board), 0, VirtualNanos(0)).map_err(|error| error.to_string())?;
     let machine = Machine::new(BufReader::new(std::io::stdin()), BufWriter::new(std::io::stdout()), far_end, log, arguments.seed);
     let finished = run(session, &Start::new(&images), machine).map_err(|error| error.to_string())?;

@@ -1,47 +1,119 @@
-//! The flashable image: build it small, seal it, flash it.
+//! The flashable image of a board: build it small, seal it, flash it.
 //!
 //! The compiler leaves a place for the checksum of the program, which only the finished image can have. Sealing fills it in: `SEAL`, then the
-//! CRC-32 over vector table, code, constants and initial data, in this order, as `board::chip::memory` computes it again on the device.
+//! CRC-32 over vector table, code, constants and initial data, in this order, as `board::target::memory` computes it again on the device.
+//!
+//! Equal sources give equal images, wherever they are built: the compiler is pinned, and no path of the machine gets into the file.
+//! `cargo xtask reproducible` shows it.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 use object::LittleEndian;
 use object::elf::FileHeader32;
 use object::read::elf::{FileHeader, SectionHeader};
 
-use crate::process::{cargo, command, exists, run, target_folder};
+use crate::process::{answer, cargo, command, exists, root, run, target_folder};
 use crate::setup::TARGET;
 
-/// Chip as the probe's software names it.
-const CHIP: &str = "STM32F405RGTx";
+/// The compiler of the image.
+const COMPILER: &str = "1.95.0";
+
+/// A board that there is an image for. Its name is also the feature that chooses it.
+#[derive(Debug)]
+pub struct Board {
+    /// Its name.
+    pub name: &'static str,
+    /// Its chip as the probe's software names it.
+    chip: &'static str,
+}
+
+/// All of them; the first is built unless another is asked for.
+pub const BOARDS: [Board; 2] =
+    [Board { name: "custom-f405", chip: "STM32F405RGTx" }, Board { name: "feather-f405", chip: "STM32F405RGTx" }];
+
+impl Board {
+    /// The board of this name.
+    pub fn named(name: &str) -> Result<&'static Self, String> {
+        let names = || BOARDS.iter().map(|board| board.name).collect::<Vec<_>>().join(", ");
+        BOARDS.iter().find(|board| board.name == name).ok_or_else(|| format!("there are the boards {}", names()))
+    }
+
+    /// Where its image is left.
+    pub fn image(&self) -> PathBuf {
+        let folder = target_folder().join(TARGET).join("release");
+        if self.name == BOARDS[0].name { folder.join("rig") } else { folder.join(format!("rig-{}", self.name)) }
+    }
+}
 /// Sections the checksum covers, in its order.
 const SEALED_SECTIONS: [&str; 4] = [".vector_table", ".text", ".rodata", ".data"];
 const OPEN: &[u8; 4] = b"OPEN";
 const SEAL: &[u8; 4] = b"SEAL";
 
-/// What the image takes, in bytes.
-pub struct Sizes {
-    /// Code, constants and initial data.
+/// What the image is and takes.
+pub struct Sealed {
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Code, constants and initial data, bytes.
     pub flash: u64,
-    /// Statics and stack.
+    /// Statics and stack, bytes.
     pub ram: u64,
-    /// The stack alone.
+    /// The stack alone, bytes.
     pub stack: u64,
 }
 
-/// Where the image is left.
+/// Where the first board's image is left.
 pub fn image() -> PathBuf {
-    target_folder().join(TARGET).join("release/rig")
+    BOARDS[0].image()
 }
 
-/// Builds and seals the image.
-pub fn build() -> Result<Sizes> {
+/// The compiler of the image, installed if it is not there; without rustup the one that there is, with a warning.
+fn compiler() -> Result<Command> {
+    if answer(command("rustc").arg("--version")).is_some_and(|version| version.starts_with(&format!("rustc {COMPILER} "))) {
+        return Ok(cargo());
+    }
+    if !exists("rustup") {
+        eprintln!(
+            "warning: this is not Rust {COMPILER} and there is no rustup to install it, so the image is none that others can reproduce"
+        );
+        return Ok(cargo());
+    }
+    let mut pinned = command("rustup");
+    pinned.args(["run", COMPILER, "cargo"]);
+    for variable in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC"] {
+        pinned.env_remove(variable);
+    }
+    if answer(command("rustup").args(["run", COMPILER, "rustc", "--print", "target-libdir", "--target", TARGET]))
+        .is_none_or(|folder| !Path::new(folder.trim()).is_dir())
+    {
+        run("set-up", command("rustup").args(["toolchain", "install", COMPILER, "--profile", "minimal", "--target", TARGET]))?;
+    }
+    Ok(pinned)
+}
+
+/// What keeps the machine's paths out of the file: the project's folder, the build folder and cargo's become names.
+fn remapped_paths() -> Result<String> {
+    let absolute = |path: PathBuf| std::path::absolute(&path).with_context(|| format!("no absolute path to {}", path.display()));
+    let home = match (std::env::var_os("CARGO_HOME"), std::env::home_dir()) {
+        (Some(folder), _) => PathBuf::from(folder),
+        (None, Some(home)) => home.join(".cargo"),
+        (None, None) => bail!("neither CARGO_HOME nor a home folder is known"),
+    };
+    // The last one that fits counts, so the build folder may lie in the project's.
+    let pairs = [(absolute(home)?, "/cargo"), (absolute(root())?, "/rig"), (absolute(target_folder())?, "/target")];
+    // What cargo joins with this character may hold spaces.
+    Ok(pairs.map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display())).join("\u{1f}"))
+}
+
+/// Builds and seals the image of a board.
+pub fn build(board: &Board) -> Result<Sealed> {
     // Code that occurs more than once becomes a function: a fifth of the program. The budgets of `memory.x` hold for this build.
     run(
         "firmware",
-        cargo()
-            .args(["rustc", "--profile", "flash", "--target", TARGET, "-p", "firmware", "--bin", "rig", "--"])
+        compiler()?
+            .args(["rustc", "--locked", "--profile", "flash", "--target", TARGET, "-p", "firmware"])
+            .args(["--no-default-features", "--features", board.name, "--bin", "rig", "--"])
             .args([
                 "-C",
                 "llvm-args=-enable-machine-outliner=always",
@@ -52,13 +124,14 @@ pub fn build() -> Result<Sizes> {
                 "link-arg=--defsym=_budgeted=1",
             ])
             // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
-            .env("DEFMT_LOG", "info"),
+            .env("DEFMT_LOG", "info")
+            .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?),
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let checksum = seal(&mut bytes).with_context(|| format!("{} cannot be sealed", built.display()))?;
-    let sizes = sizes(&bytes)?;
-    let image = image();
+    let sealed = describe(&bytes)?;
+    let image = board.image();
     std::fs::create_dir_all(image.parent().unwrap_or(Path::new(".")))?;
     // A fresh file: the old one may be a hard link into cargo's own folder.
     if image.exists() {
@@ -66,22 +139,95 @@ pub fn build() -> Result<Sizes> {
     }
     std::fs::write(&image, &bytes).with_context(|| format!("cannot write {}", image.display()))?;
     eprintln!(
-        "{}: sealed with {checksum:08x}; {} bytes of flash, {} of RAM, of which {} are stack",
+        "{}: sealed with {checksum:08x}; {} bytes of flash, {} of RAM, of which {} are stack\nSHA-256 {}",
         image.display(),
-        sizes.flash,
-        sizes.ram,
-        sizes.stack
+        sealed.flash,
+        sealed.ram,
+        sealed.stack,
+        sealed.sha256
     );
-    Ok(sizes)
+    Ok(sealed)
 }
 
 /// Builds, seals and flashes, then shows the logs until it is stopped.
-pub fn flash() -> Result<()> {
-    build()?;
+pub fn flash(board: &Board) -> Result<()> {
+    let sealed = build(board)?;
     if !exists("probe-rs") {
         bail!("`probe-rs` is missing; see https://probe.rs/docs/getting-started/installation, then run this again");
     }
-    run("flash", command("probe-rs").args(["run", "--chip", CHIP]).arg(image()))
+    // What the probe's software reads is what was sealed, whoever else writes into the build folder.
+    let image = board.image();
+    let bytes = std::fs::read(&image).with_context(|| format!("cannot read {}", image.display()))?;
+    check(&bytes, &sealed.sha256).with_context(|| format!("{} is not flashed", image.display()))?;
+    // With what was written read back and compared.
+    run("flash", command("probe-rs").args(["run", "--verify", "--chip", board.chip]).arg(image))
+}
+
+/// Whether this file is the sealed one: its hash, and the seal over the sections that it would write.
+fn check(bytes: &[u8], sha256: &str) -> Result<()> {
+    let found = hash(bytes);
+    if found != sha256 {
+        bail!("its SHA-256 is {found} and {sha256} was sealed");
+    }
+    let (offset, length) = section(bytes, ".seal")?;
+    let checksum = checksum(bytes)?;
+    if &bytes[offset..offset + length] != [&SEAL[..], &checksum.to_le_bytes()].concat() {
+        bail!("its seal does not match its contents");
+    }
+    Ok(())
+}
+
+/// Builds the image once more, from a copy of the sources in another folder, and compares the files. Whatever differs of a copy is refused.
+pub fn reproducible(board: &Board) -> Result<()> {
+    let here = build(board)?;
+    let elsewhere = std::env::temp_dir().join(format!("catheter-reproducible-{}", std::process::id()));
+    let result = rebuild(board, &elsewhere).and_then(|bytes| {
+        if hash(&bytes) != here.sha256 {
+            bail!("{} gives SHA-256 {} and {} gives {}", elsewhere.display(), hash(&bytes), root().display(), here.sha256);
+        }
+        // The check that `flash` rests on can fail: a flipped bit in any section that is written.
+        for name in SEALED_SECTIONS {
+            let (offset, length) = section(&bytes, name)?;
+            let mut damaged = bytes.clone();
+            damaged[offset + length / 2] ^= 1;
+            let by_seal = check(&damaged, &hash(&damaged));
+            if check(&damaged, &here.sha256).is_ok() || by_seal.is_ok() {
+                bail!("a damaged {name} passes for the sealed image");
+            }
+        }
+        check(&bytes, &here.sha256)
+    });
+    let _ = std::fs::remove_dir_all(&elsewhere);
+    result?;
+    eprintln!("{}: two folders, one image, SHA-256 {}", board.name, here.sha256);
+    Ok(())
+}
+
+/// Copies what git knows into `folder`, builds there as here, and gives the sealed file's bytes.
+fn rebuild(board: &Board, folder: &Path) -> Result<Vec<u8>> {
+    let files = answer(command("git").args(["ls-files", "--cached", "--others", "--exclude-standard", "-z"]))
+        .context("git does not list the sources")?;
+    for file in files.split('\0').filter(|file| !file.is_empty()) {
+        let (from, to) = (root().join(file), folder.join(file));
+        // A link, or a file that is deleted but not yet committed, is no source.
+        if from.is_file() {
+            std::fs::create_dir_all(to.parent().unwrap_or(folder))?;
+            std::fs::copy(&from, &to).with_context(|| format!("cannot copy {file}"))?;
+        }
+    }
+    let mut again = cargo();
+    again.current_dir(folder).env("CARGO_TARGET_DIR", folder.join("target")).env_remove("CARGO_MANIFEST_DIR");
+    run(
+        "reproducible: the same sources elsewhere",
+        again.args(["run", "--quiet", "--package", "xtask", "--", "firmware", "--board", board.name]),
+    )?;
+    let image = folder.join("target").join(TARGET).join("release").join(board.image().file_name().unwrap_or_default());
+    std::fs::read(&image).with_context(|| format!("cannot read {}", image.display()))
+}
+
+fn hash(bytes: &[u8]) -> String {
+    use sha2::{Digest, Sha256};
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Links the image that only links when no panic is reachable from the tick, and sees that it does not link with one planted.
@@ -103,13 +249,18 @@ pub fn panic_free() -> Result<()> {
     Ok(())
 }
 
-fn seal(bytes: &mut [u8]) -> Result<u32> {
+/// CRC-32 over the sealed sections.
+fn checksum(bytes: &[u8]) -> Result<u32> {
     let mut hasher = crc32fast::Hasher::new();
     for name in SEALED_SECTIONS {
         let (offset, length) = section(bytes, name)?;
         hasher.update(&bytes[offset..offset + length]);
     }
-    let checksum = hasher.finalize();
+    Ok(hasher.finalize())
+}
+
+fn seal(bytes: &mut [u8]) -> Result<u32> {
+    let checksum = checksum(bytes)?;
     let (offset, length) = section(bytes, ".seal")?;
     let place = &mut bytes[offset..offset + length];
     if length != 8 || &place[..4] != OPEN {
@@ -134,7 +285,7 @@ fn section(bytes: &[u8], name: &str) -> Result<(usize, usize)> {
 }
 
 /// The sums that `memory.x` makes, by its own symbols.
-fn sizes(bytes: &[u8]) -> Result<Sizes> {
+fn describe(bytes: &[u8]) -> Result<Sealed> {
     let header = header(bytes)?;
     let sections = header.sections(LittleEndian, bytes)?;
     let symbols = sections.symbols(LittleEndian, bytes, object::elf::SHT_SYMTAB)?;
@@ -146,5 +297,5 @@ fn sizes(bytes: &[u8]) -> Result<Sizes> {
             .map(|symbol| u64::from(symbol.st_value(LittleEndian)))
             .with_context(|| format!("it has no symbol {name}"))
     };
-    Ok(Sizes { flash: value("_flash_bytes")?, ram: value("_ram_bytes")?, stack: value("_stack_bytes")? })
+    Ok(Sealed { sha256: hash(bytes), flash: value("_flash_bytes")?, ram: value("_ram_bytes")?, stack: value("_stack_bytes")? })
 }

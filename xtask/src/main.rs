@@ -30,18 +30,28 @@ enum Chore {
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
     Bench(bench::Arguments),
-    /// Build and seal the flashable image.
-    Firmware,
+    /// Build and seal the flashable image of a board.
+    Firmware(OfBoard),
     /// Build the flashable image, and the program that runs it on a model of its chip (`catheter ... --backend board-model`).
     BoardModel,
     /// Prove at link time that no panic is reachable from the tick.
     PanicFree,
     /// Build, seal and flash the image with a debug probe, then show its logs.
-    Flash,
+    Flash(OfBoard),
+    /// Build the image in this folder and in another one, and see that both are the same file.
+    Reproducible(OfBoard),
     /// Build the Python package in an environment of its own and run its tests and its notebook.
     Python,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
     Setup,
+}
+
+/// Which board.
+#[derive(clap::Args)]
+struct OfBoard {
+    /// The board.
+    #[arg(long, value_name = "NAME", default_value = firmware::BOARDS[0].name, value_parser = firmware::Board::named)]
+    board: &'static firmware::Board,
 }
 
 fn main() -> ExitCode {
@@ -49,10 +59,11 @@ fn main() -> ExitCode {
         Chore::Test => test(),
         Chore::Ci => checks::desktop(),
         Chore::Bench(arguments) => bench::bench(&arguments),
-        Chore::Firmware => setup::target().and_then(|()| firmware::build()).map(drop),
-        Chore::BoardModel => setup::target().and_then(|()| firmware::build()).and_then(|_| board_model::build()),
+        Chore::Firmware(of) => setup::target().and_then(|()| firmware::build(of.board)).map(drop),
+        Chore::BoardModel => setup::target().and_then(|()| firmware::build(&firmware::BOARDS[0])).and_then(|_| board_model::build()),
         Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
-        Chore::Flash => setup::target().and_then(|()| firmware::flash()),
+        Chore::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
+        Chore::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
         Chore::Python => python::tests(),
         Chore::Setup => setup::everything(),
     };
@@ -69,7 +80,10 @@ fn test() -> anyhow::Result<()> {
     setup::everything()?;
     checks::desktop()?;
     checks::target_builds()?;
-    firmware::build()?;
+    for board in &firmware::BOARDS {
+        firmware::build(board)?;
+    }
+    firmware::reproducible(&firmware::BOARDS[0])?;
     firmware::panic_free()?;
     emulator::boots()?;
     emulator::tests()?;

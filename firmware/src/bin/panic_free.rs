@@ -11,10 +11,11 @@
 mod image {
     use core::panic::PanicInfo;
 
-    use firmware::board::chip::models::Tenant;
-    use firmware::board::chip::pac::{PWR, WWDG};
-    use firmware::board::chip::serial::Port;
-    use firmware::board::chip::{BoardTask, crash, supply};
+    use firmware::board::chip::registers::ThisBoard;
+    use firmware::board::chip::registers::pac::WWDG;
+    use firmware::board::contract::{Board, HandsOf, LineInterrupt, SupplyMonitor};
+    use firmware::board::target::models::Tenant;
+    use firmware::board::tick_task::TickTask;
     use model_export::link::fault::Fault;
 
     #[panic_handler]
@@ -34,7 +35,8 @@ mod image {
 
     #[cortex_m_rt::entry]
     fn main() -> ! {
-        let (task, tenant, port) = (anything::<BoardTask>(), anything::<Tenant>(), anything::<Port>());
+        let (task, tenant, port) =
+            (anything::<TickTask<'static, HandsOf<ThisBoard>>>(), anything::<Tenant>(), anything::<<ThisBoard as Board>::LineInterrupt>());
         loop {
             task.run(tenant);
             port.interrupt();
@@ -44,10 +46,10 @@ mod image {
                 table[0] = table[table[0] as usize];
             }
             if *anything::<bool>() {
-                supply::fell(anything::<PWR>());
+                anything::<<ThisBoard as Board>::Supply>().fell();
             }
             if *anything::<bool>() {
-                crash::crash(Fault::HardFault);
+                ThisBoard::crash(Fault::HardFault);
             }
         }
     }

@@ -17,8 +17,10 @@ mod image {
 
     use cortex_m_rt::exception;
     use defmt_rtt as _;
-    use firmware::board::chip::crash;
+    use firmware::board::chip::registers::ThisBoard;
+    use firmware::board::contract::Board;
     use firmware::board::exchange::Exchange;
+    use firmware::board::target::crash;
     use model_export::link::fault::Fault;
 
     firmware::board_entry!();
@@ -39,39 +41,35 @@ mod image {
     /// Goes on from the hard fault's entry, on a fresh stack.
     #[unsafe(no_mangle)]
     extern "C" fn hard_fault_on_fresh_stack() -> ! {
-        crash::crash(Fault::HardFault)
+        ThisBoard::crash(Fault::HardFault)
     }
 
     /// The clock security system: the crystal stopped (RM0090 section 7.2.7).
     #[exception]
     unsafe fn NonMaskableInt() -> ! {
-        crash::crash(Fault::ClockFailed)
+        ThisBoard::crash(Fault::ClockFailed)
     }
 
     /// An interrupt that nobody enabled.
     #[exception]
     unsafe fn DefaultHandler(_number: i16) -> ! {
-        crash::crash(Fault::HardFault)
+        ThisBoard::crash(Fault::HardFault)
     }
 
-    #[rtic::app(device = firmware::board::chip::pac, peripherals = true)]
+    #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
     mod app {
         use core::mem::MaybeUninit;
 
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-        use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
-        use firmware::board::chip::flash::Controller;
-        use firmware::board::chip::models::{BoardModel, Room, Tenant};
-        use firmware::board::chip::pac::{Interrupt, PWR};
-        use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
-        use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
+        use firmware::board::chip::registers::pac::Interrupt;
+        use firmware::board::chip::registers::{Peripherals, ThisBoard};
+        use firmware::board::clock::Source;
+        use firmware::board::contract::{Board, HandsOf, LineInterrupt, Started, SupplyMonitor};
+        use firmware::board::converter::FACTS;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
-        use firmware::board::stm32f405::brown_out;
-        use firmware::board::stm32f405::clock::Source;
-        use firmware::board::stm32f405::facts::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
-        use firmware::board::stm32f405::flash::InternalFlash;
-        use firmware::board::tick_task::{Hands, TickQueues, TickTask};
+        use firmware::board::target::memory;
+        use firmware::board::target::models::{BoardModel, Room, Tenant};
+        use firmware::board::tick_task::{TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
         use firmware::tick::{BootReport, TickConfig};
@@ -83,7 +81,8 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardFlash = InternalFlash<Controller>;
+        type BoardFlash = <ThisBoard as Board>::Flash;
+        type BoardTask = TickTask<'static, HandsOf<ThisBoard>>;
         type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
         #[shared]
@@ -95,11 +94,11 @@ mod image {
         struct Local {
             task: &'static mut BoardTask,
             background: &'static mut BoardBackground,
-            line: SerialLine,
-            port: Port,
+            line: <ThisBoard as Board>::Line,
+            line_interrupt: <ThisBoard as Board>::LineInterrupt,
             place: Option<&'static mut BoardModel>,
             cycles_per_tick: u32,
-            power: PWR,
+            supply: <ThisBoard as Board>::Supply,
             ticks_seen: u32,
         }
 
@@ -108,8 +107,7 @@ mod image {
             answers: AnswerQueue = AnswerQueue::new(),
             telemetry: TelemetryQueue = TelemetryQueue::new(),
             trace: TraceQueue = TraceQueue::new(),
-            receive: ReceiveQueue = ReceiveQueue::new(),
-            transmit: TransmitQueue = TransmitQueue::new(),
+            line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
             model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
             model_state: EstimatorState = EstimatorState::new(),
             model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
@@ -119,42 +117,11 @@ mod image {
             link_buffers: LinkBuffers = LinkBuffers::new(),
         ])]
         fn init(context: init::Context) -> (Shared, Local) {
-            let device = context.device;
-            let mut core = context.core;
-            let rcc = &device.RCC;
-
-            // Why are we here, and in what time.
-            let retained = crash::take();
-            let reset_cause =
-                firmware::board::stm32f405::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
-            rcc.csr().modify(|_, w| w.rmvf().set_bit());
-            let clock = firmware::board::stm32f405::clock::start(
-                &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
-                CRYSTAL_HZ,
-                Pll::CRYSTAL,
-            );
-            let rates = clock.rates;
+            let peripherals = Peripherals { device: context.device, core: context.core };
+            let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
+            let Started { reset_cause, retained, clock, mut standing, hands, .. } = board;
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
-
-            let level = brown_out::ensure(&mut &device.FLASH);
-            defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
-            protection::start(&core.MPU);
-
-            // Hands, all of them at rest.
-            let (dump_valve, emergency_stop) = pins::set_up(rcc, &device.GPIOA, device.GPIOB);
-            let analogue = AnalogueDrive::new(rcc, device.DAC);
-            let pulse = PulseDrive::new(rcc, device.TIM3, rates);
-            let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
-            boot_faults.insert_if(!watchdog_lives, Fault::ClockInaccurate);
-            boot_faults.insert_if(supply::start(rcc, &device.PWR, &device.EXTI), Fault::BrownOut);
-            let sampler = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
-            let milliseconds = Milliseconds::start(rcc, device.TIM5, rates);
-            let (port, line) = uart::start(rcc, device.USART1, rates, context.local.receive, context.local.transmit);
-
-            // SAFETY: both controllers go into the link, which runs in the background alone.
-            let controller = || unsafe { Controller::new(milliseconds, &EXCHANGE) };
-            let mut standing = clock.faults;
-            standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
+            boot_faults = boot_faults.union(board.found).union(standing);
             let program_crc32 = match memory::seal() {
                 Some(crc32) => {
                     *context.local.program = memory::program();
@@ -178,54 +145,41 @@ mod image {
                 let link = Link::with_buffers(
                     LinkConfig {
                         firmware: firmware::VERSION,
-                        board: heapless::String::try_from(BOARD_NAME).unwrap_or_default(),
+                        board: heapless::String::try_from(ThisBoard::NAME).unwrap_or_default(),
                         reset_cause,
                         previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
                         facts: FACTS,
                     },
-                    InternalFlash::new(controller(), SETTINGS_SECTORS),
-                    InternalFlash::new(controller(), MODEL_SECTORS),
+                    board.settings,
+                    board.models,
                     context.local.link_buffers,
                 );
                 BackgroundTask::new(link, facts, queues, &EXCHANGE)
             });
             let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
-            let hands = Hands {
-                source: sampler,
-                analogue,
-                pulse,
-                dump_valve,
-                emergency_stop,
-                watchdog,
-                counter: Cycles::start(&mut core.DCB, core.DWT),
-                // SAFETY: the only one.
-                keeper: unsafe { crash::Keeper::new() },
-            };
             let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
             let contents = in_place(context.local.model_contents, Model::default);
             let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
             let settings = background.link().settings();
-            // SAFETY: a crystal that runs is on the chip itself.
-            let reference = (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() });
+            let rates = clock.rates;
             let task = in_place(context.local.task_home, || {
                 // The link's settings go together, and so do the defaults; a test holds the latter.
-                let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
-                TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
+                let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
+                TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
             });
 
             log_start(clock.source, boot.faults);
-            task.hands_mut().source.begin();
-            sampling::start_guard(&mut core.SYST, &task.hands_mut().source, rates);
+            ThisBoard::begin(board.beginning, &mut task.hands_mut().source);
             (
                 Shared { tenant: Tenant::none() },
                 Local {
                     task,
                     background,
-                    line,
-                    port,
+                    line: board.line,
+                    line_interrupt: board.line_interrupt,
                     place: Some(place),
                     cycles_per_tick: rates.cycles_per_tick(),
-                    power: device.PWR,
+                    supply: board.supply,
                     ticks_seen: 0,
                 },
             )
@@ -269,14 +223,14 @@ mod image {
             *context.local.ticks_seen = ticks;
         }
 
-        #[task(binds = USART1, priority = 4, local = [port])]
+        #[task(binds = USART1, priority = 4, local = [line_interrupt])]
         fn serial(context: serial::Context) {
-            context.local.port.interrupt();
+            context.local.line_interrupt.interrupt();
         }
 
-        #[task(binds = PVD, priority = 5, local = [power])]
+        #[task(binds = PVD, priority = 5, local = [supply])]
         fn supply_falls(context: supply_falls::Context) {
-            supply::fell(context.local.power);
+            context.local.supply.fell();
         }
 
         /// Makes something long where it will stay; a function of its own, so that its copies are off the stack when the next one begins.

@@ -14,6 +14,11 @@ use crate::self_test::{ClockCheck, SelfTest};
 use crate::storage::Flash;
 use crate::tick::{Action, Answer, Command};
 
+/// Bytes the link receives in a tick at most, and a reserve of the background's longest pause while energised.
+pub const RECEIVE_QUEUE: usize = 1024;
+/// Bytes waiting for the line: two of the longest frames.
+pub const TRANSMIT_QUEUE: usize = 768;
+
 /// The line to the host.
 pub trait Line {
     /// The next byte that came.

@@ -28,13 +28,30 @@
 //! 5. Sampling begins; from now on the tick decides about the dump valve.
 
 pub mod background_task;
+pub mod clock;
+pub mod contract;
+pub mod converter;
+pub mod custom_f405;
 pub mod exchange;
+pub mod feather_f405;
+pub mod memory_map;
 pub mod periods;
 pub mod pulse;
+pub mod rates;
 pub mod read_back;
 pub mod stm32f405;
 pub mod tick_task;
 pub mod watchdog;
 
 #[cfg(target_os = "none")]
-pub use stm32f405::registers as chip;
+#[expect(unsafe_code, reason = "registers of the processor, linker symbols and memory that survives a reset")]
+pub mod target;
+
+/// The chip of the board that this build is for.
+pub use stm32f405 as chip;
+/// The wiring of the board that this build is for.
+pub const SELECTED: chip::wiring::Wiring = selected::WIRING;
+#[cfg(board = "custom-f405")]
+use custom_f405 as selected;
+#[cfg(board = "feather-f405")]
+use feather_f405 as selected;

@@ -8,7 +8,7 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::stm32f405::facts::CONVERTER_FULL_SCALE;
+use super::converter::CONVERTER_FULL_SCALE;
 use crate::seam::ReadBack;
 
 /// Largest deviation of the analogue supply from the nominal, in parts per thousand: as large an error of every pressure.

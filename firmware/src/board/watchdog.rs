@@ -3,7 +3,10 @@
 //! It has an oscillator of its own and nothing can stop it once it runs. While energised it must catch a hang within 50 ms; while vented an
 //! erase of a flash sector stops the processor for up to two seconds, and the watchdog must wait that long.
 
-use super::stm32f405::facts::{SECTOR_ERASE_MS, WATCHDOG_HZ};
+/// Frequencies of the watchdogs' own oscillators, Hz, from the slowest to the fastest of all chips; each chip's are checked against these.
+pub const OSCILLATOR_HZ: (u32, u32) = (17_000, 47_000);
+/// Longest erase of a flash sector of all chips, ms; each chip's is checked against it.
+pub const LONGEST_ERASE_MS: u32 = 2_000;
 
 /// What the watchdog is set to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,11 +37,11 @@ impl Regime {
     /// Shortest and longest time without a feed, ms, by the oscillator's tolerance.
     pub const fn period_ms(self) -> (u32, u32) {
         let counts = 1000 * (4 << self.prescaler()) * (self.reload() as u32 + 1);
-        (counts / WATCHDOG_HZ.1, counts.div_ceil(WATCHDOG_HZ.0))
+        (counts / OSCILLATOR_HZ.1, counts.div_ceil(OSCILLATOR_HZ.0))
     }
 }
 const _: () = assert!(Regime::Energised.period_ms().1 < 50 && Regime::Energised.period_ms().0 > 10);
-const _: () = assert!(Regime::Vented.period_ms().0 > 2 * SECTOR_ERASE_MS);
+const _: () = assert!(Regime::Vented.period_ms().0 > 2 * LONGEST_ERASE_MS);
 
 /// The watchdog's registers.
 pub trait WatchdogTimer {
@@ -120,7 +123,7 @@ mod tests {
         }
         fn feed(&mut self) {
             if self.settling == 0 {
-                self.left_ms = f64::from(4u32 << self.next.0) * f64::from(self.next.1 + 1) * 1000.0 / f64::from(WATCHDOG_HZ.0);
+                self.left_ms = f64::from(4u32 << self.next.0) * f64::from(self.next.1 + 1) * 1000.0 / f64::from(OSCILLATOR_HZ.0);
             }
         }
     }
@@ -143,7 +146,7 @@ mod tests {
                 watchdog.timer.advance();
             }
         }
-        assert!(ticks_until_it_bites(&mut watchdog, false) > SECTOR_ERASE_MS);
+        assert!(ticks_until_it_bites(&mut watchdog, false) > LONGEST_ERASE_MS);
         for _ in 0..20 {
             watchdog.serve(true, true);
             watchdog.timer.advance();

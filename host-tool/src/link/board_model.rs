@@ -21,6 +21,8 @@ use super::{FlashMemory, LinkError};
 /// The command that builds the program, and the one that builds the image.
 pub const BOARD_MODEL_BUILD: &str = "cargo xtask board-model";
 const PROGRAM: &str = "virtual-board/target/release/virtual-board";
+/// The board of an image whose name does not tell.
+const FIRST_BOARD: &str = "custom-f405";
 const IMAGE: &str = "target/thumbv7em-none-eabihf/release/rig";
 /// Name other places for them.
 const PROGRAM_VARIABLE: &str = "CATHETER_BOARD_MODEL";
@@ -49,6 +51,8 @@ pub struct BoardModelConfig {
     pub program: PathBuf,
     /// The image.
     pub image: PathBuf,
+    /// The board that the image is for.
+    pub board: String,
     /// Seed of what memory holds without supply.
     pub seed: u64,
     /// Rate of the core's own timer, which does not follow the clock tree, if it is not the usual one.
@@ -61,7 +65,11 @@ impl BoardModelConfig {
     /// # Errors
     /// When one of them is not there, with the command that builds it.
     pub fn find(image: Option<&Path>) -> Result<Self, LinkError> {
-        Ok(Self { program: find(None, PROGRAM_VARIABLE, PROGRAM)?, image: find(image, IMAGE_VARIABLE, IMAGE)?, seed: 1, core_hz: None })
+        let image = find(image, IMAGE_VARIABLE, IMAGE)?;
+        // `cargo xtask firmware --board NAME` leaves `rig-NAME`, and `rig` for the first board.
+        let name = image.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let board = name.strip_prefix("rig-").unwrap_or(FIRST_BOARD).to_owned();
+        Ok(Self { program: find(None, PROGRAM_VARIABLE, PROGRAM)?, image, board, seed: 1, core_hz: None })
     }
 }
 
@@ -122,7 +130,7 @@ impl BoardModel {
         let folder =
             tempfile::Builder::new().prefix("catheter-board-").tempdir().map_err(|error| problem("no folder to work in", &error))?;
         let mut command = Command::new(&config.program);
-        command.arg("--image").arg(&config.image).arg("--seed").arg(config.seed.to_string());
+        command.arg("--image").arg(&config.image).args(["--board", &config.board]).arg("--seed").arg(config.seed.to_string());
         if let Some(hz) = config.core_hz {
             command.arg("--core-hz").arg(hz.to_string());
         }

@@ -46,7 +46,7 @@ pub struct Hello {
     pub model_id: [u8; 8],
     /// Why the device last started.
     pub reset_cause: ResetCause,
-    /// Name of the board, for example `stm32f405-rig`.
+    /// Name of the board, for example `custom-f405`.
     pub board: String<MAX_BOARD_NAME>,
     /// The session that this Hello began; zero before protocol 2.
     pub session: u32,

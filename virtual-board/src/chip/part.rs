@@ -24,6 +24,7 @@ use super::dac::Dac;
 use super::flash::{Flash, Speed};
 use super::lines::{Lines, MonitorOutput};
 use super::sampling::{InjectedGroup, TriggerOutput};
+use crate::boards::stm32f405::wiring::{self, DRIVE, PULSE, Wiring};
 
 // What the STM32F405 has where the STM32F427 has something else. RM0090 gives both families, each in sections of its own.
 
@@ -127,13 +128,13 @@ const CLOCKED: [[&str; 5]; 21] = [
 const TIMED: [&str; 8] = ["TIM2", "TIM3", "TIM4", "TIM5", "USART1", "IWDG", "C_ADC", "ADC1"];
 const LISTENING: [&str; 4] = ["RCC", "C_ADC", "ADC1", "EXTI"];
 
-/// The pin of the emergency stop, the dump valve and the pulse width (`firmware/src/board/stm32f405/facts.rs`).
-const PORT_A: usize = 0;
-const PORT_B: usize = 1;
-const STOP_PIN: u8 = 0;
-const DUMP_PIN: u8 = 1;
-const DRIVE_PIN: u8 = 4;
-const PULSE_PIN: u8 = 6;
+/// Codes of a pin's mode: an output, one that a peripheral has, an analogue one (8.4.1).
+const OUTPUT: u64 = 0b01;
+const ALTERNATE: u64 = 0b10;
+const ANALOGUE: u64 = 0b11;
+/// Alternate functions of TIM3 and USART1 (DS8626 table 9).
+const AF_TIM3: u64 = 2;
+const AF_USART1: u64 = 7;
 
 fn cpu() -> Cpu {
     Cpu::new("CM4", true, INTERRUPT_LINES, Endian::Little)
@@ -226,6 +227,8 @@ const DRIVE_CHANNEL: Option<Channel> = Channel::new(4);
 /// What is on the part's pins; it outlasts resets.
 #[derive(Debug, Clone, Copy)]
 pub struct Pins {
+    /// Which pin is what.
+    pub wiring: Wiring,
     /// Frequency of the crystal, Hz.
     pub crystal_hz: u64,
     /// Frequency of the watchdog's oscillator, Hz: 17 to 47 kHz (DS8626 table 42).
@@ -236,9 +239,9 @@ pub struct Pins {
     pub supply_mv: u32,
     /// The analogue supply, mV, where it is not the supply itself.
     pub analogue_mv: Option<u32>,
-    /// The code at PA4 whatever the converter does there.
+    /// The code at the drive's pin whatever the converter does there.
     pub drive_stuck: Option<u16>,
-    /// The level at PB1 whatever the port does there.
+    /// The level at the dump valve's pin whatever the port does there.
     pub dump_stuck: Option<bool>,
     /// Whether the two analogue inputs are exchanged.
     pub swapped: bool,
@@ -250,10 +253,12 @@ pub struct Pins {
     pub flash: Speed,
 }
 
-impl Default for Pins {
-    fn default() -> Self {
+impl Pins {
+    /// A board as it should be.
+    pub fn of(wiring: Wiring) -> Self {
         Self {
-            crystal_hz: 8_000_000,
+            wiring,
+            crystal_hz: u64::from(wiring.crystal_hz),
             watchdog_hz: 32_000,
             oscillators: Oscillators::default(),
             supply_mv: SUPPLY_MV,
@@ -293,11 +298,11 @@ impl Beside<Gpio> for Held {
 /// What the part does to the pins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Outputs {
-    /// Code at PA4, if the converter drives it.
+    /// Code at the drive's pin, if the converter drives it.
     pub drive_code: Option<u16>,
-    /// Duty cycle at PA6 as compare value and period, if the timer drives it.
+    /// Duty cycle at the pulse width's pin as compare value and period, if the timer drives it.
     pub pulse: Option<(u16, u16)>,
-    /// Whether PB1 is driven high.
+    /// Whether the dump valve's pin is driven high.
     pub dump_valve: bool,
 }
 
@@ -372,7 +377,7 @@ impl Stm32f405 {
             ports: std::array::from_fn(|_| With { model: Gpio::default(), beside: Held::default() }),
             line: Usart::with_clock(Kind::Usart, HSI_HZ),
             // ADCPRE is 2 out of reset (13.13.16).
-            converter: With { model: Adc::with_clock(HSI_HZ / 2), beside: InjectedGroup::default() },
+            converter: With { model: Adc::with_clock(HSI_HZ / 2), beside: InjectedGroup::on([pins.wiring.laser, pins.wiring.pressure]) },
             converter_clock,
             sampling_timer: With { model: Tim::with_clock(HSI_HZ, Counter::Wide), beside: TriggerOutput::default() },
             timers: std::array::from_fn(|nth| Tim::with_clock(HSI_HZ, TIMERS[nth].1)),
@@ -432,10 +437,12 @@ impl Stm32f405 {
     /// Opens or closes the emergency stop's contact: high is pressed, or a broken wire.
     pub fn press_stop(&mut self, pressed: bool, at: VirtualNanos) {
         self.pins.stop_pressed = pressed;
-        let slot = self.slot(Model::Port(PORT_B));
+        let stop = self.pins.wiring.emergency_stop;
+        let port = stop.port as usize;
+        let slot = self.slot(Model::Port(port));
         let (registers, mut context) = self.bus.drive(at, slot);
-        if let Some(pin) = Pin::new(STOP_PIN) {
-            self.ports[PORT_B].model.drive(pin, Some(Level::from(pressed)), registers, &mut context);
+        if let Some(pin) = u8::try_from(stop.number).ok().and_then(Pin::new) {
+            self.ports[port].model.drive(pin, Some(Level::from(pressed)), registers, &mut context);
         }
     }
 
@@ -445,10 +452,11 @@ impl Stm32f405 {
         self.converter.model.set_reference(millivolts.unwrap_or(self.pins.supply_mv));
     }
 
-    /// Holds PB1 at a level, or lets it go.
+    /// Holds the dump valve's pin at a level, or lets it go.
     pub fn hold_dump_pin(&mut self, level: Option<bool>) {
         self.pins.dump_stuck = level;
-        self.ports[PORT_B].beside = Held { pins: level.map(|_| 1 << DUMP_PIN), high: level == Some(true) };
+        let dump = self.pins.wiring.dump_valve;
+        self.ports[dump.port as usize].beside = Held { pins: level.map(|_| 1 << dump.number), high: level == Some(true) };
     }
 
     /// Supply below which the part is held in reset, and above which it comes out again, mV: the option bytes' brown-out level, typical
@@ -516,8 +524,6 @@ impl Stm32f405 {
     /// What the part does to its pins.
     pub fn outputs(&self) -> Outputs {
         let registers = |model| self.bus.slots()[self.slot(model)].registers();
-        let port_a = registers(Model::Port(PORT_A));
-        let mode = |pin: u8| port_a.get(gpioa::Register::Moder) >> (2 * pin) & 0b11;
         // As share of 3.3 V, which the valve's driver measures.
         let supply_mv = self.pins.analogue_mv.unwrap_or(SUPPLY_MV);
         let share = |code: u16| u16::try_from((u32::from(code) * supply_mv / SUPPLY_MV).min(FULL_CODE)).unwrap_or_default();
@@ -527,18 +533,36 @@ impl Stm32f405 {
             let timer = registers(Model::Timer(0));
             let on = cr1::CEN.is_set(timer.get(Register::Cr1)) && ccer::CC1E.is_set(timer.get(Register::Ccer));
             let number = |register| u16::try_from(timer.get(register)).unwrap_or(u16::MAX);
-            (on && mode(PULSE_PIN) == 0b10).then(|| (number(Register::Ccr1), number(Register::Arr)))
+            (on && self.has_function(PULSE, AF_TIM3)).then(|| (number(Register::Ccr1), number(Register::Arr)))
         };
-        let port_b = registers(Model::Port(PORT_B));
-        let driven = port_b.get(gpioa::Register::Moder) >> (2 * DUMP_PIN) & 0b11 == 0b01;
-        let high = port_b.get(gpioa::Register::Odr) >> DUMP_PIN & 1 != 0;
+        let dump = self.pins.wiring.dump_valve;
+        let driven = self.mode(dump) == OUTPUT;
+        let high = registers(Model::Port(dump.port as usize)).get(gpioa::Register::Odr) >> dump.number & 1 != 0;
         Outputs { drive_code, pulse, dump_valve: self.pins.dump_stuck.unwrap_or(driven && high) }
     }
 
-    /// The code that the converter puts on PA4.
+    /// The code that the converter puts on its pin.
     fn driven_code(&self) -> Option<u16> {
-        let analogue = self.bus.slots()[self.slot(Model::Port(PORT_A))].registers().get(gpioa::Register::Moder) >> (2 * DRIVE_PIN) & 0b11;
-        Dac::output(self.bus.slots()[self.slot(Model::Dac)].registers(), 0).filter(|_| analogue == 0b11)
+        Dac::output(self.bus.slots()[self.slot(Model::Dac)].registers(), 0).filter(|_| self.mode(DRIVE) == ANALOGUE)
+    }
+
+    /// What the port makes of a pin.
+    fn mode(&self, pin: wiring::Pin) -> u64 {
+        let registers = self.bus.slots()[self.slot(Model::Port(pin.port as usize))].registers();
+        registers.get(gpioa::Register::Moder) >> (2 * pin.number) & 0b11
+    }
+
+    /// Whether a peripheral has a pin.
+    fn has_function(&self, pin: wiring::Pin, function: u64) -> bool {
+        let registers = self.bus.slots()[self.slot(Model::Port(pin.port as usize))].registers();
+        let register = if pin.number < 8 { gpioa::Register::Afrl } else { gpioa::Register::Afrh };
+        self.mode(pin) == ALTERNATE && registers.get(register) >> (4 * (pin.number % 8)) & 0b1111 == function
+    }
+
+    /// Whether the serial port has the pins that the line to the host is soldered to: from the part, and to it.
+    pub fn line_is_connected(&self) -> (bool, bool) {
+        let Wiring { transmit, receive, .. } = self.pins.wiring;
+        (self.has_function(transmit, AF_USART1), self.has_function(receive, AF_USART1))
     }
 }
 
@@ -591,8 +615,12 @@ impl Mcu for Stm32f405 {
                 input_hz: if swings && divider > 1 { self.pins.crystal_hz / divider } else { 0 },
             };
         }
+        if model == Model::Converter {
+            let Wiring { laser, pressure, .. } = self.pins.wiring;
+            self.converter.beside.connected = [laser, pressure].map(|pin| self.mode(pin) == ANALOGUE);
+        }
         if let (Model::Converter, Some(channel)) = (model, DRIVE_CHANNEL) {
-            // PA4 is an input of the converter too, and both have one reference. Rounded up, because the model rounds down again.
+            // The drive's pin is an input of the converter too, and both have one reference. Rounded up, because the model rounds down again.
             let code = self.pins.drive_stuck.or_else(|| self.driven_code()).unwrap_or(0);
             let reference_mv = self.pins.analogue_mv.unwrap_or(self.pins.supply_mv);
             self.converter.model.set_input(channel, (u32::from(code) * reference_mv).div_ceil(FULL_CODE));

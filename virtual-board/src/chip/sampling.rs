@@ -14,12 +14,13 @@ use rigless::soc::stm32f427::peripherals::adc::Adc;
 use rigless::soc::stm32f427::peripherals::tim::{General, Tim};
 
 use super::beside::Beside;
+use crate::boards::stm32f405::wiring::Pin;
 
 /// Request output on which TIM2 gives its trigger; the timer's own are numbered 0 to 6.
 pub const TRGO_REQUEST: usize = 16;
 /// JEXTSEL of TIM2_TRGO (RM0090 section 13.13.3).
 const JEXTSEL_TIM2_TRGO: u64 = 0b0011;
-/// Channels with codes of their own, PA0 and PA1.
+/// Channels with codes of their own: laser and pressure.
 pub const CHANNELS: usize = 2;
 /// Conversions of one channel in a group, at most.
 pub const PER_CHANNEL: usize = 2;
@@ -52,6 +53,10 @@ impl Beside<Tim<General>> for TriggerOutput {
 /// What is on the converter's pins, and its trigger.
 #[derive(Debug, Default)]
 pub struct InjectedGroup {
+    /// The channels' numbers.
+    numbers: [Option<usize>; CHANNELS],
+    /// Whether their pins are analogue ones; a pin in another mode reads zero.
+    pub connected: [bool; CHANNELS],
     /// Codes of the channels, for the first and the second conversion of a group.
     pub codes: [[u16; PER_CHANNEL]; CHANNELS],
     /// Groups that ran to their end.
@@ -62,6 +67,11 @@ pub struct InjectedGroup {
 }
 
 impl InjectedGroup {
+    /// With laser and pressure at these pins.
+    pub fn on(pins: [Pin; CHANNELS]) -> Self {
+        Self { numbers: pins.map(|pin| pin.channel().map(usize::from)), ..Self::default() }
+    }
+
     /// The channel of a rank: the last JL + 1 entries of JSQR, in order (RM0090 section 13.13.12).
     fn channel(registers: &RegisterFile, rank: usize) -> Option<usize> {
         let sequence = registers.get(AdcRegister::Jsqr);
@@ -95,12 +105,13 @@ impl Beside<Adc> for InjectedGroup {
         if !self.started {
             return;
         }
-        if let Some(channel) = Self::channel(registers, self.rank)
-            && let Some(codes) = self.codes.get(channel)
+        if let Some(number) = Self::channel(registers, self.rank)
+            && let Some(channel) = self.numbers.iter().position(|own| *own == Some(number))
             && let Some(result) = RESULTS.get(self.rank)
         {
             let index = self.taken[channel].min(PER_CHANNEL - 1);
-            registers.set(*result, u64::from(codes[index]));
+            let code = if self.connected[channel] { self.codes[channel][index] } else { 0 };
+            registers.set(*result, u64::from(code));
             self.taken[channel] += 1;
         }
         self.rank += 1;
@@ -119,6 +130,6 @@ impl Beside<Adc> for InjectedGroup {
     }
 
     fn reset(&mut self) {
-        *self = Self { codes: self.codes, groups: self.groups, ..Self::default() };
+        *self = Self { numbers: self.numbers, connected: self.connected, codes: self.codes, groups: self.groups, ..Self::default() };
     }
 }

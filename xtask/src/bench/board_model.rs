@@ -10,7 +10,7 @@ use crate::{board_model, firmware, setup};
 /// Builds image and program, runs the closed loop and the faults, and gives back the figures.
 pub fn measure() -> Result<Value> {
     setup::target()?;
-    firmware::build()?;
+    firmware::build(&firmware::BOARDS[0])?;
     board_model::build()?;
     let path = fresh_folder("board-model")?.join("figures.json");
     let mut measure = cargo();

@@ -11,7 +11,7 @@ use crate::{checks, firmware, setup};
 pub fn measure(bless: bool) -> Result<Value> {
     setup::everything()?;
     checks::target_builds()?;
-    let sizes = firmware::build()?;
+    let sizes = firmware::build(&firmware::BOARDS[0])?;
     let path = fresh_folder("firmware")?.join("figures.json");
     let mut count = cargo();
     count.args(["run", "--release", "--package", "rig-tests", "--bin", "firmware_figures", "--", "--json"]).arg(&path);

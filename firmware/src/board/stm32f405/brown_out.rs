@@ -3,7 +3,7 @@
 //! The supply monitor (`chip::supply`) vents in time; this is the net below it: under 2.7 V or so the chip holds itself in reset, and the
 //! pull-downs outside vent. Between there and the power-down reset at 1.7 V nothing the chip does would be certain.
 
-use super::clock::wait;
+use crate::board::clock::wait;
 
 /// Bits of the option control register FLASH_OPTCR (RM0090 section 3.9.6).
 pub mod option {

@@ -5,8 +5,8 @@
 
 use core::cell::Cell;
 
-use super::clock::wait;
 use super::facts::SECTOR_BYTES;
+use crate::board::clock::wait;
 use crate::storage::{Flash, Slot};
 
 /// Bits of the status register FLASH_SR (RM0090 section 3.9.4).

@@ -2,7 +2,7 @@
 
 use stm32f4::stm32f405::{FLASH, RCC, TIM11};
 
-use crate::board::stm32f405::clock::{COUNTED_PERIODS, ClockTree, wait};
+use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
 use crate::board::stm32f405::facts::{FLASH_WAIT_STATES, PLL_48_MHZ_DIVIDER, Pll};
 
 /// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
@@ -34,6 +34,8 @@ impl Registers<'_> {
 }
 
 impl ClockTree for Registers<'_> {
+    type Pll = Pll;
+
     fn start_crystal(&mut self) {
         self.rcc.cr().modify(|_, w| w.hsebyp().clear_bit().hseon().set_bit());
     }

@@ -41,11 +41,11 @@ macro_rules! board_entry {
             "b hard_fault_on_fresh_stack",
             ".ltorg",
             clock_register = const $crate::board::stm32f405::facts::RCC_AHB1ENR,
-            clock_bit = const $crate::board::stm32f405::facts::PORT_B_CLOCK,
-            port = const $crate::board::stm32f405::facts::PORT_B,
-            reset_bit = const 1u32 << (16 + $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
-            mode_mask = const 3u32 << (2 * $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
-            mode_output = const 1u32 << (2 * $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
+            clock_bit = const 1u32 << $crate::board::SELECTED.dump_valve.port,
+            port = const $crate::board::SELECTED.dump_valve.port_address(),
+            reset_bit = const 1u32 << (16 + $crate::board::SELECTED.dump_valve.number),
+            mode_mask = const 3u32 << (2 * $crate::board::SELECTED.dump_valve.number),
+            mode_output = const 1u32 << (2 * $crate::board::SELECTED.dump_valve.number),
         );
     };
 }

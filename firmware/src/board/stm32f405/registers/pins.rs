@@ -3,46 +3,89 @@
 use core::convert::Infallible;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use stm32f4::stm32f405::{GPIOA, GPIOB, RCC};
+use stm32f4::stm32f405::{RCC, gpioc};
 
-use crate::board::stm32f405::facts::{DUMP_VALVE_PIN, EMERGENCY_STOP_PIN};
+use crate::board::selected::WIRING;
+use crate::board::stm32f405::wiring::{DRIVE, PULSE, Pin};
 use crate::seam::DumpValve;
 
-/// Sets the mode of every pin in use; the dump valve's was set before there was RAM.
-///
-/// Each write keeps what it does not mean: the debug probe's pins are on port A too.
-pub fn set_up(rcc: &RCC, port_a: &GPIOA, port_b: GPIOB) -> (DumpValve<DumpPin>, StopPin) {
-    enable_clock!(rcc.ahb1enr: gpioaen, gpioben);
-    // Pull-ups first, then functions, then modes: no pin moves before it knows where to.
-    port_a.pupdr().modify(|_, w| w.pupdr10().pull_up());
-    port_a.afrl().modify(|_, w| w.afrl6().af2());
-    port_a.afrh().modify(|_, w| w.afrh9().af7().afrh10().af7());
-    port_a.moder().modify(|_, w| {
-        w.moder0().analog().moder1().analog().moder4().analog().moder6().alternate().moder9().alternate().moder10().alternate()
-    });
-    port_b.pupdr().modify(|_, w| w.pupdr0().pull_up());
-    port_b.moder().modify(|_, w| w.moder0().input());
-    (DumpValve::new(DumpPin(())), StopPin(port_b))
+/// Code of an analogue pin, of one that a peripheral has, of an input (RM0090 section 8.4.1), and of a pull-up (section 8.4.4).
+const ANALOGUE: u32 = 0b11;
+const ALTERNATE: u32 = 0b10;
+const INPUT: u32 = 0b00;
+const PULL_UP: u32 = 0b01;
+/// Alternate functions of USART1 and TIM3 (DS8626 table 9).
+const AF_USART1: u32 = 7;
+const AF_TIM3: u32 = 2;
+
+/// A port's registers: those of every port lie alike.
+fn port(pin: Pin) -> &'static gpioc::RegisterBlock {
+    // SAFETY: registers of a port that the chip has, by `Wiring::is_possible`. They exist for ever; what is shared is written in single writes.
+    unsafe { &*core::ptr::with_exposed_provenance(pin.port_address() as usize) }
 }
 
-/// PB1. Only writes to the set/reset register, where each bit is its own.
+const fn with_field(bits: u32, place: u32, width: u32, value: u32) -> u32 {
+    bits & !(((1 << width) - 1) << place) | value << place
+}
+
+fn set_mode(pin: Pin, mode: u32) {
+    // SAFETY: two bits of one pin; the others stay, the debug probe's among them.
+    port(pin).moder().modify(|r, w| unsafe { w.bits(with_field(r.bits(), 2 * pin.number, 2, mode)) });
+}
+
+fn pull_up(pin: Pin) {
+    // SAFETY: two bits of one pin.
+    port(pin).pupdr().modify(|r, w| unsafe { w.bits(with_field(r.bits(), 2 * pin.number, 2, PULL_UP)) });
+}
+
+fn set_function(pin: Pin, function: u32) {
+    let place = 4 * (pin.number % 8);
+    // SAFETY: four bits of one pin.
+    unsafe {
+        if pin.number < 8 {
+            port(pin).afrl().modify(|r, w| w.bits(with_field(r.bits(), place, 4, function)));
+        } else {
+            port(pin).afrh().modify(|r, w| w.bits(with_field(r.bits(), place, 4, function)));
+        }
+    }
+}
+
+/// Sets the mode of every pin in use; the dump valve's was set before there was RAM.
+pub fn set_up(rcc: &RCC) -> (DumpValve<DumpPin>, StopPin) {
+    enable_clock!(rcc.ahb1enr: gpioaen, gpioben, gpiocen);
+    // Pull-ups first, then functions, then modes: no pin moves before it knows where to.
+    pull_up(WIRING.receive);
+    pull_up(WIRING.emergency_stop);
+    set_function(PULSE, AF_TIM3);
+    set_function(WIRING.transmit, AF_USART1);
+    set_function(WIRING.receive, AF_USART1);
+    for pin in [WIRING.laser, WIRING.pressure, DRIVE] {
+        set_mode(pin, ANALOGUE);
+    }
+    for pin in [PULSE, WIRING.transmit, WIRING.receive] {
+        set_mode(pin, ALTERNATE);
+    }
+    set_mode(WIRING.emergency_stop, INPUT);
+    (DumpValve::new(DumpPin(())), StopPin(()))
+}
+
+/// The dump valve's. Only writes to the set/reset register, where each bit is its own.
 #[derive(Debug)]
 pub struct DumpPin(());
 
 fn write(bits: u32) {
     // SAFETY: BSRR changes only the pins whose bits are ones, in one write (RM0090 section 8.4.7).
-    unsafe { (*GPIOB::ptr()).bsrr().write(|w| w.bits(bits)) };
+    port(WIRING.dump_valve).bsrr().write(|w| unsafe { w.bits(bits) });
 }
 
 /// Whether the dump valve's pin is high, as it is outside.
 pub fn dump_is_high() -> bool {
-    // SAFETY: reading the input register has no effect (RM0090 section 8.4.5).
-    unsafe { (*GPIOB::ptr()).idr().read().bits() & (1 << DUMP_VALVE_PIN) != 0 }
+    port(WIRING.dump_valve).idr().read().bits() & (1 << WIRING.dump_valve.number) != 0
 }
 
 /// Releases the dump valve, whoever has it. The other way there is only [`DumpValve::obey`].
 pub fn release_dump_valve() {
-    write(1 << (16 + DUMP_VALVE_PIN));
+    write(1 << (16 + WIRING.dump_valve.number));
 }
 
 impl ErrorType for DumpPin {
@@ -56,13 +99,14 @@ impl OutputPin for DumpPin {
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        write(1 << DUMP_VALVE_PIN);
+        write(1 << WIRING.dump_valve.number);
         Ok(())
     }
 }
 
-/// PB0.
-pub struct StopPin(GPIOB);
+/// The emergency stop's.
+#[derive(Debug)]
+pub struct StopPin(());
 
 impl ErrorType for StopPin {
     type Error = Infallible;
@@ -70,7 +114,7 @@ impl ErrorType for StopPin {
 
 impl InputPin for StopPin {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(self.0.idr().read().bits() & (1 << EMERGENCY_STOP_PIN) != 0)
+        Ok(port(WIRING.emergency_stop).idr().read().bits() & (1 << WIRING.emergency_stop.number) != 0)
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {

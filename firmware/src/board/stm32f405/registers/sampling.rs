@@ -1,13 +1,15 @@
 //! Sampling: TIM2 triggers four injected conversions of ADC1 a millisecond (RM0090 sections 13.13, 18.4); SysTick watches that it does.
 
+use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
-use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
 use super::pins;
-use crate::board::stm32f405::clock::wait;
-use crate::board::stm32f405::facts::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
-use crate::board::tick_task::CycleCounter;
+use crate::board::clock::wait;
+use crate::board::converter::{Measured, SAMPLING_SEQUENCE};
+use crate::board::rates::Rates;
+use crate::board::selected::WIRING;
+use crate::board::stm32f405::facts::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION};
 use crate::seam::{RawSample, ReadBack, SampleSource};
 
 /// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
@@ -16,6 +18,24 @@ const TRIGGER_TIM2_TRGO: u8 = 0b0011;
 const SAMPLING_480_CYCLES: u8 = 0b111;
 /// Code of a sampling time of 84 ADC cycles (RM0090 section 13.13.5).
 const SAMPLING_84_CYCLES: u8 = 0b100;
+
+/// The channels of the measured inputs.
+const LASER: u8 = WIRING.laser.channel_of();
+const PRESSURE: u8 = WIRING.pressure.channel_of();
+
+/// Sets a channel's sampling time (RM0090 sections 13.13.4 and 13.13.5): three bits each, channels 0 to 9 in the second register.
+fn set_sampling_time(converter: &ADC1, channel: u8, code: u8) {
+    let place = 3 * u32::from(channel % 10);
+    let change = |bits: u32| bits & !(0b111 << place) | u32::from(code) << place;
+    // SAFETY: a code of the manual in the channel's own three bits.
+    unsafe {
+        if channel < 10 {
+            converter.smpr2().modify(|r, w| w.bits(change(r.bits())));
+        } else {
+            converter.smpr1().modify(|r, w| w.bits(change(r.bits())));
+        }
+    }
+}
 
 /// The converter.
 pub struct Sampler {
@@ -30,14 +50,19 @@ impl Sampler {
         enable_clock!(rcc.apb2enr: adc1en);
         enable_clock!(rcc.apb1enr: tim2en);
         common.ccr().modify(|_, w| w.adcpre().div4().tsvrefe().set_bit());
-        let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|channel| channel as u8);
-        // SAFETY: channel numbers and codes of the manual, in fields of their width.
+        let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|measured| match measured {
+            Measured::Laser => LASER,
+            Measured::Pressure => PRESSURE,
+        });
+        // The reference needs 10 us (DS8626 table 76), the drive's pin as long as the others.
+        let [reference, drive] = READ_BACK_CHANNELS;
+        set_sampling_time(&converter, reference, SAMPLING_480_CYCLES);
+        for channel in [drive, LASER, PRESSURE] {
+            set_sampling_time(&converter, channel, SAMPLING_84_CYCLES);
+        }
+        // SAFETY: channel numbers, in fields of their width.
         unsafe {
-            // The reference needs 10 us (DS8626 table 76), the drive's pin as long as the others.
-            converter.smpr1().modify(|_, w| w.smp17().bits(SAMPLING_480_CYCLES));
-            converter.smpr2().modify(|_, w| w.smp4().bits(SAMPLING_84_CYCLES));
             converter.sqr1().write(|w| w.l().bits(0));
-            converter.smpr2().modify(|_, w| w.smp0().bits(SAMPLING_84_CYCLES).smp1().bits(SAMPLING_84_CYCLES));
             // Four conversions (JL = 3), so JSQ1 is the first (RM0090 section 13.13.12).
             converter.jsqr().write(|w| w.jl().bits(3).jsq1().bits(first).jsq2().bits(second).jsq3().bits(third).jsq4().bits(fourth));
         }
@@ -147,23 +172,5 @@ impl Milliseconds {
         // SAFETY: reading the counter has no effect.
         let counts = unsafe { (*TIM5::ptr()).cnt().read().bits() };
         counts / COUNTS_PER_MS
-    }
-}
-
-/// The debug unit's cycle counter; stands still in the emulator.
-pub struct Cycles(DWT);
-
-impl Cycles {
-    /// Switches the counter on.
-    pub fn start(dcb: &mut DCB, mut dwt: DWT) -> Self {
-        dcb.enable_trace();
-        dwt.enable_cycle_counter();
-        Self(dwt)
-    }
-}
-
-impl CycleCounter for Cycles {
-    fn cycles(&self) -> u32 {
-        self.0.cyccnt.read()
     }
 }

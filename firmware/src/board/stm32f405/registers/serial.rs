@@ -6,14 +6,28 @@
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{Interrupt, RCC, USART1};
 
-use crate::board::background_task::Line;
+use crate::board::background_task::{Line, RECEIVE_QUEUE, TRANSMIT_QUEUE};
+use crate::board::contract::LineInterrupt;
 use crate::board::exchange;
-use crate::board::stm32f405::facts::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
+use crate::board::rates::Rates;
 
 /// Bytes from the line.
 pub type ReceiveQueue = Queue<u8, RECEIVE_QUEUE>;
 /// Bytes to the line.
 pub type TransmitQueue = Queue<u8, TRANSMIT_QUEUE>;
+
+/// The queues' places.
+pub struct Memory {
+    receive: ReceiveQueue,
+    transmit: TransmitQueue,
+}
+
+impl Memory {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self { receive: ReceiveQueue::new(), transmit: TransmitQueue::new() }
+    }
+}
 
 /// The interrupt's side.
 pub struct Port {
@@ -29,25 +43,18 @@ pub struct SerialLine {
 }
 
 /// Sets up the line.
-pub fn start(
-    rcc: &RCC,
-    registers: USART1,
-    rates: Rates,
-    receive: &'static mut ReceiveQueue,
-    transmit: &'static mut TransmitQueue,
-) -> (Port, SerialLine) {
+pub fn start(rcc: &RCC, registers: USART1, rates: Rates, memory: &'static mut Memory) -> (Port, SerialLine) {
     enable_clock!(rcc.apb2enr: usart1en);
     // SAFETY: the divider that the rates make of the line's speed.
     registers.brr().write(|w| unsafe { w.bits(rates.link_divider()) });
     registers.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-    let (received, taken) = receive.split();
-    let (filled, to_send) = transmit.split();
+    let (received, taken) = memory.receive.split();
+    let (filled, to_send) = memory.transmit.split();
     (Port { registers, received, to_send }, SerialLine { received: taken, to_send: filled })
 }
 
-impl Port {
-    /// Moves what there is to move.
-    pub fn interrupt(&mut self) {
+impl LineInterrupt for Port {
+    fn interrupt(&mut self) {
         let status = self.registers.sr().read();
         if status.rxne().bit_is_set() || status.ore().bit_is_set() {
             // Reading status and then data clears both flags. Damaged and lost bytes end in a wrong checksum, a full queue as well.

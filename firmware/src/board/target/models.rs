@@ -8,7 +8,8 @@ use model_export::schema::Model;
 use rtic::Mutex;
 
 use crate::background::ModelPlace;
-use crate::board::stm32f405::facts::{MODEL_SECTORS, SECTOR_BYTES};
+use crate::board::chip::registers::ThisBoard;
+use crate::board::contract::Board;
 use crate::control::Compensator;
 use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed, StepBudget, StepTimer};
 use crate::model::{ModelFacts, RunningModel, STEP_SHARE_PERCENT};
@@ -130,8 +131,7 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
 
 fn is_in_model_sectors(bytes: &[u8]) -> bool {
     let range = bytes.as_ptr_range();
-    MODEL_SECTORS.into_iter().any(|(first, _)| {
-        let first = first as usize;
-        range.start.addr() >= first && range.end.addr() <= first + SECTOR_BYTES
-    })
+    <ThisBoard as Board>::MODEL_SLOTS
+        .into_iter()
+        .any(|first| range.start.addr() >= first && range.end.addr() <= first + <ThisBoard as Board>::SLOT_BYTES)
 }

@@ -1,4 +1,4 @@
-//! The clock's start: from the internal oscillator the chip wakes up on to 168 MHz, with every wait bounded.
+//! The clock's start: from the internal oscillator the chip wakes up on to its full frequency, with every wait bounded.
 //!
 //! ```text
 //! crystal starts? ─no──────────────► clock-failed ──┐
@@ -16,7 +16,7 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::facts::{INTERNAL_HZ, INTERNAL_TOLERANCE_PER_MILLE, Pll, Rates, rounded};
+use super::rates::{Rates, rounded};
 use crate::self_test::ClockCheck;
 
 /// Polls to wait for the crystal: each takes at least four cycles of 16 MHz, so 50 ms at least; typical is 2 ms (DS8626 table 38).
@@ -30,8 +30,27 @@ pub const SWITCH_POLLS: u32 = 1_000;
 pub const COUNTED_PERIODS: u32 = 64 * 8 * 31;
 
 /// What the internal oscillator should count meanwhile, rounded to nearest.
-pub const fn expected_count(crystal_hz: u32) -> u32 {
-    rounded(COUNTED_PERIODS as u64 * INTERNAL_HZ as u64, crystal_hz as u64)
+pub const fn expected_count(internal_hz: u32, crystal_hz: u32) -> u32 {
+    rounded(COUNTED_PERIODS as u64 * internal_hz as u64, crystal_hz as u64)
+}
+
+/// What the clock should become, by chip and crystal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClockPlan<P> {
+    /// What the internal oscillator counts over [`COUNTED_PERIODS`] of the right crystal.
+    pub expected_count: u32,
+    /// How far the count may be off, by the internal oscillator's tolerance.
+    pub tolerance_per_mille: u32,
+    /// What the phase-locked loop makes of the crystal.
+    pub from_crystal: P,
+    /// The frequencies that come of it.
+    pub crystal_rates: Rates,
+    /// What the phase-locked loop makes of the internal oscillator.
+    pub from_internal: P,
+    /// The frequencies that come of it.
+    pub internal_fast_rates: Rates,
+    /// The frequencies without the phase-locked loop.
+    pub internal_rates: Rates,
 }
 
 /// Where the time comes from.
@@ -60,6 +79,8 @@ pub struct ClockReport {
 
 /// The registers behind the clock, as the start needs them.
 pub trait ClockTree {
+    /// Settings of the phase-locked loop.
+    type Pll: Copy;
     /// Switches the crystal oscillator on.
     fn start_crystal(&mut self);
     /// Whether it runs.
@@ -69,12 +90,12 @@ pub trait ClockTree {
     /// Switches the crystal oscillator off.
     fn stop_crystal(&mut self);
     /// Switches the phase-locked loop on, fed by the crystal or by the internal oscillator.
-    fn start_pll(&mut self, from_crystal: bool, pll: Pll);
+    fn start_pll(&mut self, from_crystal: bool, pll: Self::Pll);
     /// Whether it has locked.
     fn pll_is_ready(&mut self) -> bool;
     /// Switches it off.
     fn stop_pll(&mut self);
-    /// Sets flash wait states and bus dividers for 168 MHz.
+    /// Sets flash wait states and bus dividers for the full frequency.
     fn prepare_fast(&mut self);
     /// Whether they are in force.
     fn is_prepared(&mut self) -> bool;
@@ -91,15 +112,15 @@ pub fn wait(polls: u32, mut ready: impl FnMut() -> bool) -> bool {
     (0..polls).any(|_| ready())
 }
 
-/// Brings the clock up with the crystal that should be fitted, and what the phase-locked loop makes of it.
-pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) -> ClockReport {
+/// Brings the clock up as planned.
+pub fn start<T: ClockTree>(tree: &mut T, plan: &ClockPlan<T::Pll>) -> ClockReport {
     let mut faults = FaultSet::EMPTY;
     tree.start_crystal();
     let mut check = None;
     if wait(CRYSTAL_POLLS, || tree.crystal_is_ready()) {
         // A crystal without edges counts as none: it differs from any expectation.
         let counted = tree.count_crystal().unwrap_or(0);
-        check = Some(ClockCheck { counted, expected: expected_count(crystal_hz), tolerance_per_mille: INTERNAL_TOLERANCE_PER_MILLE });
+        check = Some(ClockCheck { counted, expected: plan.expected_count, tolerance_per_mille: plan.tolerance_per_mille });
     } else {
         faults.insert(Fault::ClockFailed);
     }
@@ -108,8 +129,7 @@ pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) 
     if !from_crystal {
         tree.stop_crystal();
     }
-    let pll = if from_crystal { from_crystal_pll } else { Pll::INTERNAL };
-    tree.start_pll(from_crystal, pll);
+    tree.start_pll(from_crystal, if from_crystal { plan.from_crystal } else { plan.from_internal });
     let fast = wait(PLL_POLLS, || tree.pll_is_ready())
         && {
             tree.prepare_fast();
@@ -122,14 +142,14 @@ pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) 
     let (source, rates) = match (fast, from_crystal) {
         (true, true) => {
             tree.watch_crystal();
-            (Source::Crystal, Rates::fast(pll.core_hz))
+            (Source::Crystal, plan.crystal_rates)
         }
-        (true, false) => (Source::InternalFast, Rates::fast(pll.core_hz)),
+        (true, false) => (Source::InternalFast, plan.internal_fast_rates),
         (false, _) => {
             tree.select_pll(false);
             tree.stop_pll();
             faults.insert(Fault::ClockFailed);
-            (Source::Internal, Rates::INTERNAL)
+            (Source::Internal, plan.internal_rates)
         }
     };
     ClockReport { source, rates, faults, check }
@@ -137,12 +157,14 @@ pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::facts::{CORE_HZ, CRYSTAL_HZ, PLL_CORE_DIVIDER};
+    use super::super::stm32f405::facts::{CORE_HZ, INTERNAL_HZ, PLL_CORE_DIVIDER, Pll, fast, plan};
     use super::*;
 
-    /// With the board's own crystal.
+    const CRYSTAL_HZ: u32 = 8_000_000;
+
+    /// With a crystal of 8 MHz.
     fn start(tree: &mut Tree) -> ClockReport {
-        super::start(tree, CRYSTAL_HZ, Pll::CRYSTAL)
+        super::start(tree, &plan(CRYSTAL_HZ))
     }
 
     /// A clock tree that does what it is told, but for what is broken in it.
@@ -163,6 +185,7 @@ mod tests {
     }
 
     impl ClockTree for Tree {
+        type Pll = Pll;
         fn start_crystal(&mut self) {
             self.crystal_on = true;
         }
@@ -225,8 +248,8 @@ mod tests {
         let mut tree = Tree { crystal_hz: Some(CRYSTAL_HZ), ..Tree::default() };
         let report = start(&mut tree);
         assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()));
-        assert_eq!(report.check.unwrap().counted, expected_count(CRYSTAL_HZ));
-        assert!(tree.watched && tree.on_pll && tree.pll == Some((true, Pll::CRYSTAL)) && !tree.overclocked);
+        assert_eq!(report.check.unwrap().counted, expected_count(INTERNAL_HZ, CRYSTAL_HZ));
+        assert!(tree.watched && tree.on_pll && tree.pll == Some((true, Pll::from_input(CRYSTAL_HZ).unwrap())) && !tree.overclocked);
     }
 
     #[test]
@@ -249,7 +272,7 @@ mod tests {
             // Exact wherever it can be, and nowhere slower by more than 1 %.
             assert!(core_hz <= f64::from(CORE_HZ) && core_hz > 0.99 * f64::from(CORE_HZ), "{crystal_hz} Hz: {core_hz} Hz");
             assert!(crystal_hz % 1_000_000 != 0 || pll.core_hz == CORE_HZ, "{crystal_hz} Hz: {core_hz} Hz");
-            let rates = Rates::fast(pll.core_hz);
+            let rates = fast(pll.core_hz);
             assert_eq!(rates.cycles_per_tick(), 2 * rates.timer_counts_per_tick(), "{crystal_hz} Hz");
             let tick_s = f64::from(rates.timer_counts_per_tick()) / (core_hz / 2.0);
             assert!((tick_s * 1000.0 - 1.0).abs() < 12e-6, "{crystal_hz} Hz: a tick of {tick_s} s");
@@ -257,14 +280,14 @@ mod tests {
             // The internal oscillator may be 8 % slow to 4.5 % fast.
             for internal_error in [-0.075, 0.0, 0.045] {
                 let mut tree = Tree { crystal_hz: Some(crystal_hz), internal_error, ..Tree::default() };
-                let report = super::start(&mut tree, crystal_hz, pll);
+                let report = super::start(&mut tree, &plan(crystal_hz));
                 assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()), "{crystal_hz} Hz, {internal_error}");
                 assert!(tree.watched && !tree.overclocked && report.rates == rates, "{crystal_hz} Hz");
             }
             for factor in [0.5, 0.66, 0.85, 1.15, 1.5, 2.0, 3.0] {
                 let fitted = (f64::from(crystal_hz) * factor) as u32;
                 let mut tree = Tree { crystal_hz: Some(fitted), ..Tree::default() };
-                let report = super::start(&mut tree, crystal_hz, pll);
+                let report = super::start(&mut tree, &plan(crystal_hz));
                 assert_eq!(report.source, Source::InternalFast, "{fitted} Hz instead of {crystal_hz} Hz");
                 assert!(!tree.overclocked && faults(report.faults) == [Fault::ClockInaccurate]);
             }

@@ -3,7 +3,8 @@
 use cortex_m::peripheral::MPU;
 use cortex_m::peripheral::mpu::RegisterBlock;
 
-use crate::board::stm32f405::memory_map::{DATA_FLASH, DATA_FLASH_CLOSED, DATA_FLASH_PROGRAMMING, REGIONS, Region};
+use crate::board::chip::regions::{DATA_FLASH, DATA_FLASH_CLOSED, DATA_FLASH_PROGRAMMING, REGIONS};
+use crate::board::memory_map::Region;
 
 /// On, with the architecture's map where no region is; off in hard faults, whose way down must not meet another.
 const ENABLE: u32 = 0b101;
@@ -13,7 +14,7 @@ pub fn start(unit: &MPU) {
     for (number, region) in (0..).zip(&REGIONS) {
         set(unit, number, region);
     }
-    // SAFETY: the regions allow what this program does: `board::memory_map` and its tests.
+    // SAFETY: the regions allow what this program does: the chip's `regions` and their tests.
     unsafe { unit.ctrl.write(ENABLE) };
     cortex_m::asm::dsb();
     cortex_m::asm::isb();

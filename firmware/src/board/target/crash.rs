@@ -3,9 +3,8 @@
 use core::mem::MaybeUninit;
 
 use model_export::link::fault::Fault;
-use stm32f4::stm32f405::{DAC, TIM3};
 
-use super::pins;
+use crate::board::chip::registers::vent;
 use crate::board::tick_task::RecordKeeper;
 use crate::retain::{Retained, SEALED_BYTES};
 
@@ -57,16 +56,6 @@ impl Keeper {
 impl RecordKeeper for Keeper {
     fn keep(&mut self, sealed: &[u8; SEALED_BYTES]) {
         write(sealed);
-    }
-}
-
-/// Releases the dump valve and takes the drive to zero, whoever owns them.
-pub fn vent() {
-    pins::release_dump_valve();
-    // SAFETY: single writes that any owner may find done; the program ends after this.
-    unsafe {
-        (*DAC::ptr()).dhr12r1().write(|w| w.bits(0));
-        (*TIM3::ptr()).ccr1().write(|w| w.bits(0));
     }
 }
 
