@@ -287,8 +287,8 @@ fn an_output_that_does_not_obey_and_a_supply_that_is_off_vent_within_50_ms_and_s
         (Broken::DriveStuck(4095), Fault::OutputMismatch),
         (Broken::DriveStuck(0), Fault::OutputMismatch),
         (Broken::DumpPinStuck(false), Fault::OutputMismatch),
-        (Broken::Supply(3.6), Fault::ReferenceVoltage),
-        (Broken::Supply(3.0), Fault::ReferenceVoltage),
+        (Broken::Supply(3.7), Fault::ReferenceVoltage),
+        (Broken::Supply(2.9), Fault::ReferenceVoltage),
     ] {
         let mut board = Board::new(settings(0)).into_running(2.0);
         board.wires.0.broken.set(Some(broken));

@@ -3,9 +3,9 @@
 //! | task | priority | does |
 //! |---|---|---|
 //! | `supply_falls` (PVD) | 5 | vents, remembers, starts again |
-//! | `serial` (USART1) | 4 | moves bytes between line and queues |
 //! | `guard` (SysTick) | 4 | counts periods; starts a tick that the sampling did not start |
 //! | `tick` (ADC) | 3 | everything the rig does in a millisecond |
+//! | `serial` (transfer to USART1 complete) | 1 | begins the next piece of what is to be sent |
 //! | `idle` | - | link, storage, self-test, logs |
 //!
 //! The crystal's failure (NMI), a panic and a hard fault vent first and start again; the next start tells.
@@ -223,7 +223,7 @@ mod image {
             *context.local.ticks_seen = ticks;
         }
 
-        #[task(binds = USART1, priority = 4, local = [line_interrupt])]
+        #[task(binds = DMA2_STREAM7, priority = 1, local = [line_interrupt])]
         fn serial(context: serial::Context) {
             context.local.line_interrupt.interrupt();
         }

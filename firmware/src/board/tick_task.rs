@@ -11,6 +11,7 @@ use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
+use super::supply::SupplyCorrection;
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::retain::{Retained, SEALED_BYTES};
 use crate::seam::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
@@ -75,6 +76,7 @@ pub struct TickTask<'q, H> {
     pulse_hz: u32,
     put_out: PutOut,
     monitor: ReadBackMonitor,
+    correction: SupplyCorrection,
 }
 
 impl<'q, H> TickTask<'q, H> {
@@ -91,6 +93,7 @@ impl<'q, H> TickTask<'q, H> {
         cycles_per_tick: u32,
         reference_calibration: Option<u16>,
     ) -> Self {
+        let monitor = ReadBackMonitor::new(reference_calibration);
         Self {
             rig: Rig::new(tick, boot),
             hands,
@@ -103,7 +106,8 @@ impl<'q, H> TickTask<'q, H> {
             trace_put: 0,
             pulse_hz: 0,
             put_out: PutOut::default(),
-            monitor: ReadBackMonitor::new(reference_calibration),
+            monitor,
+            correction: SupplyCorrection::new(monitor.calibration()),
         }
     }
 
@@ -155,7 +159,7 @@ where
         let began = self.hands.counter.cycles();
         self.exchange.begin_tick();
         let inputs = TickInputs {
-            sample: self.hands.source.sample(),
+            sample: self.correction.sample(self.hands.source.sample()),
             emergency_stop: !matches!(self.hands.emergency_stop.is_low(), Ok(true)),
             overran: self.overran,
             lost_ticks: self.clock.lost(self.exchange.periods()),
@@ -167,6 +171,9 @@ where
         };
         // What was read is what the last tick put out.
         if let Some(read) = self.hands.source.read_back() {
+            if let Some(code) = read.reference_code {
+                self.correction.step(code);
+            }
             self.exchange.report_outputs(self.monitor.step(&read, self.put_out));
         }
         let outputs = self.rig.tick(model, inputs);
@@ -184,6 +191,7 @@ where
         // On the chip setting a pin cannot fail. The watchdog and the pressure watch are there for one that does.
         let order = self.rig.supervisor().dump_order();
         let _ = self.hands.dump_valve.obey(&order);
+        let analogue = self.correction.drive(analogue);
         self.put_out = PutOut { share: analogue, closes: order.closes() };
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);

@@ -12,7 +12,7 @@
 use crate::calibration::Calibration;
 use crate::number::MicroBar;
 
-use super::stillness::{Stillness, StillnessState};
+use super::stillness::{Expectation, Stillness, StillnessState};
 
 #[cfg(test)]
 mod tests;
@@ -134,8 +134,8 @@ impl SensorState {
     }
 
     /// What a model expects the quantity to be now; `None` where there is no model, or none to trust.
-    pub fn expect(&mut self, value: Option<f32>) {
-        self.still.expect(value);
+    pub fn expect(&mut self, expected: Option<Expectation>) {
+        self.still.expect(expected);
     }
 
     /// Whether the sensor is believed.

@@ -7,7 +7,7 @@
 //! a living tip. So the sensor is **still** while it stays within [`STILL_SHARE`] of its range, which is forty times the noise, and it is lost once
 //! what is expected moved by more than friction and errors of the expectation can explain:
 //!
-//! * by a model's estimate: [`EXPECTED_SHARE`] of the range;
+//! * by the estimate of a model that was validated: [`EXPECTED_ERRORS`] of its errors, and [`EXPECTED_SHARE`] of the range;
 //! * without a model by the command, followed at once or with the rig's slowest time constant, whichever moved less: `still_command_bar`.
 //!
 //! During a hold the command does not move, and nothing is judged: a model may drift then.
@@ -16,12 +16,23 @@ use crate::number::MicroBar;
 
 /// Share of the measured range within which a sensor counts as still: more than any noise, less than any motion worth the name.
 pub const STILL_SHARE: f32 = 0.01;
-/// Share of the measured range that a model's estimate must have moved by: several times what friction that a model lacks can hold back.
+/// Share of the measured range that a model's estimate must have moved by at least, however good the model: 40 times what noise does.
 pub const EXPECTED_SHARE: f32 = 0.08;
+/// Validated errors (RMSE) of the model that its estimate must have moved by: both ends of the motion may be wrong by several of them.
+pub const EXPECTED_ERRORS: f32 = 8.0;
 /// How far the command must have moved for the model's estimate to count, share of what it must have moved without a model.
 const COMMAND_SHARE: f32 = 0.25;
 /// Time constants at zero command after which a sensor that was still may prove itself again: everything is at rest then.
 const FORGOTTEN: f32 = 5.0;
+
+/// What a model expects a quantity to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expectation {
+    /// The estimate.
+    pub value: f32,
+    /// The model's validated error (RMSE).
+    pub error: f32,
+}
 
 /// The watch over a sensor, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,7 +51,7 @@ pub(super) struct StillnessState {
     /// The command as the slowest rig follows it, bar.
     followed_bar: f32,
     /// What a model expects now.
-    expected_now: Option<f32>,
+    expected_now: Option<Expectation>,
     /// Since the sensor moved last: what the command went through, what the slowest rig would have followed, what was expected, and
     /// the sensor's values.
     command_bar: Range,
@@ -72,9 +83,9 @@ impl Range {
 }
 
 impl StillnessState {
-    pub(super) fn expect(&mut self, value: Option<f32>) {
-        self.expected_now = value;
-        if value.is_none() {
+    pub(super) fn expect(&mut self, expected: Option<Expectation>) {
+        self.expected_now = expected;
+        if expected.is_none() {
             self.expected = None;
         }
     }
@@ -108,7 +119,10 @@ impl Stillness {
         }
         // Both: a rig that is fast has come to rest before a slow one would have moved.
         let (command_bar, slow_bar) = (state.command_bar.width_with(command.bar()), state.slow_bar.width_with(state.followed_bar));
-        let expected = state.expected_now.map_or(0.0, |now| state.expected.get_or_insert(Range::at(now)).width_with(now));
-        command_bar.min(slow_bar) >= self.command_bar || (expected >= self.expected && command_bar >= COMMAND_SHARE * self.command_bar)
+        let by_model = state.expected_now.is_some_and(|Expectation { value, error }| {
+            let moved = state.expected.get_or_insert(Range::at(value)).width_with(value);
+            moved >= self.expected && moved >= EXPECTED_ERRORS * error && command_bar >= COMMAND_SHARE * self.command_bar
+        });
+        by_model || command_bar.min(slow_bar) >= self.command_bar
     }
 }

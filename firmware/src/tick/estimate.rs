@@ -5,7 +5,7 @@ use model_export::link::fault::{Fault, FaultSet, Notice};
 use super::ports::{Direction, ModelStep};
 use super::state::Rig;
 use crate::number::MicroBar;
-use crate::plausibility::ResidualState;
+use crate::plausibility::{Expectation, ResidualState};
 
 impl Rig {
     pub(super) fn step_model(
@@ -40,7 +40,8 @@ impl Rig {
                 }
                 _ => None,
             };
-            state.laser.expect(state.estimate_mm.filter(|_| !model.is_outside_domain()));
+            let trusted = state.estimate_mm.filter(|_| !model.is_outside_domain());
+            state.laser.expect(trusted.zip(model.validation_error()).map(|(value, error)| Expectation { value, error }));
             if let (Some(monitor), Some(estimate_mm), Some(displacement_mm)) =
                 (&self.tick.model_residual, state.estimate_mm, displacement_mm)
             {

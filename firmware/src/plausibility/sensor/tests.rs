@@ -165,6 +165,9 @@ fn a_sensor_that_was_still_can_prove_itself_again_after_a_vent() {
     assert!(back.is_some_and(|ticks| ticks < 1_500), "{back:?}");
 }
 
+/// The model's validated error.
+const ERROR_MM: f32 = 0.2;
+
 /// A rig of 2.5 mm/bar behind a lag of 0.2 s, and what its model expects: both in mm from rest, tick by tick, under a sine of the command.
 struct Swing {
     amplitude_bar: f64,
@@ -196,7 +199,7 @@ fn a_model_finds_a_sensor_that_is_frozen_with_noise_while_the_command_moves_by_l
         for tick in 0..3_000 + began {
             let (command, expected_mm) = swing.step(tick);
             if tick % 20 == 0 {
-                state.expect(with_model.then_some(expected_mm));
+                state.expect(with_model.then_some(Expectation { value: expected_mm, error: ERROR_MM }));
             }
             frozen = sensor.calibration.code(7.5 + expected_mm);
             assert!(sensor.step(&mut state, noisy(frozen, tick), command).value().is_some(), "{tick}");
@@ -205,7 +208,7 @@ fn a_model_finds_a_sensor_that_is_frozen_with_noise_while_the_command_moves_by_l
             let tick = 3_000 + began + ticks;
             let (command, expected_mm) = swing.step(tick);
             if tick % 20 == 0 {
-                state.expect(with_model.then_some(expected_mm));
+                state.expect(with_model.then_some(Expectation { value: expected_mm, error: ERROR_MM }));
             }
             sensor.step(&mut state, noisy(frozen, tick), command) == Verdict::Lost(Rejection::Stuck)
         })
@@ -228,7 +231,7 @@ fn friction_that_a_model_lacks_and_a_model_that_drifts_lose_no_sensor() {
     for tick in 0..20_000 {
         let (command, expected_mm) = swing.step(tick);
         tip_mm = tip_mm.clamp(expected_mm - play_mm, expected_mm + play_mm);
-        state.expect(Some(expected_mm));
+        state.expect(Some(Expectation { value: expected_mm, error: ERROR_MM }));
         let code = sensor.calibration.code(7.5 + tip_mm);
         assert!(sensor.step(&mut state, noisy(code, tick), command).value().is_some(), "{tick}");
     }
@@ -238,7 +241,7 @@ fn friction_that_a_model_lacks_and_a_model_that_drifts_lose_no_sensor() {
     for tick in 0..60_000 {
         // The hold begins with a movement that the sensor sees.
         let code = sensor.calibration.code(10.0) + u16::try_from(tick.min(200)).unwrap();
-        state.expect(Some(tick as f32 * 1e-4));
+        state.expect(Some(Expectation { value: tick as f32 * 1e-4, error: ERROR_MM }));
         assert!(sensor.step(&mut state, noisy(code, tick), hold).value().is_some(), "{tick}");
     }
 }

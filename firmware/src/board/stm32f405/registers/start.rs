@@ -82,7 +82,7 @@ impl Board for ThisBoard {
         found.insert_if(is_low, Fault::BrownOut);
         let source = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
         let milliseconds = Milliseconds::start(rcc, device.TIM5, rates);
-        let (line_interrupt, line) = serial::start(rcc, device.USART1, rates, line);
+        let (line_interrupt, line) = serial::start(rcc, device.USART1, device.DMA2, rates, line);
 
         // SAFETY: both controllers go into the link, which runs in the background alone.
         let controller = || unsafe { Controller::new(milliseconds, exchange) };
