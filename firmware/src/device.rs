@@ -9,6 +9,8 @@
 
 pub mod exchange;
 
+pub use exchange::DeviceInputs;
+
 use heapless::{Deque, Vec};
 use model_export::link::fault::FaultSet;
 use model_export::link::frame::MAX_WIRE;
@@ -19,7 +21,6 @@ use model_export::link::state::ResetCause;
 use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkConfig, Measured};
 use crate::retain::Retained;
-use crate::seam::RawSample;
 use crate::storage::Flash;
 use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
 
@@ -43,19 +44,6 @@ pub struct DeviceConfig {
     pub facts: RigFacts,
     /// Bytes that the line to the host takes in a tick, at most [`MAX_LINE_BYTES`]: 92 at 921,600 baud.
     pub line_bytes_per_tick: u16,
-}
-
-/// What the hardware brings to a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DeviceInputs {
-    /// The sample of both channels.
-    pub sample: RawSample,
-    /// Whether the emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// Whether the last tick took too long.
-    pub overran: bool,
-    /// Ticks lost since the last one.
-    pub lost_ticks: u16,
 }
 
 /// Rig, link and everything between them.

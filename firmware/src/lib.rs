@@ -21,6 +21,7 @@ pub mod adaptation;
 pub mod background;
 pub mod board;
 pub mod calibration;
+pub mod certificate;
 pub mod control;
 pub mod decimate;
 pub mod device;

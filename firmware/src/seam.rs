@@ -5,7 +5,6 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
-use crate::board::read_back::ReadBack;
 use crate::supervisor::DumpOrder;
 
 /// One sample of both measured channels, taken at the same instant.
@@ -21,6 +20,17 @@ pub struct RawSample {
 impl RawSample {
     /// No conversion came: a code above every converter's full scale, which no calibration takes for a measurement.
     pub const MISSING: Self = Self { laser_code: u16::MAX, pressure_code: u16::MAX };
+}
+
+/// What the converter and the pins read beside the sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadBack {
+    /// Code of the reference voltage, if it was converted.
+    pub reference_code: Option<u16>,
+    /// Code of the drive's pin, if it was converted.
+    pub drive_code: Option<u16>,
+    /// Whether the dump valve's pin is high.
+    pub dump_is_high: bool,
 }
 
 /// Where samples come from: on the board the injected conversions of the ADC.

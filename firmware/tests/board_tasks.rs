@@ -11,14 +11,13 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::background::ModelPlace;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
-use firmware::board::read_back::ReadBack;
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::link::{Link, LinkConfig};
 use firmware::model::ModelFacts;
-use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
+use firmware::seam::{DumpValve, PulseFrequency, RawSample, ReadBack, SampleSource, ValveDrive};
 use firmware::storage::{Flash, Slot, Store};
-use firmware::tick::{BootReport, NoModel, Rig, TickConfig};
+use firmware::tick::{BootReport, NoModel, TickConfig};
 use model_export::link::Kind;
 use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::hello::Hello;
@@ -199,7 +198,7 @@ impl Board {
             facts: FACTS,
         };
         let link = Link::new(config, store.release(), ram());
-        let rig = Rig::new(TickConfig { settings: &settings, facts: FACTS }.build().unwrap(), BootReport::default());
+        let tick = TickConfig { settings: &settings, facts: FACTS }.build().unwrap();
         let wires = Wire::default();
         let hands = Hands {
             source: wires.clone(),
@@ -214,7 +213,7 @@ impl Board {
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
         let background = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
-        let task = TickTask::new(rig, hands, queues, exchange, 168_000, Some(1500));
+        let task = TickTask::new(tick, BootReport::default(), hands, queues, exchange, 168_000, Some(1500));
         let background = BackgroundTask::new(link, facts, background, exchange);
         Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0 }
     }
@@ -288,8 +287,8 @@ fn an_output_that_does_not_obey_and_a_supply_that_is_off_vent_within_50_ms_and_s
         (Broken::DriveStuck(4095), Fault::OutputMismatch),
         (Broken::DriveStuck(0), Fault::OutputMismatch),
         (Broken::DumpPinStuck(false), Fault::OutputMismatch),
-        (Broken::Supply(3.6), Fault::ReferenceVoltage),
-        (Broken::Supply(3.0), Fault::ReferenceVoltage),
+        (Broken::Supply(3.7), Fault::ReferenceVoltage),
+        (Broken::Supply(2.9), Fault::ReferenceVoltage),
     ] {
         let mut board = Board::new(settings(0)).into_running(2.0);
         board.wires.0.broken.set(Some(broken));

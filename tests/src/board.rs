@@ -22,7 +22,7 @@ use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
 use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
-use firmware::tick::{BootReport, Rig, TickConfig};
+use firmware::tick::{BootReport, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
 use model_export::link::state::ResetCause;
@@ -193,7 +193,7 @@ impl Board {
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
-            task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000, None),
+            task: TickTask::new(tick, boot, hands, queues, exchange, CORE_HZ / 1000, None),
             background: BackgroundTask::new(link, facts, background_queues, exchange),
             place: Heap::default(),
             exchange,

@@ -27,6 +27,9 @@ const SAFE_WITHIN_MS: u32 = 50;
 /// Pressure is gone this long after the outputs are safe, ms.
 const GONE_WITHIN_MS: usize = 1000;
 const GONE_BAR: f64 = 0.1;
+/// What is corrected is right this long after it struck, ms, and how exact.
+const CORRECTED_WITHIN_MS: usize = 100;
+const EXACT: f64 = 0.01;
 /// How long a fault is watched, ms.
 const WATCHED_MS: u32 = 1800;
 
@@ -71,8 +74,12 @@ pub enum Injection {
     OtherSession,
     /// A frame of this session again.
     OldFrame,
-    /// One bit of each stored word of the settings slot, with its header and its activations, one start for each.
+    /// Every bit of every stored word of the settings slot, with its header and its activations, one start for each.
     SettingsBits,
+    /// Power goes in the middle of every operation on flash while other settings are saved, one device for each.
+    CutAtEveryOperation,
+    /// Bytes that are no frames beside a host that goes on, as many as the line carries.
+    BabbleBesideTheHost,
     /// The same of the model's slot.
     ModelBits,
     /// Bits of static memory while there is pressure.
@@ -90,6 +97,8 @@ pub enum Expected {
     StaysVented(Fault),
     /// It goes on, or vents; at no time does it leave its limits.
     Bounded,
+    /// It goes on, and the true pressure is what was asked for within 1 %, from [`CORRECTED_WITHIN_MS`] on.
+    Holds,
     /// What was saved is as before or as wanted.
     OldOrNew,
     /// It names this fault, and the drive stays at zero.
@@ -215,8 +224,10 @@ pub const ROWS: &[Row] = &[
     row("cut-at-first-word", "other limits after the next start", Injection::CutWhileSaving(2), Expected::OldOrNew),
     row("cut-at-tenth-word", "other limits after the next start", Injection::CutWhileSaving(11), Expected::OldOrNew),
     row("cut-at-fortieth-word", "other limits after the next start", Injection::CutWhileSaving(41), Expected::OldOrNew),
-    vents("analogue-supply-3.0-v", "every pressure off by a tenth", Injection::Chip("analogue 3000"), Fault::ReferenceVoltage),
-    vents("analogue-supply-3.6-v", "every pressure off by a tenth", Injection::Chip("analogue 3600"), Fault::ReferenceVoltage),
+    row("analogue-supply-3.0-v", "every pressure off by a tenth", Injection::Chip("analogue 3000"), Expected::Holds),
+    row("analogue-supply-3.6-v", "every pressure off by a tenth", Injection::Chip("analogue 3600"), Expected::Holds),
+    vents("analogue-supply-2.9-v", "every pressure off by an eighth", Injection::Chip("analogue 2900"), Fault::ReferenceVoltage),
+    vents("analogue-supply-3.8-v", "every pressure off by a sixth", Injection::Chip("analogue 3800"), Fault::ReferenceVoltage),
     vents("drive-pin-stuck-high", "full supply pressure", Injection::Chip("drive-pin 4095"), Fault::OutputMismatch),
     vents("drive-pin-stuck-low", "no pressure", Injection::Chip("drive-pin 0"), Fault::OutputMismatch),
     vents("dump-pin-stuck-low", "no pressure", Injection::Chip("dump-pin 0"), Fault::OutputMismatch),
@@ -254,6 +265,8 @@ pub const ROWS: &[Row] = &[
     row("erase-takes-two-seconds", "watchdog bites", Injection::SlowErase, Expected::OldOrNew),
     row("frames-of-another-session", "pressure that nobody asked for", Injection::OtherSession, Expected::Bounded),
     row("an-old-frame-again", "pressure that nobody asked for", Injection::OldFrame, Expected::Bounded),
+    row("babble-beside-the-host", "ticks that come late", Injection::BabbleBesideTheHost, Expected::Bounded),
+    row("cut-at-every-operation", "other limits after the next start", Injection::CutAtEveryOperation, Expected::OldOrNew),
     row("settings-bits", "laxer limits", Injection::SettingsBits, Expected::Bounded),
     row("model-bits", "another model", Injection::ModelBits, Expected::Bounded),
     row("memory-bits", "any", Injection::MemoryBits, Expected::Bounded),
@@ -388,6 +401,12 @@ impl Bench {
                 want(moments.iter().all(|moment| moment.valve_share == 0), "drive above zero");
                 want(status.as_ref().is_some_and(|status| status.faults.contains(wanted)), "another fault, or none");
             }
+            Expected::Holds => {
+                want(safe.is_none(), "vented");
+                let off = moments.iter().skip(CORRECTED_WITHIN_MS).map(|moment| (moment.pressure_bar / SET_POINT_BAR - 1.0).abs());
+                let worst = off.fold(0.0, f64::max);
+                want(worst <= EXACT, &format!("off by {:.2} %", 100.0 * worst));
+            }
             Expected::Bounded | Expected::OldOrNew => {}
         }
         Measured { detected_ms, peak_bar, fault, ok: remarks.is_empty(), remark: remarks.join("; ") }
@@ -479,6 +498,8 @@ pub fn measure(row: &Row) -> Measured {
         Injection::SlowErase => more::slow_erase(),
         Injection::OtherSession | Injection::OldFrame => more::strange_frames(row),
         Injection::SettingsBits => more::settings_bits(),
+        Injection::CutAtEveryOperation => more::cut_at_every_operation(),
+        Injection::BabbleBesideTheHost => more::babble_beside_the_host(),
         Injection::ModelBits => more::model_bits(),
         Injection::MemoryBits => more::memory_bits(),
         Injection::InputsSwapped => more::inputs_swapped(row),
@@ -549,8 +570,15 @@ pub fn measure(row: &Row) -> Measured {
 
 /// Saves a lower ceiling and cuts the supply meanwhile.
 fn cut_while_saving(operation: u32) -> Measured {
+    cut_at(operation).0
+}
+
+/// The same, and whether there was an operation to cut.
+fn cut_at(operation: u32) -> (Measured, bool) {
     const OLD_BAR: f32 = 2.0;
     const NEW_BAR: f32 = 1.0;
+    /// The longest that saving and the start behind a cut take, ms.
+    const LONGEST_MS: u32 = 4000;
     let mut bench = Bench::start(&set_point_flash(OLD_BAR), None);
     experiment::settle(&mut bench.rig).expect("a self-test that ends");
     let number = model_export::link::settings::by_name("limits.ceiling_bar").expect("a setting").number;
@@ -559,19 +587,25 @@ fn cut_while_saving(operation: u32) -> Measured {
     bench.break_something(&format!("cut {operation}"));
     let from = bench.watch.len();
     let _ = bench.rig.send(&Request::SettingsSave);
-    bench.pass(4000);
+    let mut passed_ms = 0;
+    while passed_ms < LONGEST_MS && bench.rig.transport().processor().pins().resets == 0 {
+        bench.pass(20);
+        passed_ms += 20;
+    }
+    bench.pass(60);
     let _ = bench.rig.listen(Duration::from_millis(50));
-    let resets = bench.rig.transport().processor().pins().resets;
+    let is_cut = bench.rig.transport().processor().pins().resets > 0;
+    let _ = bench.rig.greet_again();
     let after = experiment::setting(&mut bench.rig, "limits.ceiling_bar").ok();
     let mut measured = bench.measure(from, Expected::OldOrNew);
     let float = |bar: f32| Some(model_export::link::settings::SettingValue::Float(bar));
     if after != float(OLD_BAR) && after != float(NEW_BAR) {
         measured.ok = false;
         measured.remark = format!("the ceiling is {after:?} afterwards");
-    } else if resets == 0 {
+    } else if !is_cut {
         // So few operations: nothing was cut, and the new value has to be there.
         measured.ok = after == float(NEW_BAR);
         measured.remark = "the saving was over before".to_owned();
     }
-    measured
+    (measured, is_cut)
 }

@@ -3,9 +3,9 @@
 //! | task | priority | does |
 //! |---|---|---|
 //! | `supply_falls` (supply monitor) | 5 | vents, remembers, starts again |
-//! | `serial` (line) | 4 | moves bytes between line and queues |
 //! | `guard` (SysTick) | 4 | counts periods; starts a tick that the sampling did not start |
 //! | `tick` (end of a sampling) | 3 | everything the rig does in a millisecond |
+//! | `serial` (line) | 1 | begins the next piece of what is to be sent; on the STM32H743 it moves bytes, at priority 4 |
 //! | `idle` | - | link, storage, self-test, logs |
 //!
 //! The crystal's failure (NMI), a panic and a hard fault vent first and start again; the next start tells.
@@ -60,7 +60,7 @@ mod image {
     /// The program, with the names of the chip's interrupts: the end of a sampling, the line's, the supply monitor's. The framework wants them
     /// spelt out where it is called.
     macro_rules! program {
-        ($sampled:ident, $line:ident, $supply:ident) => {
+        ($sampled:ident, $line:ident at $line_priority:tt, $supply:ident) => {
             #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
             mod app {
                 use core::mem::MaybeUninit;
@@ -77,7 +77,7 @@ mod image {
                 use firmware::board::tick_task::{TickQueues, TickTask};
                 use firmware::estimator::EstimatorState;
                 use firmware::link::{Link, LinkBuffers, LinkConfig};
-                use firmware::tick::{BootReport, Rig, TickConfig};
+                use firmware::tick::{BootReport, TickConfig};
                 use model_export::link::fault::{Fault, FaultSet};
                 use model_export::schema::Model;
 
@@ -171,7 +171,7 @@ mod image {
                     let task = in_place(context.local.task_home, || {
                         // The link's settings go together, and so do the defaults; a test holds the latter.
                         let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
-                        TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
+                        TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
                     });
 
                     log_start(clock.source, rates.core_hz, boot.faults);
@@ -229,7 +229,7 @@ mod image {
                     *context.local.ticks_seen = ticks;
                 }
 
-                #[task(binds = $line, priority = 4, local = [line_interrupt])]
+                #[task(binds = $line, priority = $line_priority, local = [line_interrupt])]
                 fn serial(context: serial::Context) {
                     context.local.line_interrupt.interrupt();
                 }
@@ -269,9 +269,9 @@ mod image {
     }
 
     #[cfg(chip = "stm32f405")]
-    program!(ADC, USART1, PVD);
+    program!(ADC, DMA2_STREAM7 at 1, PVD);
     #[cfg(chip = "stm32h743")]
-    program!(ADC1_2, USART3, PVD_PVM);
+    program!(ADC1_2, USART3 at 4, PVD_PVM);
 }
 
 #[cfg(not(target_os = "none"))]

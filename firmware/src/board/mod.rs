@@ -28,6 +28,7 @@
 //! 5. Sampling begins; from now on the tick decides about the dump valve.
 
 pub mod background_task;
+pub mod circular;
 pub mod clock;
 pub mod contract;
 pub mod converter;
@@ -42,6 +43,7 @@ pub mod rates;
 pub mod read_back;
 pub mod stm32f405;
 pub mod stm32h743;
+pub mod supply;
 pub mod tick_task;
 pub mod watchdog;
 

@@ -8,8 +8,8 @@ use core::num::NonZeroU16;
 use model_export::link::fault::{Notice, NoticeSet};
 use model_export::link::message::Refusal;
 
+use super::law::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
 use super::points::PointBuffer;
-use super::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
 
 /// How fast to play back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

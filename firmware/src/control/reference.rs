@@ -7,8 +7,8 @@ use core::num::NonZeroU16;
 
 use model_export::link::message::{Quantity, Refusal};
 
+use super::law::{Accepted, SetPoint};
 use super::points::PointBuffer;
-use super::{Accepted, SetPoint};
 
 /// The time base of a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use model_export::link::fault::NoticeSet;
 use model_export::link::message::{Quantity, Refusal};
 
-use super::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
+use super::law::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
 
 /// Follows the latest pressure set-point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

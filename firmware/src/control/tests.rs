@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use hysteresis::PrandtlIshlinskii;
 use model_export::compensation::Compensation;
-use model_export::link::fault::Notice;
+use model_export::link::fault::{Notice, NoticeSet};
 use model_export::link::message::{PlaybackChunk, Quantity, Refusal};
 
 use super::*;
@@ -74,6 +74,9 @@ struct Bench {
     notices: NoticeSet,
     set_point_mm: f32,
     slew_bar: f32,
+    /// The tip so far, and how many ticks ago the window of the estimate ended.
+    past_mm: Vec<f32>,
+    late_ticks: usize,
 }
 
 impl Bench {
@@ -100,6 +103,8 @@ impl Bench {
             notices: NoticeSet::EMPTY,
             set_point_mm: 0.0,
             slew_bar: 0.04,
+            past_mm: Vec::new(),
+            late_ticks: 0,
         }
     }
 
@@ -117,10 +122,14 @@ impl Bench {
         if window_begins {
             let mean_mm = if self.tick == 0 { self.tip_mm } else { self.window_sum_mm / 20.0 };
             self.inputs.window_displacement_mm = self.laser.then_some(mean_mm);
-            self.inputs.estimate_mm = self.model_error_mm.map(|error_mm| mean_mm - self.load_mm + error_mm);
+            let end = self.past_mm.len().saturating_sub(self.late_ticks);
+            let window = &self.past_mm[end.saturating_sub(20)..end];
+            let modelled_mm = if window.is_empty() { self.tip_mm } else { window.iter().sum::<f32>() / window.len() as f32 };
+            self.inputs.estimate_mm = self.model_error_mm.map(|error_mm| modelled_mm - self.load_mm + error_mm);
             self.window_sum_mm = 0.0;
         }
         self.window_sum_mm += self.tip_mm;
+        self.past_mm.push(self.tip_mm);
         let inputs = ControlInputs { output_bar: self.output_bar, window_begins, compensator: compensator.as_ref(), ..self.inputs };
         self.law.follow(&mut self.state, &inputs);
         let control = self.law.step(&mut self.state, &inputs);
@@ -173,6 +182,23 @@ fn the_inverse_of_the_physics_follows_far_closer_than_the_linear_map() {
     // On an actuator that is exactly the model only the smoothing of the derivatives remains: a hundredth of the 5 mm.
     assert!(physics < 0.05, "{physics} mm");
     assert!(physics < 0.1 * linear, "linear {linear}, physics {physics} mm");
+}
+
+#[test]
+fn an_estimate_that_comes_a_tick_late_costs_little_and_one_a_window_late_costs_more() {
+    for (feed_forward, gain) in [(FeedForward::Linear, 1.0), (FeedForward::Linear, 3.0), (FeedForward::PrandtlIshlinskii, 3.0)] {
+        let error = |late_ticks| {
+            let mut configuration = config(feed_forward, FeedbackSensor::Estimate);
+            configuration.pid = PidConfig { proportional: 0.1 * gain, integral_per_s: 3.0 * gain, limit_mm: 12.0, ..configuration.pid };
+            let mut bench = Bench::new(configuration);
+            (bench.laser, bench.model_error_mm, bench.late_ticks) = (false, Some(0.0), late_ticks);
+            bench.follow(&sine())
+        };
+        let [at_once, tick, window] = [0, 1, 20].map(error);
+        std::println!("{feed_forward:?}, gains times {gain}: {at_once:.4} mm, a tick late {tick:.4}, a window late {window:.4}");
+        assert!(tick < 1.005 * at_once, "{feed_forward:?}: {at_once} and {tick} mm");
+        assert!(window > 1.03 * at_once, "{feed_forward:?}: {at_once} and {window} mm");
+    }
 }
 
 #[test]

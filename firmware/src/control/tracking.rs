@@ -18,10 +18,10 @@ use model_export::link::fault::{Notice, NoticeSet};
 use model_export::link::message::{ControlReport, Refusal};
 
 use super::compensator::CompensatorState;
+use super::law::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
 use super::observer::{Blend, ObserverConfig, ObserverState};
 use super::pid::{Pid, PidConfig, PidState};
 use super::reference::{Reference, ReferenceState};
-use super::{Accepted, ControlInputs, ControlLaw, ControlOutput, Demand, SetPoint};
 
 /// What turns a wanted displacement into a pressure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,8 +13,20 @@
 use model_export::link::fault::Fault;
 use model_export::link::state::{ResetCause, State};
 
-use super::DeviceInputs;
 use crate::seam::RawSample;
+
+/// What the hardware brings to a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceInputs {
+    /// The sample of both channels.
+    pub sample: RawSample,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Whether the last tick took too long.
+    pub overran: bool,
+    /// Ticks lost since the last one.
+    pub lost_ticks: u16,
+}
 
 /// Length of every frame.
 pub const FRAME_BYTES: usize = 12;

@@ -6,6 +6,8 @@
 mod arithmetic;
 mod cost;
 mod front_end;
+mod kernel;
+mod layer;
 mod network;
 mod packed;
 mod shape;
@@ -21,7 +23,9 @@ use model_export::validate::Invalid;
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
 pub use cost::step_instructions;
 pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_NORMALISED};
-pub use network::{Kernel, KernelSource, Layer, LayerState, Network, NetworkState, NoTrace, Portable, Trace, UnitTrace};
+pub use kernel::{Kernel, Portable};
+pub use layer::{Layer, LayerState, NoTrace, Trace, UnitTrace};
+pub use network::{KernelSource, Network, NetworkState};
 pub use packed::{MAX_PACKED_WORDS, Packed};
 
 /// A model, ready to run; immutable.

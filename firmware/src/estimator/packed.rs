@@ -33,7 +33,9 @@ use heapless::Vec;
 use model_export::schema::{Cell, MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
 use model_export::validate::Invalid;
 
-use super::network::{Kernel, KernelSource, Layer, LayerState, Network};
+use super::kernel::Kernel;
+use super::layer::{Layer, LayerState};
+use super::network::{KernelSource, Network};
 use super::shape::Shape;
 #[cfg(target_os = "none")]
 use super::smlad::Plan;

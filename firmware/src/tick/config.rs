@@ -5,16 +5,33 @@ use core::num::NonZeroU16;
 use model_export::link::fault::AdaptationCondition;
 use model_export::link::settings::Settings;
 
-use super::{RigFacts, ValveOutput};
-use crate::adaptation::{Adaptation, AdaptationConfig, ClosedLoop, certify};
-use crate::calibration::CalibrationConfig;
+use crate::adaptation::{Adaptation, AdaptationConfig};
+use crate::calibration::{CalibrationConfig, ConverterConfig};
+use crate::certificate::{ClosedLoop, certify};
 use crate::control::{
     Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
 };
 use crate::limiter::{Limiter, LimiterConfig};
 use crate::number::MicroBar;
-use crate::plausibility::{Follower, FollowerConfig, Sensor, SensorConfig};
+use crate::plausibility::{ResidualMonitor, ResidualMonitorConfig, Sensor, SensorConfig};
 use crate::supervisor::{Supervisor, SupervisorConfig};
+
+/// What the board knows about itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigFacts {
+    /// The converter of both measured channels.
+    pub converter: ConverterConfig,
+}
+
+/// Which of the board's two outputs drives the valve; the other one stays at zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ValveOutput {
+    /// A voltage.
+    #[default]
+    Analogue,
+    /// A pulse width.
+    PulseWidth,
+}
 
 /// The settings and the board's facts, before they are built.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,8 +57,8 @@ pub struct Tick {
     pub(super) laser: Sensor,
     pub(super) laser_required: bool,
     pub(super) pressure: Sensor,
-    pub(super) pressure_follower: Follower,
-    pub(super) model_follower: Option<Follower>,
+    pub(super) pressure_residual: ResidualMonitor,
+    pub(super) model_residual: Option<ResidualMonitor>,
     pub(super) model_sees_measured: bool,
     pub(super) controller: Controller,
     pub(super) adaptation: Option<Adaptation>,
@@ -126,7 +143,7 @@ impl TickConfig<'_> {
         } else {
             None
         };
-        let model_follower = FollowerConfig {
+        let model_residual = ResidualMonitorConfig {
             response_steps: 0.0,
             tolerance: settings.mismatch_displacement_mm,
             steps: narrow(settings.mismatch_displacement_steps),
@@ -135,13 +152,13 @@ impl TickConfig<'_> {
             laser: sensor(laser, settings.laser_maximum_rate_mm_per_s),
             laser_required: settings.laser_required,
             pressure: sensor(pressure, settings.pressure_maximum_rate_bar_per_s),
-            pressure_follower: FollowerConfig {
+            pressure_residual: ResidualMonitorConfig {
                 response_steps: settings.pressure_response_ms,
                 tolerance: settings.mismatch_pressure_bar,
                 steps: narrow(settings.mismatch_pressure_ms),
             }
             .build(),
-            model_follower: (settings.mismatch_displacement_mm > 0.0).then(|| model_follower.build()),
+            model_residual: (settings.mismatch_displacement_mm > 0.0).then(|| model_residual.build()),
             model_sees_measured: settings.estimator_input_measured,
             controller,
             adaptation,

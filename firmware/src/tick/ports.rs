@@ -7,19 +7,11 @@ use model_export::link::message::{Reply, Telemetry};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::trace::TraceRecord;
 
-use super::Tick;
-use crate::calibration::ConverterConfig;
+use super::config::Tick;
 use crate::control::{Compensator, SetPoint};
 use crate::number::MicroBar;
 use crate::seam::RawSample;
 use crate::supervisor::Event;
-
-/// What the board knows about itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RigFacts {
-    /// The converter of both measured channels.
-    pub converter: ConverterConfig,
-}
 
 /// What the board found when it started.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,6 +56,11 @@ pub trait ModelStep {
     /// Whether its last input was outside of what it was trained on.
     fn is_outside_domain(&self) -> bool {
         false
+    }
+
+    /// How far its output was from the truth when it was validated (RMSE, free running), in the output's unit; `None` if that is not known.
+    fn validation_error(&self) -> Option<f32> {
+        None
     }
 
     /// What tells it from other models: the first bytes of its blob's content hash.
@@ -161,16 +158,6 @@ pub struct TickInputs {
     pub telemetry_dropped: u32,
 }
 
-/// Which of the board's two outputs drives the valve; the other one stays at zero.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ValveOutput {
-    /// A voltage.
-    #[default]
-    Analogue,
-    /// A pulse width.
-    PulseWidth,
-}
-
 /// What comes out of a tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TickOutputs {
@@ -194,6 +181,6 @@ pub struct TickOutputs {
     pub answer: Option<Answer>,
     /// A sample for the host.
     pub telemetry: Option<Telemetry>,
-    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`](super::Rig::end_trace).
+    /// This tick for the host, while a trace runs. Where it does not fit, the trace ends: [`Rig::end_trace`](super::state::Rig::end_trace).
     pub trace: Option<TraceRecord>,
 }

@@ -3,7 +3,9 @@
 use model_export::link::fault::{BlockerSet, NoticeSet};
 use model_export::link::message::{FaultRecord, Refusal, Reply, Status, Telemetry};
 
-use super::{Answer, Pending, Rig};
+use super::commands::Pending;
+use super::ports::Answer;
+use super::state::Rig;
 use crate::control::Controller;
 use crate::number::MicroBar;
 use crate::plausibility::SensorState;

@@ -9,11 +9,13 @@ use model_export::link::fault::FaultSet;
 use model_export::link::state::{ResetCause, State};
 use model_export::link::trace::{TraceCommand, TraceExtra, TraceFlags, TraceRecord};
 
-use super::{Action, BootReport, Command, ModelStep, NoModel, Rig, Tick, TickInputs, TickOutputs, TickState};
+use super::config::Tick;
+use super::ports::{Action, BootReport, Command, Direction, ModelStep, NoModel, TickInputs, TickOutputs};
+use super::state::{DEFAULT_MODEL_PERIOD, Rig, TickState, Tracing};
 use crate::adaptation::WindowWatch;
 use crate::decimate::{DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
-use crate::plausibility::{FollowerState, SensorState};
+use crate::plausibility::{ResidualState, SensorState};
 use crate::supervisor::Event;
 
 /// What a rig that begins again keeps.
@@ -25,20 +27,6 @@ pub struct Origin {
     pub late_ticks: u32,
     /// Why the device started.
     pub reset_cause: ResetCause,
-}
-
-/// Whether a trace runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Tracing {
-    /// It does not.
-    #[default]
-    Off,
-    /// It begins with the next tick.
-    First,
-    /// With the CRC-32 over the outputs so far.
-    On(u32),
-    /// It ends with this tick.
-    Ending,
 }
 
 /// What of a tick's inputs is gone when its outputs are there.
@@ -108,8 +96,8 @@ impl Rig {
             boot_faults,
             laser,
             pressure,
-            pressure_follower,
-            model_follower,
+            pressure_residual,
+            model_residual,
             decimator,
             decimator_state,
             has_model,
@@ -139,13 +127,13 @@ impl Rig {
         } = &mut self.state;
         *boot_faults = FaultSet::EMPTY;
         (*laser, *pressure) = (SensorState::default(), SensorState::default());
-        (*pressure_follower, *model_follower) = (FollowerState::default(), FollowerState::default());
-        *decimator = DecimatorConfig { factor: super::DEFAULT_MODEL_PERIOD }.build();
+        (*pressure_residual, *model_residual) = (ResidualState::default(), ResidualState::default());
+        *decimator = DecimatorConfig { factor: DEFAULT_MODEL_PERIOD }.build();
         *decimator_state = DecimatorState::default();
         (*has_model, *has_compensator, *limited) = (false, false, false);
         *filtered = Default::default();
         (*estimate_mm, *inverse_bar) = (None, None);
-        *direction = super::Direction::default();
+        *direction = Direction::default();
         controller.clear();
         adaptation.reset();
         (*window_watch, *model_identity) = (WindowWatch::default(), [0; 8]);
@@ -206,7 +194,7 @@ mod tests {
     use model_export::link::message::Quantity;
     use model_export::link::settings::Settings;
 
-    use super::super::{RigFacts, TickConfig};
+    use super::super::config::{RigFacts, TickConfig};
     use super::*;
     use crate::calibration::ConverterConfig;
     use crate::control::SetPoint;

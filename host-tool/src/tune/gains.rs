@@ -1,6 +1,6 @@
 //! Gains of the feedback: the best in simulation among those that keep their margins for every actuator within the intervals of the fit.
 
-use firmware::adaptation::certificate::STEEPEST;
+use firmware::certificate::STEEPEST;
 use firmware::control::{Actuator, Compensator, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, TrackingConfig};
 use serde::Serialize;
 

@@ -19,6 +19,8 @@ const MODEL_SLOT: u32 = 0x0808_0000;
 /// Where static memory begins, and how much of it the sweep takes (`memory.x`: the stack is below).
 const STATICS: u32 = 0x2000_4000;
 const STATICS_BYTES: u32 = 20 << 10;
+/// Operations that a saving takes at least: an erase, a header, settings, an activation.
+const FEWEST_OPERATIONS: u32 = 10;
 /// Words of an activation (`firmware/src/storage.rs`).
 const FIRST_ACTIVATION_WORD: u32 = 8;
 const ACTIVATION_WORDS: u32 = 4;
@@ -26,6 +28,8 @@ const ACTIVATION_WORDS: u32 = 4;
 const TICK_VECTOR: u32 = 0x0800_0000 + 4 * (16 + 18);
 /// From power to a state that a status tells.
 const START_MS: u32 = 260;
+/// The same for damaged settings, which are told before the self-test.
+const SETTINGS_START_MS: u32 = 30;
 
 fn measured(bench: &mut Bench, from: usize, problem: Option<String>, remark: String) -> Measured {
     let mut measured = bench.measure(from, Expected::Bounded);
@@ -52,20 +56,23 @@ fn words(slot: u32, payload_bytes: usize) -> Vec<u32> {
 }
 
 /// Flips a bit, starts again, lets `judge` look, and flips it back; counts what was harmless, what was detected, and what was neither.
-fn sweep(bench: &mut Bench, addresses: &[u32], mut judge: impl FnMut(&mut Bench) -> Option<bool>) -> (u32, u32, Vec<u32>) {
+fn sweep(
+    bench: &mut Bench,
+    start_ms: u32,
+    bits: impl IntoIterator<Item = (u32, u32)>,
+    mut judge: impl FnMut(&mut Bench) -> Option<bool>,
+) -> (u32, u32, Vec<u32>) {
     let (mut harmless, mut detected, mut missed) = (0, 0, Vec::new());
-    for (index, word) in addresses.iter().enumerate() {
-        // Another bit in every word.
-        let bit = (index * 11) % 32;
-        let flip = format!("flip {:08x} {}", word + bit as u32 / 8, bit % 8);
+    for (word, bit) in bits {
+        let flip = format!("flip {:08x} {}", word + bit / 8, bit % 8);
         bench.break_something(&flip);
         bench.break_something("reset");
-        bench.pass(START_MS);
+        bench.pass(start_ms);
         let _ = bench.rig.greet_again();
         match judge(bench) {
             Some(true) => harmless += 1,
             Some(false) => detected += 1,
-            None => missed.push(*word),
+            None => missed.push(word),
         }
         bench.break_something(&flip);
     }
@@ -77,7 +84,7 @@ fn counted(bench: &mut Bench, from: usize, (harmless, detected, missed): (u32, u
     measured(bench, from, problem, format!("{} flips: {detected} told, {harmless} harmless", harmless + detected))
 }
 
-/// One bit of each word of the stored settings.
+/// Every bit of every word of the stored settings.
 pub(super) fn settings_bits() -> Measured {
     let ceiling = 1.25;
     let settings = Settings { control_law: 1, ceiling_bar: ceiling, ..Settings::default() };
@@ -85,7 +92,8 @@ pub(super) fn settings_bits() -> Measured {
     let mut bench = Bench::start(&set_point_flash(ceiling), None);
     bench.pass(START_MS);
     let from = bench.watch.len();
-    let result = sweep(&mut bench, &words(SETTINGS_SLOT, bytes), |bench| {
+    let all = words(SETTINGS_SLOT, bytes).into_iter().flat_map(|word| (0..32).map(move |bit| (word, bit)));
+    let result = sweep(&mut bench, SETTINGS_START_MS, all, |bench| {
         let status = bench.status()?;
         if status.faults.contains(Fault::SettingsInvalid) {
             // Told, and it cannot be armed.
@@ -95,6 +103,54 @@ pub(super) fn settings_bits() -> Measured {
         ceiling_bar(bench).is_some_and(|bar| bar <= ceiling).then_some(true)
     });
     counted(&mut bench, from, result)
+}
+
+/// Power goes in the middle of every operation on flash of a saving, from the erase to the last word.
+pub(super) fn cut_at_every_operation() -> Measured {
+    // More than there are; the sweep ends with the first that there is not.
+    const MOST: u32 = 200;
+    let (mut cuts, mut peak_bar) = (0, 0.0f64);
+    for operation in 1..=MOST {
+        let (measured, is_cut) = super::cut_at(operation);
+        peak_bar = peak_bar.max(measured.peak_bar);
+        if !measured.ok || !is_cut {
+            let remark =
+                if measured.ok { format!("{cuts} operations, each of them cut once") } else { format!("{operation}: {}", measured.remark) };
+            return Measured { peak_bar, ok: measured.ok && cuts >= FEWEST_OPERATIONS, remark, ..measured };
+        }
+        cuts += 1;
+    }
+    Measured { detected_ms: None, peak_bar, fault: 0, ok: false, remark: format!("still at it after {MOST} operations") }
+}
+
+/// The longest tick, in cycles of the emulated processor, and late ticks, while pressure is held for half a second; with nonsense beside the host's
+/// frames or without.
+fn longest_tick(nonsense: Option<&[u8]>) -> (u32, u32, Bench) {
+    let mut bench = Bench::start(&set_point_flash(CEILING_BAR as f32), None);
+    bench.run_up();
+    for _ in 0..50 {
+        bench.hold(10);
+        for _ in 0..10 {
+            if let Some(nonsense) = nonsense {
+                bench.rig.transport().send(nonsense).expect("a line");
+            }
+            bench.pass(1);
+        }
+    }
+    let status = bench.status().expect("a status");
+    assert_eq!(status.state, State::Running, "the host goes on");
+    (status.longest_tick_cycles, status.late_ticks, bench)
+}
+
+/// Whatever the line carries, the tick takes as long as without.
+pub(super) fn babble_beside_the_host() -> Measured {
+    // Ends of frames among them, so that the device has something to check all the time, and the host's frames begin after one.
+    let nonsense: Vec<u8> = (0..92u8).map(|index| if index % 23 == 22 || index == 91 { 0 } else { index.wrapping_mul(89) | 1 }).collect();
+    let (quiet, ..) = longest_tick(None);
+    let (loud, late, mut bench) = longest_tick(Some(&nonsense));
+    // A thousandth of a tick.
+    let problem = (loud > quiet + 168 || late > 0).then(|| format!("{quiet} cycles without, {loud} with, {late} late ticks"));
+    measured(&mut bench, 0, problem, format!("{quiet} cycles without, {loud} with"))
 }
 
 /// Bits all over the stored model.
@@ -107,7 +163,9 @@ pub(super) fn model_bits() -> Measured {
     let all = words(MODEL_SLOT, blob.len());
     let (head, payload) = all.split_at(9);
     let some: Vec<u32> = head.iter().chain(payload.iter().step_by(payload.len().div_ceil(32))).copied().collect();
-    let result = sweep(&mut bench, &some, |bench| {
+    // Another bit in every word.
+    let bits = some.into_iter().zip((0..).step_by(11)).map(|(word, bit)| (word, bit % 32));
+    let result = sweep(&mut bench, START_MS, bits, |bench| {
         experiment::settle(&mut bench.rig).ok();
         let status = bench.status()?;
         Some(!status.faults.contains(Fault::ModelCorrupt))

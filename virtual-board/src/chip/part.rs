@@ -11,12 +11,13 @@ use rigless::snapshot::Store;
 use rigless::soc::stm32f427::generated::{self, flash as flash_registers, gpioa, rcc as rcc_registers, tim11};
 use rigless::soc::stm32f427::peripherals::adc::{Adc, AdcCommon, Channel};
 use rigless::soc::stm32f427::peripherals::dbg::Dbg;
+use rigless::soc::stm32f427::peripherals::dma::{Dma, Wire};
 use rigless::soc::stm32f427::peripherals::gpio::{Gpio, Pin};
 use rigless::soc::stm32f427::peripherals::iwdg::Iwdg;
 use rigless::soc::stm32f427::peripherals::pwr::Pwr;
 use rigless::soc::stm32f427::peripherals::rcc::{Apb, HSI_HZ, Rcc};
 use rigless::soc::stm32f427::peripherals::tim::{Counter, General, Tim};
-use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
+use rigless::soc::stm32f427::peripherals::usart::{self, Kind, Usart};
 use rigless::soc::{self, Bus, Cpu, Endian, EraseBlocks, Error, Gate, Peripheral, Region, WriteModify};
 use rigless::time::VirtualNanos;
 
@@ -108,7 +109,7 @@ pub const PORTS: [&str; 9] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIO
 const TIMERS: [(&str, Counter); 3] = [("TIM3", Counter::Narrow), ("TIM4", Counter::Narrow), ("TIM5", Counter::Wide)];
 
 /// Instance, enable register and bit, reset register and bit (7.3.5 to 7.3.14).
-const CLOCKED: [[&str; 5]; 21] = [
+const CLOCKED: [[&str; 5]; 22] = [
     ["PWR", "APB1ENR", "PWREN", "APB1RSTR", "PWRRST"],
     ["DAC", "APB1ENR", "DACEN", "APB1RSTR", "DACRST"],
     ["TIM2", "APB1ENR", "TIM2EN", "APB1RSTR", "TIM2RST"],
@@ -121,6 +122,7 @@ const CLOCKED: [[&str; 5]; 21] = [
     ["TIM11", "APB2ENR", "TIM11EN", "APB2RSTR", "TIM11RST"],
     ["SYSCFG", "APB2ENR", "SYSCFGEN", "APB2RSTR", "SYSCFGRST"],
     ["CRC", "AHB1ENR", "CRCEN", "AHB1RSTR", "CRCRST"],
+    ["DMA2", "AHB1ENR", "DMA2EN", "AHB1RSTR", "DMA2RST"],
     ["GPIOA", "AHB1ENR", "GPIOAEN", "AHB1RSTR", "GPIOARST"],
     ["GPIOB", "AHB1ENR", "GPIOBEN", "AHB1RSTR", "GPIOBRST"],
     ["GPIOC", "AHB1ENR", "GPIOCEN", "AHB1RSTR", "GPIOCRST"],
@@ -133,7 +135,12 @@ const CLOCKED: [[&str; 5]; 21] = [
 ];
 /// Instances that keep time, and those that hear other instances' requests.
 const TIMED: [&str; 8] = ["TIM2", "TIM3", "TIM4", "TIM5", "USART1", "IWDG", "C_ADC", "ADC1"];
-const LISTENING: [&str; 4] = ["RCC", "C_ADC", "ADC1", "EXTI"];
+const LISTENING: [&str; 5] = ["RCC", "C_ADC", "ADC1", "EXTI", "DMA2"];
+/// The line's requests to the transfer controller (table 43); no other instance's reach it here.
+static TRANSFERS: [Wire; 2] = [
+    Wire { instance: "USART1", request: usart::RECEIVE_REQUEST, channel: 4, streams: &[2, 5] },
+    Wire { instance: "USART1", request: usart::TRANSMIT_REQUEST, channel: 4, streams: &[7] },
+];
 
 /// Codes of a pin's mode: an output, one that a peripheral has, an analogue one (8.4.1).
 const OUTPUT: u64 = 0b01;
@@ -216,6 +223,7 @@ enum Model {
     SamplingTimer,
     Timer(usize),
     Dac,
+    Transfers,
     Capture,
     Watchdog,
     Debug,
@@ -322,6 +330,7 @@ pub struct Stm32f405 {
     sampling_timer: With<Tim<General>, TriggerOutput>,
     timers: [Tim<General>; TIMERS.len()],
     dac: Dac,
+    transfers: Dma,
     capture: Capture<tim11::Register>,
     watchdog: Iwdg,
     debug: Dbg,
@@ -351,6 +360,7 @@ impl Stm32f405 {
             ("C_ADC", Model::ConverterClock),
             ("TIM2", Model::SamplingTimer),
             ("DAC", Model::Dac),
+            ("DMA2", Model::Transfers),
             ("TIM11", Model::Capture),
             ("IWDG", Model::Watchdog),
             ("DBG", Model::Debug),
@@ -378,6 +388,7 @@ impl Stm32f405 {
             sampling_timer: With { model: Tim::with_clock(HSI_HZ, Counter::Wide), beside: TriggerOutput::default() },
             timers: std::array::from_fn(|nth| Tim::with_clock(HSI_HZ, TIMERS[nth].1)),
             dac: Dac::default(),
+            transfers: Dma::new(&TRANSFERS, &[], true),
             capture: Capture::default(),
             watchdog: Iwdg::new(),
             debug: Dbg,
@@ -635,6 +646,7 @@ impl Mcu for Stm32f405 {
             Model::SamplingTimer => Some(sampling_timer),
             Model::Timer(nth) => Some(&mut self.timers[nth]),
             Model::Dac => Some(&mut self.dac),
+            Model::Transfers => Some(&mut self.transfers),
             Model::Capture => Some(&mut self.capture),
             Model::Watchdog => Some(&mut self.watchdog),
             Model::Debug => Some(&mut self.debug),

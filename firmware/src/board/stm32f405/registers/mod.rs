@@ -23,8 +23,10 @@ pub mod sampling;
 pub mod serial;
 mod start;
 pub mod supply;
+mod vent;
 pub mod watchdog;
 
 pub use stm32f4::stm32f405 as pac;
 
-pub use start::{Peripherals, ThisBoard, vent};
+pub use start::{Peripherals, ThisBoard};
+pub use vent::vent;

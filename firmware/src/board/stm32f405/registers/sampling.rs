@@ -8,10 +8,9 @@ use super::pins;
 use crate::board::clock::wait;
 use crate::board::converter::{Measured, SAMPLING_SEQUENCE};
 use crate::board::rates::Rates;
-use crate::board::read_back::ReadBack;
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::facts::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION};
-use crate::seam::{RawSample, SampleSource};
+use crate::seam::{RawSample, ReadBack, SampleSource};
 
 /// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
 const TRIGGER_TIM2_TRGO: u8 = 0b0011;

@@ -1,31 +1,55 @@
-//! The line to the host: USART1 by interrupt (RM0090 section 30.6).
+//! The line to the host: USART1 with DMA2 both ways (RM0090 sections 10.3, 10.5, 30.3.13, 30.6).
 //!
-//! The interrupt stands above the tick: a byte comes every 11 us, and the receiver holds two. It moves one byte and is gone after half a
-//! microsecond; at the full rate of the line that is 5 % of the tick's time each way, and no host can make it more.
+//! A byte comes every 11 us and the receiver holds two, so nobody may be late. The processor would have to interrupt the tick for that. So the
+//! controller takes the bytes and writes them round and round into a buffer of a tick's worth eleven times, where the background reads them: no host can
+//! cost the tick anything but single cycles of the memory. What waits to be sent goes in pieces by the same controller; its interrupt, below
+//! the tick, begins the next one.
+
+use core::sync::atomic::{AtomicU8, Ordering};
 
 use heapless::spsc::{Consumer, Producer, Queue};
-use stm32f4::stm32f405::{Interrupt, RCC, USART1};
+use stm32f4::stm32f405::{DMA2, Interrupt, RCC, USART1, dma2};
 
 use crate::board::background_task::{Line, RECEIVE_QUEUE, TRANSMIT_QUEUE};
+use crate::board::circular::CircularReader;
 use crate::board::contract::LineInterrupt;
 use crate::board::exchange;
 use crate::board::rates::Rates;
 
-/// Bytes from the line.
-pub type ReceiveQueue = Queue<u8, RECEIVE_QUEUE>;
+/// Streams of the controller that USART1's requests reach, on [`CHANNEL`] (RM0090 table 43).
+const RECEIVE_STREAM: usize = 2;
+const TRANSMIT_STREAM: usize = 7;
+const CHANNEL: u32 = 4;
+/// SxCR: channel, memory address counts up, medium priority (RM0090 section 10.5.5).
+const CONTROL: u32 = CHANNEL << 25 | 0b01 << 16 | 1 << 10;
+const CIRCULAR: u32 = 1 << 8;
+const FROM_MEMORY: u32 = 0b01 << 6;
+const WHEN_COMPLETE: u32 = 1 << 4;
+const ENABLE: u32 = 1 << 0;
+/// All flags of the streams, in LIFCR and HIFCR (RM0090 sections 10.5.3 and 10.5.4).
+const RECEIVE_FLAGS: u32 = 0b11_1101 << 16;
+const TRANSMIT_FLAGS: u32 = 0b11_1101 << 22;
+/// Bytes that are sent in one piece.
+const PIECE: usize = 256;
+
 /// Bytes to the line.
 pub type TransmitQueue = Queue<u8, TRANSMIT_QUEUE>;
 
-/// The queues' places.
+/// The places of queue and buffers. The controller does not reach the core-coupled memory (RM0090 section 2.3.1).
 pub struct Memory {
-    receive: ReceiveQueue,
+    received: [AtomicU8; RECEIVE_QUEUE],
+    piece: [AtomicU8; PIECE],
     transmit: TransmitQueue,
 }
 
 impl Memory {
     /// Empty.
     pub const fn new() -> Self {
-        Self { receive: ReceiveQueue::new(), transmit: TransmitQueue::new() }
+        Self {
+            received: [const { AtomicU8::new(0) }; RECEIVE_QUEUE],
+            piece: [const { AtomicU8::new(0) }; PIECE],
+            transmit: TransmitQueue::new(),
+        }
     }
 }
 
@@ -35,51 +59,100 @@ impl Default for Memory {
     }
 }
 
+/// A stream's registers.
+fn stream(number: usize) -> &'static dma2::ST {
+    // SAFETY: they are always there. Each of the two streams has one side that writes it, once [`start`] has returned.
+    unsafe { (*DMA2::ptr()).st(number) }
+}
+
+fn is_on(number: usize) -> bool {
+    stream(number).cr().read().bits() & ENABLE != 0
+}
+
+/// Lets a stream move bytes between the line and memory.
+fn begin(number: usize, control: u32, memory: &'static [AtomicU8], bytes: u32) {
+    let registers = stream(number);
+    // SAFETY: the line's data register, and bytes of a buffer that lives for ever and that the program knows to change by itself. To take the
+    // register's address has no effect.
+    unsafe {
+        registers.par().write(|w| w.bits(address((*USART1::ptr()).dr().as_ptr())));
+        registers.m0ar().write(|w| w.bits(address(memory.as_ptr())));
+        registers.ndtr().write(|w| w.bits(bytes));
+    }
+    // What was written into the buffer is there before the controller reads it.
+    cortex_m::asm::dmb();
+    // SAFETY: the bits above.
+    registers.cr().write(|w| unsafe { w.bits(CONTROL | control | ENABLE) });
+}
+
+fn begin_to_receive(memory: &'static [AtomicU8; RECEIVE_QUEUE]) {
+    // SAFETY: a flag is cleared by a one, and no other flag is touched.
+    unsafe { (*DMA2::ptr()).lifcr().write(|w| w.bits(RECEIVE_FLAGS)) };
+    begin(RECEIVE_STREAM, CIRCULAR, memory, RECEIVE_QUEUE as u32);
+}
+
+/// An address as the controller takes it: 32 bits, as all of them here.
+fn address<T>(place: *const T) -> u32 {
+    u32::try_from(place.addr()).unwrap_or(0)
+}
+
 /// The interrupt's side.
 pub struct Port {
-    registers: USART1,
-    received: Producer<'static, u8>,
+    piece: &'static [AtomicU8; PIECE],
     to_send: Consumer<'static, u8>,
 }
 
 /// The background's side.
 pub struct SerialLine {
-    received: Consumer<'static, u8>,
+    received: &'static [AtomicU8; RECEIVE_QUEUE],
+    reader: CircularReader,
     to_send: Producer<'static, u8>,
 }
 
 /// Sets up the line.
-pub fn start(rcc: &RCC, registers: USART1, rates: Rates, memory: &'static mut Memory) -> (Port, SerialLine) {
+pub fn start(rcc: &RCC, registers: USART1, _controller: DMA2, rates: Rates, memory: &'static mut Memory) -> (Port, SerialLine) {
     enable_clock!(rcc.apb2enr: usart1en);
+    enable_clock!(rcc.ahb1enr: dma2en);
+    let Memory { received, piece, transmit } = memory;
+    let (received, piece) = (&*received, &*piece);
+    begin_to_receive(received);
     // SAFETY: the divider that the rates make of the line's speed.
     registers.brr().write(|w| unsafe { w.bits(rates.link_divider()) });
-    registers.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-    let (received, taken) = memory.receive.split();
-    let (filled, to_send) = memory.transmit.split();
-    (Port { registers, received, to_send }, SerialLine { received: taken, to_send: filled })
+    registers.cr3().write(|w| w.dmar().set_bit().dmat().set_bit());
+    registers.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit());
+    let (filled, to_send) = transmit.split();
+    (Port { piece, to_send }, SerialLine { received, reader: CircularReader::default(), to_send: filled })
 }
 
 impl LineInterrupt for Port {
     fn interrupt(&mut self) {
-        let status = self.registers.sr().read();
-        if status.rxne().bit_is_set() || status.ore().bit_is_set() {
-            // Reading status and then data clears both flags. Damaged and lost bytes end in a wrong checksum, a full queue as well.
-            let [byte, _] = self.registers.dr().read().dr().bits().to_le_bytes();
-            let _ = exchange::put(&mut self.received, byte);
+        if is_on(TRANSMIT_STREAM) {
+            return;
         }
-        while self.registers.sr().read().txe().bit_is_set() {
+        // SAFETY: as in `begin_to_receive`.
+        unsafe { (*DMA2::ptr()).hifcr().write(|w| w.bits(TRANSMIT_FLAGS)) };
+        let mut bytes = 0;
+        for place in self.piece {
             let Some(byte) = exchange::take(&mut self.to_send) else { break };
-            // SAFETY: eight bits of data.
-            self.registers.dr().write(|w| unsafe { w.bits(u16::from(byte)) });
+            place.store(byte, Ordering::Relaxed);
+            bytes += 1;
         }
-        let more = self.to_send.ready();
-        self.registers.cr1().modify(|_, w| w.txeie().bit(more));
+        if bytes > 0 {
+            begin(TRANSMIT_STREAM, FROM_MEMORY | WHEN_COMPLETE, self.piece, bytes);
+        }
     }
 }
 
 impl Line for SerialLine {
     fn receive(&mut self) -> Option<u8> {
-        self.received.dequeue()
+        if !is_on(RECEIVE_STREAM) {
+            // Only an error of the bus ends it.
+            self.reader.restart();
+            begin_to_receive(self.received);
+        }
+        let remaining = usize::try_from(stream(RECEIVE_STREAM).ndtr().read().bits()).unwrap_or(0);
+        let place = self.reader.take(RECEIVE_QUEUE, remaining)?;
+        self.received.get(place).map(|byte| byte.load(Ordering::Relaxed))
     }
 
     fn room(&self) -> usize {
@@ -92,6 +165,6 @@ impl Line for SerialLine {
             let _ = self.to_send.enqueue(*byte);
         }
         // The interrupt begins to send, and goes on by itself.
-        cortex_m::peripheral::NVIC::pend(Interrupt::USART1);
+        cortex_m::peripheral::NVIC::pend(Interrupt::DMA2_STREAM7);
     }
 }

@@ -32,16 +32,6 @@ pub struct Peripherals {
     pub core: cortex_m::Peripherals,
 }
 
-/// Releases the dump valve and takes the drive to zero, whoever owns them.
-pub fn vent() {
-    pins::release_dump_valve();
-    // SAFETY: single writes that any owner may find done; the program ends after this.
-    unsafe {
-        (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(0));
-        (*pac::TIM3::ptr()).ccr1().write(|w| w.bits(0));
-    }
-}
-
 impl Board for ThisBoard {
     const NAME: &'static str = WIRING.name;
     const MODEL_SLOTS: [usize; 2] = [MODEL_SECTORS[0].0 as usize, MODEL_SECTORS[1].0 as usize];
@@ -92,7 +82,7 @@ impl Board for ThisBoard {
         found.insert_if(is_low, Fault::BrownOut);
         let source = Sampler::new(rcc, device.ADC1, &device.ADC_COMMON, device.TIM2, rates);
         let milliseconds = Milliseconds::start(rcc, device.TIM5, rates);
-        let (line_interrupt, line) = serial::start(rcc, device.USART1, rates, line);
+        let (line_interrupt, line) = serial::start(rcc, device.USART1, device.DMA2, rates, line);
 
         // SAFETY: both controllers go into the link, which runs in the background alone.
         let controller = || unsafe { Controller::new(milliseconds, exchange) };

@@ -57,7 +57,7 @@
 
 use model_export::link::fault::AdaptationCondition;
 
-use super::AdaptationConfig;
+use crate::adaptation::AdaptationConfig;
 use crate::control::PidConfig;
 
 /// Window that the certificate is computed for, ms; arming is refused with a model of another period.
@@ -268,7 +268,7 @@ mod tests {
 
     use super::*;
 
-    const CONFIG: AdaptationConfig = super::super::tests::CONFIG;
+    const CONFIG: AdaptationConfig = crate::adaptation::TEST_CONFIG;
 
     fn closed(proportional: f32, integral_per_s: f32, delay_ms: u16) -> ClosedLoop {
         let pid = PidConfig { proportional, integral_per_s, derivative_filter_s: 0.04, limit_mm: 5.0, ..PidConfig::default() };

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-pub(super) const CONFIG: AdaptationConfig = AdaptationConfig {
+pub(crate) const CONFIG: AdaptationConfig = AdaptationConfig {
     pivot_mm: 7.0,
     span_mm: 10.0,
     zero_limit: 0.15,

@@ -1,0 +1,285 @@
+//! The shape of the sources: which file of a package needs which, read from their `use` lines and paths.
+//!
+//! A file needs another one when it names something that is defined there: through `crate::`, `super::` or a re-export, which is followed to
+//! where the thing is. A module needs its children, since it declares them. What stands under `#[cfg(test)]` does not count. The same holds for the
+//! folders and files at the top of a package, each taken as one.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// A module's path within its package, `tick::config`; the root is empty.
+type Module = String;
+
+#[derive(Default)]
+struct Package {
+    /// Tokens of each module's file.
+    files: BTreeMap<Module, Vec<String>>,
+}
+
+impl Package {
+    fn read(source: &Path) -> Self {
+        let mut package = Self::default();
+        package.read_folder(source, "");
+        package
+    }
+
+    fn read_folder(&mut self, folder: &Path, module: &str) {
+        let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        entries.sort();
+        for path in entries {
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            if path.is_dir() {
+                if name != "bin" {
+                    self.read_folder(&path, &child(module, &name));
+                }
+            } else if path.extension().is_some_and(|extension| extension == "rs") && name != "main" && name != "tests" {
+                let module = if ["lib", "mod"].contains(&name.as_str()) { module.to_owned() } else { child(module, &name) };
+                self.files.insert(module, tokens(&std::fs::read_to_string(&path).unwrap()));
+            }
+        }
+    }
+
+    /// The modules that each module needs.
+    fn needs(&self) -> BTreeMap<&str, BTreeSet<&str>> {
+        let mut needs: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+        for (module, tokens) in &self.files {
+            let needed = needs.entry(module).or_default();
+            for path in paths(tokens) {
+                if let Some(home) = self.home(module, &path, 0) {
+                    needed.insert(home);
+                }
+            }
+            needed.extend(self.files.keys().filter(|other| parent(other) == Some(module.as_str())).map(String::as_str));
+            needed.remove(module.as_str());
+        }
+        needs
+    }
+
+    /// Where the thing is defined that a path names, as it is written in a module.
+    fn home(&self, module: &str, path: &[String], depth: u32) -> Option<&str> {
+        let (first, rest) = path.split_first()?;
+        let (mut at, mut rest) = match first.as_str() {
+            "crate" => (String::new(), rest),
+            "self" => (module.to_owned(), rest),
+            "super" => (parent(module)?.to_owned(), rest),
+            // A child, or nothing of this package.
+            name => (self.files.contains_key(&child(module, name)).then(|| child(module, name))?, rest),
+        };
+        while let Some((next, after)) = rest.split_first() {
+            at = match next.as_str() {
+                "super" => parent(&at)?.to_owned(),
+                name if self.files.contains_key(&child(&at, name)) => child(&at, name),
+                _ => break,
+            };
+            rest = after;
+        }
+        let (home, tokens) = self.files.get_key_value(&at)?;
+        // A name that the file itself has from elsewhere.
+        if let Some(name) = rest.first()
+            && depth < 8
+        {
+            let from = uses(tokens).into_iter().find(|used| used.name == *name && (used.path.len() > 1 || used.path[0] != *name));
+            if let Some(used) = from {
+                // Nothing, where it is from another package.
+                return self.home(&at, &[used.path.as_slice(), &rest[1..]].concat(), depth + 1);
+            }
+        }
+        Some(home)
+    }
+}
+
+fn child(module: &str, name: &str) -> Module {
+    if module.is_empty() { name.to_owned() } else { format!("{module}::{name}") }
+}
+
+fn parent(module: &str) -> Option<&str> {
+    if module.is_empty() { None } else { Some(module.rsplit_once("::").map_or("", |(parent, _)| parent)) }
+}
+
+/// Words and signs of a source, without comments, strings, and what is for tests.
+fn tokens(text: &str) -> Vec<String> {
+    let mut tokens = Vec::new();
+    let (mut marked, mut in_tests) = (false, false);
+    for line in text.lines() {
+        // A module for tests that stands in the file ends with a brace at the margin.
+        in_tests |= marked && line.contains("mod ") && line.ends_with('{');
+        marked = line == "#[cfg(test)]";
+        if in_tests {
+            in_tests = line != "}";
+            continue;
+        }
+        // Quotes of characters and lifetimes do no harm; a string with `//` or a path in it is not code.
+        let mut outside = String::new();
+        for (nth, piece) in line.split("//").next().unwrap_or_default().split('"').enumerate() {
+            if nth % 2 == 0 {
+                outside.push_str(piece);
+            }
+        }
+        let mut word = String::new();
+        for letter in outside.chars().chain([' ']) {
+            if letter.is_alphanumeric() || letter == '_' {
+                word.push(letter);
+                continue;
+            }
+            if !word.is_empty() {
+                tokens.push(std::mem::take(&mut word));
+            }
+            if !letter.is_whitespace() {
+                tokens.push(letter.to_string());
+            }
+        }
+    }
+    tokens
+}
+
+/// A name that a `use` item brings, and the path it stands for.
+struct Used {
+    name: String,
+    path: Vec<String>,
+}
+
+/// What all `use` items bring.
+fn uses(tokens: &[String]) -> Vec<Used> {
+    let mut found = Vec::new();
+    for (at, token) in tokens.iter().enumerate() {
+        if token == "use" {
+            tree(tokens, at + 1, &[], &mut found);
+        }
+    }
+    found
+}
+
+/// Takes the tree that begins at a token apart; gives the place behind it.
+fn tree(tokens: &[String], mut at: usize, before: &[String], found: &mut Vec<Used>) -> usize {
+    let mut path = before.to_vec();
+    let mut new_name = None;
+    while let Some(token) = tokens.get(at) {
+        match token.as_str() {
+            ":" => at += 1,
+            "{" => {
+                at += 1;
+                while tokens.get(at).is_some_and(|token| token != "}") {
+                    at = tree(tokens, at, &path, found);
+                    at += usize::from(tokens.get(at).is_some_and(|token| token == ","));
+                }
+                return at + 1;
+            }
+            "," | "}" | ";" => break,
+            // A module under its own name is the path so far.
+            "self" if path.len() > before.len() || !before.is_empty() => at += 1,
+            "as" => {
+                new_name = tokens.get(at + 1).cloned();
+                at += 2;
+            }
+            word => {
+                path.push(word.to_owned());
+                at += 1;
+            }
+        }
+    }
+    if let Some(name) = new_name.or(path.last().cloned()) {
+        found.push(Used { name, path });
+    }
+    at
+}
+
+/// The paths that a file names: those of its `use` items, and those in its code.
+fn paths(tokens: &[String]) -> Vec<Vec<String>> {
+    let mut found: Vec<Vec<String>> = uses(tokens).into_iter().map(|used| used.path).collect();
+    for (at, token) in tokens.iter().enumerate() {
+        let begins = ["crate", "super"].contains(&token.as_str()) && (at == 0 || ![":", "$"].contains(&tokens[at - 1].as_str()));
+        if begins {
+            let mut path = vec![token.clone()];
+            let mut next = at + 1;
+            while tokens.get(next).is_some_and(|sign| sign == ":") && tokens.get(next + 1).is_some_and(|sign| sign == ":") {
+                let Some(word) = tokens.get(next + 2).filter(|word| word.chars().all(|letter| letter.is_alphanumeric() || letter == '_'))
+                else {
+                    break;
+                };
+                path.push(word.clone());
+                next += 3;
+            }
+            // A tree goes on: the names in it are among the `use` items.
+            if path.len() > 1 && tokens.get(next).is_none_or(|sign| sign != ":") {
+                found.push(path);
+            }
+        }
+    }
+    found
+}
+
+/// Groups of modules of which each needs, in the end, each other.
+fn circles<'a>(needs: &BTreeMap<&'a str, BTreeSet<&'a str>>) -> Vec<Vec<&'a str>> {
+    let reach = |from: &'a str| {
+        let (mut seen, mut open) = (BTreeSet::new(), vec![from]);
+        while let Some(at) = open.pop() {
+            for next in needs.get(at).into_iter().flatten() {
+                if seen.insert(*next) {
+                    open.push(next);
+                }
+            }
+        }
+        seen
+    };
+    let reached: BTreeMap<&str, BTreeSet<&str>> = needs.keys().map(|module| (*module, reach(module))).collect();
+    let mut groups: Vec<Vec<&str>> = Vec::new();
+    for module in needs.keys() {
+        if reached[module].contains(module) && !groups.iter().flatten().any(|known| known == module) {
+            groups.push(needs.keys().copied().filter(|other| reached[module].contains(other) && reached[other].contains(module)).collect());
+        }
+    }
+    groups
+}
+
+/// The same for whole folders: what the root's modules need of each other.
+fn folders<'a>(needs: &BTreeMap<&'a str, BTreeSet<&'a str>>) -> BTreeMap<&'a str, BTreeSet<&'a str>> {
+    let top = |module: &'a str| module.split("::").next().unwrap_or_default();
+    let mut folders: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for (module, needed) in needs.iter().filter(|(module, _)| !module.is_empty()) {
+        let others = needed.iter().map(|other| top(other)).filter(|other| *other != top(module));
+        folders.entry(top(module)).or_default().extend(others);
+    }
+    folders
+}
+
+fn circles_of(package: &str) -> Vec<String> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(package).join("src");
+    let package = Package::read(&source);
+    assert!(package.files.len() > 1, "{}", source.display());
+    let needs = package.needs();
+    let mut lines = Vec::new();
+    for needs in [&needs, &folders(&needs)] {
+        for group in circles(needs) {
+            for module in &group {
+                let within: Vec<&str> = needs[module].iter().copied().filter(|needed| group.contains(needed)).collect();
+                lines.push(format!("{module} needs {}", within.join(", ")));
+            }
+        }
+    }
+    lines
+}
+
+#[test]
+fn no_file_of_the_firmware_needs_one_that_needs_it() {
+    let lines = circles_of("firmware");
+    assert!(lines.is_empty(), "{}", lines.join("\n"));
+}
+
+#[test]
+fn the_rule_finds_a_circle() {
+    let mut package = Package::default();
+    let mut file = |module: &str, text: &str| {
+        package.files.insert(module.to_owned(), tokens(text));
+    };
+    file("", "pub mod limiter; pub mod tick;");
+    file("limiter", "use crate::tick::{self, PERIOD};\n// use crate::nothing::X;");
+    file("tick", "mod config; pub use config::{Config, PERIOD};");
+    file("tick::config", "pub const PERIOD: u32 = 1; pub struct Config(super::super::number::Word);");
+    file("number", "fn text() -> &'static str { \"crate::tick::Config\" }\n#[cfg(test)]\nmod tests {\n    use crate::tick::Config;\n}");
+    let needed = |package: &Package, module: &str| package.needs()[module].iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    assert_eq!(needed(&package, "limiter"), ["tick", "tick::config"]);
+    assert_eq!(needed(&package, "tick::config"), ["number"]);
+    assert_eq!(circles(&package.needs()), Vec::<Vec<&str>>::new());
+    package.files.insert("number".to_owned(), tokens("fn limit() { crate::limiter::limit() }"));
+    assert_eq!(circles(&package.needs()), [["limiter", "number", "tick", "tick::config"]]);
+}
