@@ -174,7 +174,7 @@ fn check(bytes: &[u8], sha256: &str) -> Result<()> {
     }
     let (offset, length) = section(bytes, ".seal")?;
     let checksum = checksum(bytes)?;
-    if &bytes[offset..offset + length] != [&SEAL[..], &checksum.to_le_bytes()].concat() {
+    if bytes[offset..offset + length] != [&SEAL[..], &checksum.to_le_bytes()].concat() {
         bail!("its seal does not match its contents");
     }
     Ok(())

@@ -12,7 +12,7 @@ use crate::control::{
     Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
 };
 use crate::limiter::{Limiter, LimiterConfig};
-use crate::number::MicroBar;
+use crate::number::{MicroBar, round_to_i32};
 use crate::plausibility::{ResidualMonitor, ResidualMonitorConfig, Sensor, SensorConfig};
 use crate::supervisor::{Supervisor, SupervisorConfig};
 
@@ -68,6 +68,8 @@ pub struct Tick {
     pub(super) limiter: Limiter,
     pub(super) over_pressure_bar: f32,
     pub(super) valve_full_scale_ubar: u32,
+    /// Drives between which the valve gives pressure, of 65535.
+    pub(super) valve_shares: (u16, u16),
     pub(super) pulse_hz: u32,
     pub(super) valve_output: ValveOutput,
     pub(super) host_timeout_ticks: u16,
@@ -167,6 +169,7 @@ impl TickConfig<'_> {
             limiter,
             over_pressure_bar,
             valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent::Setting(50))?,
+            valve_shares: valve_shares(settings)?,
             pulse_hz: settings.pulse_hz,
             valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
             host_timeout_ticks: narrow(settings.host_timeout_ms),
@@ -280,7 +283,21 @@ impl Tick {
     pub(super) fn valve_share(&self, output: MicroBar) -> u16 {
         // Rounded down: the valve never gets more than the output.
         let output_ubar = u64::from(u32::try_from(output.0).unwrap_or(0));
-        let share = (output_ubar * u64::from(u16::MAX)).checked_div(u64::from(self.valve_full_scale_ubar)).unwrap_or(0);
-        u16::try_from(share).unwrap_or(u16::MAX)
+        if output_ubar == 0 {
+            return 0;
+        }
+        let (lowest, highest) = self.valve_shares;
+        let span = u64::from(highest.saturating_sub(lowest));
+        let share = (output_ubar * span).checked_div(u64::from(self.valve_full_scale_ubar)).unwrap_or(0).min(span);
+        lowest.saturating_add(u16::try_from(share).unwrap_or(0))
+    }
+}
+
+/// The drives between which the valve gives pressure.
+fn valve_shares(settings: &Settings) -> Result<(u16, u16), Inconsistent> {
+    let share = |share: f32| round_to_i32(share * f32::from(u16::MAX)).and_then(|share| u16::try_from(share).ok());
+    match (share(settings.valve_lowest_share), share(settings.valve_highest_share)) {
+        (Some(lowest), Some(highest)) if lowest < highest => Ok((lowest, highest)),
+        _ => Err(Inconsistent::Setting(53)),
     }
 }

@@ -18,6 +18,7 @@ pub mod fault;
 pub mod frame;
 pub mod hello;
 pub mod message;
+pub mod profiles;
 pub mod settings;
 pub mod state;
 pub mod trace;

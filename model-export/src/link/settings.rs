@@ -268,6 +268,10 @@ settings! {
         "How the valve is driven: 0 analogue (DAC), 1 pulse width (PWM).";
     52 pulse_hz: u32 = 20000, 20 ..= 20000, "valve.pulse_hz", "Hz",
         "Frequency of the pulse width: 20 kHz for a proportional valve's driver, 20 to 500 Hz for a fast switching valve.";
+    53 valve_lowest_share: f32 = 0.0, 0.0 ..= 0.9, "valve.lowest_share", "",
+        "Drive at which the valve begins to give pressure: a current's live zero, a switching valve's dead band; no demand is no drive at all.";
+    54 valve_highest_share: f32 = 1.0, 0.1 ..= 1.0, "valve.highest_share", "",
+        "Drive at which the valve gives valve.full_scale_bar.";
     60 control_law: u32 = 0, 0 ..= 2, "control.law", "",
         "What makes the demand: 0 playback of pressures, 1 pressure set-point, 2 tracking of displacements.";
     61 playback_period_ms: u32 = 20, 1 ..= 1000, "playback.period_ms", "ms",

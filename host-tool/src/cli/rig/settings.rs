@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use model_export::link::message::{Baseline, Refusal, Reply, Request, SettingDifference};
+use model_export::link::profiles::{PROFILES, Profile};
 use model_export::link::settings::{INFO, SettingInfo, SettingValue, by_name, by_number};
 use serde::Serialize;
 
@@ -28,6 +29,15 @@ pub enum Command {
         /// NAME=VALUE, for example limits.ceiling_bar=2.5 laser.required=false.
         #[arg(required = true, value_name = "NAME=VALUE")]
         changes: Vec<String>,
+        /// Write them to flash too.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Take the settings of a valve or a sensor that labs buy, or list which there are.
+    Profile {
+        /// Its name.
+        #[arg(value_name = "NAME")]
+        name: Option<String>,
         /// Write them to flash too.
         #[arg(long)]
         save: bool,
@@ -86,6 +96,13 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
                 say!("This device ends with this command; name a file with --flash and add --save to keep its settings.");
             } else {
                 say!("In use until the next reset; `settings save` keeps them.");
+            }
+        }
+        Command::Profile { name: None, .. } => list_profiles(which)?,
+        Command::Profile { name: Some(name), save } => {
+            profile(name, rig, which)?;
+            if *save {
+                self::save(rig, which)?;
             }
         }
         Command::Save => self::save(rig, which)?,
@@ -150,6 +167,23 @@ fn parse(change: &str) -> Result<(&'static SettingInfo, SettingValue)> {
         SettingValue::Flag(_) => text.parse().ok().map(SettingValue::Flag),
     };
     Ok((info, value.with_context(bounds)?))
+}
+
+fn list_profiles(which: &Which) -> Result<()> {
+    for profile in PROFILES {
+        say!("{:<24} {}", profile.name, profile.device);
+    }
+    which.write(&PROFILES.iter().map(|profile| profile.name).collect::<Vec<_>>())
+}
+
+fn profile(name: &str, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
+    let profile = Profile::named(name).with_context(|| {
+        let names: Vec<&str> = PROFILES.iter().map(|profile| profile.name).collect();
+        format!("there is no profile {name}; there are {}", names.join(", "))
+    })?;
+    say!("{}\nby {}", profile.device, profile.data_sheet);
+    let changes: Vec<String> = profile.settings.iter().map(|(name, value)| format!("{name}={}", shown(*value))).collect();
+    set(&changes, rig, which)
 }
 
 fn set(changes: &[String], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
