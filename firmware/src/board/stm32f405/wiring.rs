@@ -55,6 +55,22 @@ pub const PULSE: Pin = Pin::new('A', 6);
 /// The debug probe's pins.
 pub const PROBE: [Pin; 2] = [Pin::new('A', 13), Pin::new('A', 14)];
 
+/// Whether no pin is there twice.
+pub const fn all_differ(pins: &[Pin]) -> bool {
+    let mut rest = pins;
+    while let [pin, others @ ..] = rest {
+        let mut behind = others;
+        while let [other, more @ ..] = behind {
+            if pin.port == other.port && pin.number == other.number {
+                return false;
+            }
+            behind = more;
+        }
+        rest = others;
+    }
+    true
+}
+
 /// A board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wiring {
@@ -84,18 +100,7 @@ impl Wiring {
         let serial = (self.transmit.is('A', 9) || self.transmit.is('B', 6)) && (self.receive.is('A', 10) || self.receive.is('B', 7));
         let analogue = self.laser.channel().is_some() && self.pressure.channel().is_some();
         let crystal = self.crystal_hz >= 4_000_000 && self.crystal_hz <= 26_000_000;
-        let pins = self.pins();
-        let mut distinct = true;
-        let mut first = 0;
-        while first < pins.len() {
-            let mut second = first + 1;
-            while second < pins.len() {
-                distinct &= pins[first].port != pins[second].port || pins[first].number != pins[second].number;
-                second += 1;
-            }
-            first += 1;
-        }
-        serial && analogue && crystal && distinct
+        serial && analogue && crystal && all_differ(&self.pins())
     }
 
     /// Every pin in use.

@@ -47,6 +47,7 @@ pub struct Memory {
     transmit: TransmitQueue,
 }
 
+#[expect(clippy::new_without_default, reason = "a place in static memory is made by nobody at run time")]
 impl Memory {
     /// Empty.
     pub const fn new() -> Self {
@@ -87,7 +88,7 @@ fn begin(number: usize, control: u32, memory: &'static [AtomicU8], bytes: u32) {
 fn begin_to_receive(memory: &'static [AtomicU8; RECEIVE_QUEUE]) {
     // SAFETY: a flag is cleared by a one, and no other flag is touched.
     unsafe { (*DMA2::ptr()).lifcr().write(|w| w.bits(RECEIVE_FLAGS)) };
-    begin(RECEIVE_STREAM, CIRCULAR, memory, RECEIVE_QUEUE as u32);
+    begin(RECEIVE_STREAM, CIRCULAR, memory, u32::try_from(RECEIVE_QUEUE).unwrap_or(0));
 }
 
 /// A byte from the receiver itself. A controller that does not begin costs bytes and time, not the line; the emulated chip has none.
