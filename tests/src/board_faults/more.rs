@@ -128,24 +128,37 @@ pub(super) fn cut_at_every_operation() -> Measured {
 fn longest_tick(nonsense: Option<&[u8]>) -> (u32, u32, Bench) {
     let mut bench = Bench::start(&set_point_flash(CEILING_BAR as f32), None);
     bench.run_up();
-    for _ in 0..50 {
-        bench.hold(10);
-        for _ in 0..10 {
-            if let Some(nonsense) = nonsense {
-                bench.rig.transport().send(nonsense).expect("a line");
-            }
-            bench.pass(1);
+    forget_longest_tick(&mut bench);
+    for ms in 0..500 {
+        if ms % 10 == 0 {
+            bench.rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: SET_POINT_BAR as f32 }).expect("a line");
         }
+        if let Some(nonsense) = nonsense {
+            bench.rig.transport().send(nonsense).expect("a line");
+        }
+        bench.pass(1);
     }
     let status = bench.status().expect("a status");
     assert_eq!(status.state, State::Running, "the host goes on");
     (status.longest_tick_cycles, status.late_ticks, bench)
 }
 
+/// The device keeps the longest tick since its start, which does more than any tick afterwards. Here its memory of that is cleared.
+fn forget_longest_tick(bench: &mut Bench) {
+    let longest = bench.status().expect("a status").longest_tick_cycles;
+    let statics = bench.rig.transport().processor().read(STATICS, STATICS_BYTES).expect("memory");
+    let words = statics.as_chunks::<4>().0.iter().zip((STATICS..).step_by(4));
+    let places: Vec<u32> = words.filter(|(word, _)| u32::from_le_bytes(**word) == longest).map(|(_, place)| place).collect();
+    assert!(!places.is_empty(), "the longest tick is nowhere in memory");
+    for place in places {
+        bench.break_something(&format!("store {place:08x} 0000"));
+    }
+}
+
 /// Whatever the line carries, the tick takes as long as without.
 pub(super) fn babble_beside_the_host() -> Measured {
     // Ends of frames among them, so that the device has something to check all the time, and the host's frames begin after one.
-    let nonsense: Vec<u8> = (0..92u8).map(|index| if index % 23 == 22 || index == 91 { 0 } else { index.wrapping_mul(89) | 1 }).collect();
+    let nonsense: Vec<u8> = (0..69u8).map(|index| if index % 23 == 22 { 0 } else { index.wrapping_mul(89) | 1 }).collect();
     let (quiet, ..) = longest_tick(None);
     let (loud, late, mut bench) = longest_tick(Some(&nonsense));
     // A thousandth of a tick.
