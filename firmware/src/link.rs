@@ -32,7 +32,6 @@ use model_export::link::settings::{SettingError, Settings};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::trace::{MAX_PIECE_BYTES, MAX_RECORD_BYTES, TracePiece, TraceRecord};
 use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
-use model_export::wire::{Reader, Wire as _};
 
 use crate::control::SetPoint;
 use crate::model::{self, ModelFacts};
@@ -303,15 +302,17 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
                 self.hello_wanted = true;
             }
             Some(Kind::Request) => {
-                if request.take(payload).is_ok() {
-                    return self.handle(commands);
-                }
-                // The token comes first on the wire, so that even a request of a later version gets its refusal.
-                let mut reader = Reader::new(payload.get(1..).unwrap_or(&[]));
-                let mut token = 0u32;
-                token.read(&mut reader);
-                if reader.finish().is_some() {
-                    self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NotUnderstood));
+                match RequestFrame::from_payload(payload) {
+                    Ok(frame) => {
+                        *request = frame;
+                        return self.handle(commands);
+                    }
+                    // The token comes first on the wire, so that even a request of a later version gets its refusal.
+                    Err(_) => {
+                        if let Ok((token, _)) = postcard::take_from_bytes::<u32>(payload.get(1..).unwrap_or(&[])) {
+                            self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NotUnderstood));
+                        }
+                    }
                 }
             }
             _ => *damaged_frames = damaged_frames.saturating_add(1),
