@@ -9,7 +9,7 @@ use std::rc::Rc;
 use common::FACTS;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::background::ModelPlace;
-use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
+use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
 use firmware::board::read_back::ReadBack;
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
@@ -148,15 +148,39 @@ struct Cable {
     to_device: RefCell<std::collections::VecDeque<u8>>,
     from_device: Vec<u8>,
 }
-impl Line for Cable {
-    fn receive(&mut self) -> Option<u8> {
-        self.to_device.borrow_mut().pop_front()
+impl embedded_io::ErrorType for Cable {
+    type Error = core::convert::Infallible;
+}
+
+impl embedded_io::ReadReady for Cable {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(!self.to_device.borrow().is_empty())
     }
-    fn room(&self) -> usize {
-        768
+}
+
+impl embedded_io::Read for Cable {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
+        let mut queue = self.to_device.borrow_mut();
+        Ok(bytes.iter_mut().zip(core::iter::from_fn(|| queue.pop_front())).map(|(byte, new)| *byte = new).count())
     }
-    fn send(&mut self, bytes: &[u8]) {
-        self.from_device.extend(bytes);
+}
+
+impl embedded_io::WriteReady for Cable {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(true)
+    }
+}
+
+impl embedded_io::Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        // As a queue that was almost full: frames go in pieces.
+        let taken = bytes.len().min(7);
+        self.from_device.extend(&bytes[..taken]);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
     }
 }
 

@@ -11,7 +11,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
+use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
 use firmware::board::hardware::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
@@ -24,6 +24,7 @@ use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDr
 use firmware::tick::{BootReport, Rig, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
+use model_export::link::frame::MAX_WIRE;
 use model_export::link::state::ResetCause;
 
 /// What the tick's hands read and write.
@@ -121,20 +122,41 @@ struct Cable {
     lost: Option<u32>,
 }
 
-impl Line for Cable {
-    fn receive(&mut self) -> Option<u8> {
-        self.to_device.pop_front()
-    }
+impl embedded_io::ErrorType for Cable {
+    type Error = core::convert::Infallible;
+}
 
-    fn room(&self) -> usize {
-        (TRANSMIT_QUEUE - 1).saturating_sub(self.from_device.len())
+impl embedded_io::ReadReady for Cable {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(!self.to_device.is_empty())
     }
+}
 
-    fn send(&mut self, bytes: &[u8]) {
+impl embedded_io::Read for Cable {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
+        let queue = &mut self.to_device;
+        Ok(bytes.iter_mut().zip(core::iter::from_fn(|| queue.pop_front())).map(|(byte, new)| *byte = new).count())
+    }
+}
+
+impl embedded_io::WriteReady for Cable {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        // Whole frames, since one of them may have to be lost.
+        Ok(TRANSMIT_QUEUE - self.from_device.len() > MAX_WIRE)
+    }
+}
+
+impl embedded_io::Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         self.sends += 1;
         if self.lost != Some(self.sends) {
             self.from_device.extend(bytes);
         }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
     }
 }
 

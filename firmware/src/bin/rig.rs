@@ -74,6 +74,7 @@ mod image {
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
+        use firmware::storage::Sectors;
         use firmware::tick::{BootReport, Rig, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
         use model_export::schema::Model;
@@ -83,7 +84,7 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardFlash = InternalFlash<Controller>;
+        type BoardFlash = Sectors<InternalFlash<Controller>>;
         type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
         #[shared]
@@ -182,8 +183,8 @@ mod image {
                         previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
                         facts: FACTS,
                     },
-                    InternalFlash::new(controller(), SETTINGS_SECTORS),
-                    InternalFlash::new(controller(), MODEL_SECTORS),
+                    Sectors::new(InternalFlash::new(controller(), SETTINGS_SECTORS)),
+                    Sectors::new(InternalFlash::new(controller(), MODEL_SECTORS)),
                     context.local.link_buffers,
                 );
                 BackgroundTask::new(link, facts, queues, &EXCHANGE)

@@ -2,9 +2,9 @@
 
 use core::borrow::BorrowMut;
 
+use embedded_io::{Read, ReadReady, Write, WriteReady};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::fault::FaultSet;
-use model_export::link::frame::MAX_WIRE;
 use model_export::link::message::Telemetry;
 
 use super::exchange::Exchange;
@@ -14,15 +14,10 @@ use crate::self_test::{ClockCheck, SelfTest};
 use crate::storage::Flash;
 use crate::tick::{Action, Answer, Command};
 
-/// The line to the host.
-pub trait Line {
-    /// The next byte that came.
-    fn receive(&mut self) -> Option<u8>;
-    /// Bytes that can be sent now.
-    fn room(&self) -> usize;
-    /// Sends bytes for which there is room.
-    fn send(&mut self, bytes: &[u8]);
-}
+/// The line to the host: any of embedded-io's that tells what it can do without waiting.
+pub trait Line: Read + ReadReady + Write + WriteReady {}
+
+impl<L: Read + ReadReady + Write + WriteReady> Line for L {}
 
 /// What the self-test needs to know of the board.
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +108,9 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
         // What is over may come again.
         *raised = FaultSet(raised.0 & outputs.0);
         background.self_test(|| facts.examine().union(outputs), place, &mut sink);
-        if let Some(byte) = line.receive() {
+        let mut byte = [0];
+        if matches!(line.read_ready(), Ok(true)) && matches!(line.read(&mut byte), Ok(1)) {
+            let [byte] = byte;
             background.receive(byte, place, &mut sink);
         }
         self.send(line);
@@ -160,10 +157,6 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
 
     #[inline(never)]
     fn send(&mut self, line: &mut impl Line) {
-        if line.room() >= MAX_WIRE
-            && let Some(frame) = self.background.link_mut().transmit()
-        {
-            line.send(frame);
-        }
+        self.background.link_mut().transmit_to(line);
     }
 }

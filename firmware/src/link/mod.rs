@@ -10,7 +10,7 @@
 //! 2. For every received byte: [`Link::receive`]. An [`Event`] may come of it.
 //! 3. For every answer, telemetry sample and trace record that the tick put out: [`Link::answer`], [`Link::telemetry`], [`Link::trace_record`] (or
 //!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state and the vent.
-//! 4. Whenever the line is free: [`Link::transmit`] gives the next frame.
+//! 4. Whenever the line is free: [`Link::transmit_to`] sends on, or [`Link::transmit`] gives the next frame.
 //! 5. On [`Event::ModelUploaded`] check the blob and tell [`Link::finish_upload`] what came of it.
 //! 6. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.
 //!
@@ -25,6 +25,7 @@ mod settings;
 
 use core::borrow::BorrowMut;
 
+use embedded_io::{Write, WriteReady};
 use heapless::{Deque, Vec};
 use model_export::link::Kind;
 use model_export::link::fault::{Fault, FaultSet};
@@ -129,6 +130,8 @@ impl LinkBuffers {
 pub struct Link<S, M, B = LinkBuffers> {
     session: SessionState<S, M>,
     hello_wanted: bool,
+    /// Bytes of the frame in the buffer that the line has taken.
+    sent: usize,
     buffers: B,
 }
 impl<S: Flash, M: Flash> Link<S, M> {
@@ -141,7 +144,7 @@ impl<S: Flash, M: Flash> Link<S, M> {
 impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     /// As [`Link::new`], with buffers that lie wherever the caller wants.
     pub fn with_buffers(config: LinkConfig, settings_flash: S, model_flash: M, buffers: B) -> Self {
-        Self { session: SessionState::new(config, settings_flash, model_flash), hello_wanted: false, buffers }
+        Self { session: SessionState::new(config, settings_flash, model_flash), hello_wanted: false, sent: 0, buffers }
     }
 
     /// The settings in use.
@@ -318,6 +321,23 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         let encoded = record.encode(self.trace_room(), &mut place);
         place.iter().take(encoded.length).for_each(|byte| self.trace(*byte));
         !encoded.overflowed
+    }
+
+    /// Sends as much of the frames that wait as the line takes without waiting, of one frame at most.
+    pub fn transmit_to(&mut self, line: &mut (impl Write + WriteReady)) {
+        if self.sent >= self.buffers.borrow().wire.len() {
+            if self.transmit().is_none() {
+                self.buffers.borrow_mut().wire.clear();
+                return;
+            }
+            self.sent = 0;
+        }
+        let rest = self.buffers.borrow().wire.get(self.sent..).unwrap_or(&[]);
+        if matches!(line.write_ready(), Ok(true))
+            && let Ok(taken) = line.write(rest)
+        {
+            self.sent = self.sent.saturating_add(taken);
+        }
     }
 
     /// The next frame for the line: Hello, then replies, then the trace, then telemetry.
