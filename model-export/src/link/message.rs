@@ -1,4 +1,4 @@
-//! Requests, replies and telemetry of protocol version 1, as postcard encodes them.
+//! Requests, replies and telemetry, as postcard encodes them.
 //!
 //! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
 //! insert; `tests/link_wire.rs` holds the bytes of an example of each.
@@ -11,6 +11,7 @@ use super::Kind;
 use super::adaptation::AdaptationReport;
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
 use super::frame::{self, FrameError, Wire};
+use super::history::HistoryPiece;
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
 
@@ -144,6 +145,13 @@ pub enum Request {
     TraceEnd,
     /// What adaptation learned since it was reset.
     AdaptationReport,
+    /// The last ticks before a fault ([`super::history`]), of this run or the one before.
+    History {
+        /// The row to begin with, the oldest being zero.
+        from_row: u16,
+    },
+    /// Start again in the chip's own bootloader, which takes a new program over this line; refused unless vented. The answer comes before.
+    EnterBootloader,
 }
 
 impl Request {
@@ -159,6 +167,7 @@ impl Request {
                 | Self::ControlReport
                 | Self::AdaptationReport
                 | Self::Models
+                | Self::History { .. }
         )
     }
 
@@ -171,6 +180,7 @@ impl Request {
                 | Self::ModelFinish
                 | Self::ModelActivate { .. }
                 | Self::SettingsRevert(Baseline::Saved)
+                | Self::EnterBootloader
         )
     }
 }
@@ -385,6 +395,8 @@ pub enum Reply {
         /// The one that could be activated.
         other: [u8; 8],
     },
+    /// Answer to [`Request::History`].
+    History(HistoryPiece),
 }
 
 /// A reply with its request's token.
@@ -430,8 +442,16 @@ pub struct Telemetry {
     pub estimate_mm: Option<f32>,
     /// Index of the playback point in force.
     pub playback_index: u32,
-    /// Ticks that came late or were lost since the start.
+    /// Ticks that came late or were lost since the start: missed deadlines.
     pub late_ticks: u32,
+    /// Longest tick since the start, in processor cycles; 0 if not measured.
+    pub longest_tick_cycles: u32,
+    /// Bytes of stack never used since the start; 0 if not measured.
+    pub stack_unused_bytes: u32,
+    /// Analogue supply by the chip's reference voltage; `None` where it is not measured.
+    pub supply_v: Option<f32>,
+    /// Temperature of the chip; `None` where it is not measured.
+    pub chip_celsius: Option<f32>,
 }
 
 /// Why a payload could not be read.

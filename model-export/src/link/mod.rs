@@ -17,13 +17,14 @@ pub mod adaptation;
 pub mod fault;
 pub mod frame;
 pub mod hello;
+pub mod history;
 pub mod message;
 pub mod settings;
 pub mod state;
 pub mod trace;
 
 /// Version of all postcard messages; raised whenever an existing message changes its bytes.
-pub const PROTOCOL: u16 = 2;
+pub const PROTOCOL: u16 = 3;
 
 /// Speed of a board's serial line, bit/s, with 8 data bits, no parity and one stop bit: a rate that cheap adapters and the board's clock both
 /// meet exactly enough.
