@@ -13,7 +13,7 @@ use std::time::Duration;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
-use firmware::board::hardware::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
+use firmware::board::stm32f405::facts::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::device::exchange::DeviceOutputs;

@@ -59,7 +59,6 @@ mod image {
         use core::mem::MaybeUninit;
 
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-        use firmware::board::brown_out;
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
@@ -67,10 +66,11 @@ mod image {
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
         use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
-        use firmware::board::clock::Source;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
-        use firmware::board::flash::InternalFlash;
-        use firmware::board::hardware::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
+        use firmware::board::stm32f405::brown_out;
+        use firmware::board::stm32f405::clock::Source;
+        use firmware::board::stm32f405::facts::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
+        use firmware::board::stm32f405::flash::InternalFlash;
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
@@ -126,9 +126,10 @@ mod image {
 
             // Why are we here, and in what time.
             let retained = crash::take();
-            let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
+            let reset_cause =
+                firmware::board::stm32f405::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
             rcc.csr().modify(|_, w| w.rmvf().set_bit());
-            let clock = firmware::board::clock::start(
+            let clock = firmware::board::stm32f405::clock::start(
                 &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
                 CRYSTAL_HZ,
                 Pll::CRYSTAL,

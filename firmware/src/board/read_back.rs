@@ -8,7 +8,7 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::hardware::CONVERTER_FULL_SCALE;
+use super::stm32f405::facts::CONVERTER_FULL_SCALE;
 
 /// Largest deviation of the analogue supply from the nominal, in parts per thousand: as large an error of every pressure.
 pub const SUPPLY_TOLERANCE_PER_MILLE: u32 = 30;

@@ -4,10 +4,10 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
-use crate::board::chip::pins;
-use crate::board::clock::wait;
-use crate::board::hardware::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
+use super::pins;
 use crate::board::read_back::ReadBack;
+use crate::board::stm32f405::clock::wait;
+use crate::board::stm32f405::facts::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
 use crate::board::tick_task::CycleCounter;
 use crate::seam::{RawSample, SampleSource};
 

@@ -8,7 +8,7 @@ use embedded_storage::nor_flash::{
 };
 
 use super::clock::wait;
-use super::hardware::SECTOR_BYTES;
+use super::facts::SECTOR_BYTES;
 use crate::storage::MappedFlash;
 
 /// Bits of the status register FLASH_SR (RM0090 section 3.9.4).
@@ -204,7 +204,7 @@ mod tests {
     use super::*;
     use crate::storage::{Flash as _, SectorError, Sectors, Slot, Store};
 
-    const SECTORS: [(u32, u8); 2] = super::super::hardware::SETTINGS_SECTORS;
+    const SECTORS: [(u32, u8); 2] = super::super::facts::SETTINGS_SECTORS;
 
     /// The controller of RM0090 section 3.6 over two sectors of memory.
     struct Controller {

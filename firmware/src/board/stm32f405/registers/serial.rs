@@ -10,7 +10,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{Interrupt, RCC, USART1};
 
 use crate::board::exchange;
-use crate::board::hardware::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
+use crate::board::stm32f405::facts::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
 
 /// Bytes from the line.
 pub type ReceiveQueue = Queue<u8, RECEIVE_QUEUE>;

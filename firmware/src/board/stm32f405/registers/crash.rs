@@ -5,7 +5,7 @@ use core::mem::MaybeUninit;
 use model_export::link::fault::Fault;
 use stm32f4::stm32f405::{DAC, TIM3};
 
-use crate::board::chip::pins;
+use super::pins;
 use crate::board::tick_task::RecordKeeper;
 use crate::retain::{Retained, SEALED_BYTES};
 
