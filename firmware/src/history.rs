@@ -7,8 +7,9 @@
 //! The memory keeps words. A row is three of them and carries its own check, so that a run which ended in the middle of a write loses that row
 //! and no other. What does not carry the ring's name is what RAM holds after power-up, and is no ring.
 
-use crate::number::round_to_i32;
 use model_export::link::history::{HistoryRow, ROW_BYTES};
+
+use crate::number::round_to_i32;
 
 /// Rows of the ring: two seconds.
 pub const ROWS: usize = 2000;
@@ -26,11 +27,14 @@ const RING: u32 = u32::from_be_bytes(*b"HIS1");
 const RECORDING: u32 = 0x5ec0_4d1e;
 const HELD: u32 = 0xfa17_ed00;
 
-/// Words that survive a reset.
-pub trait HistoryMemory {
+/// Words that survive a reset, to read.
+pub trait HistoryWords {
     /// A word; anything beyond [`WORDS`].
     fn read(&self, word: usize) -> u32;
+}
 
+/// Words that survive a reset.
+pub trait HistoryMemory: HistoryWords {
     /// Writes a word; nothing beyond [`WORDS`].
     fn write(&mut self, word: usize, value: u32);
 }
@@ -45,11 +49,13 @@ impl Default for RamHistory {
     }
 }
 
-impl HistoryMemory for RamHistory {
+impl HistoryWords for RamHistory {
     fn read(&self, word: usize) -> u32 {
         self.0.get(word).copied().unwrap_or(0)
     }
+}
 
+impl HistoryMemory for RamHistory {
     fn write(&mut self, word: usize, value: u32) {
         if let Some(place) = self.0.get_mut(word) {
             *place = value;
@@ -127,17 +133,17 @@ fn rows_of(name: u32, count: u32) -> Option<u16> {
 }
 
 /// Rows there are.
-pub fn rows(memory: &impl HistoryMemory) -> u16 {
+pub fn rows(memory: &impl HistoryWords) -> u16 {
     rows_of(memory.read(NAME), memory.read(COUNT)).unwrap_or(0)
 }
 
 /// Whether they stand still, so that they can be fetched.
-pub fn is_held(memory: &impl HistoryMemory) -> bool {
+pub fn is_held(memory: &impl HistoryWords) -> bool {
     rows(memory) > 0 && memory.read(PHASE) == HELD
 }
 
 /// The bytes of a row, the oldest first.
-pub fn row(memory: &impl HistoryMemory, index: u16) -> [u8; ROW_BYTES] {
+pub fn row(memory: &impl HistoryWords, index: u16) -> [u8; ROW_BYTES] {
     let count = memory.read(COUNT);
     let oldest = if count > CAPACITY { count % CAPACITY } else { 0 };
     let place = usize::try_from((oldest + u32::from(index)) % CAPACITY).unwrap_or(0);
@@ -227,6 +233,9 @@ mod tests {
 
     #[test]
     fn thousandths_saturate_and_tell_what_is_missing() {
-        assert_eq!([Some(1.2345), Some(-40.0), Some(1e9), None, Some(f32::NAN)].map(thousandths), [1235, -32_767, 32_767, i16::MIN, i16::MIN]);
+        assert_eq!(
+            [Some(1.2345), Some(-40.0), Some(1e9), None, Some(f32::NAN)].map(thousandths),
+            [1235, -32_767, 32_767, i16::MIN, i16::MIN]
+        );
     }
 }

@@ -4,7 +4,7 @@
 //! long one (a self-test, an erase of flash) lies between many. Here a seed decides. Around them are the host tool's simulated hardware and
 //! a line of the board's speed. What stays out: registers, and an interrupt in the middle of a round.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -17,6 +17,7 @@ use firmware::board::stm32f405::facts::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::device::exchange::DeviceOutputs;
+use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
@@ -36,6 +37,7 @@ struct Wires {
     valve_share: Cell<u16>,
     slow: Cell<bool>,
     cycles: Cell<u32>,
+    history: RefCell<RamHistory>,
 }
 
 /// One end of the wires.
@@ -104,6 +106,18 @@ impl WatchdogTimer for Wire {
     }
     fn set(&mut self, _prescaler: u8, _reload: u16) {}
     fn feed(&mut self) {}
+}
+
+impl HistoryWords for Wire {
+    fn read(&self, word: usize) -> u32 {
+        self.0.history.borrow().read(word)
+    }
+}
+
+impl HistoryMemory for Wire {
+    fn write(&mut self, word: usize, value: u32) {
+        self.0.history.borrow_mut().write(word, value);
+    }
 }
 
 impl RecordKeeper for Wire {
@@ -210,7 +224,7 @@ impl Board {
             keeper: wires.clone(),
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
-        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
+        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: None };
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {

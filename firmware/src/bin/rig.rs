@@ -58,6 +58,7 @@ mod image {
     mod app {
         use core::mem::MaybeUninit;
 
+        use embedded_io::Write as _;
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
@@ -65,7 +66,9 @@ mod image {
         use firmware::board::chip::pac::{Interrupt, PWR};
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
+        use firmware::board::chip::{
+            BoardTask, bootloader, clock, crash, identity, memory, pins, protection, sampling, serial as uart, supply, watchdog,
+        };
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
         use firmware::board::stm32f405::brown_out;
         use firmware::board::stm32f405::clock::Source;
@@ -73,10 +76,11 @@ mod image {
         use firmware::board::stm32f405::flash::InternalFlash;
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
-        use firmware::link::{Link, LinkBuffers, LinkConfig};
+        use firmware::link::{Identity, Link, LinkBuffers, LinkConfig};
         use firmware::storage::Sectors;
         use firmware::tick::{BootReport, Rig, TickConfig};
         use model_export::link::fault::{Fault, FaultSet};
+        use model_export::link::hello::Build;
         use model_export::schema::Model;
 
         use super::EXCHANGE;
@@ -123,6 +127,7 @@ mod image {
             let device = context.device;
             let mut core = context.core;
             let rcc = &device.RCC;
+            bootloader::follow(rcc, &device.SYSCFG);
 
             // Why are we here, and in what time.
             let retained = crash::take();
@@ -167,7 +172,9 @@ mod image {
                     0
                 }
             };
-            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+            // SAFETY: a crystal that runs is on the chip itself.
+            let chip = (clock.source == Source::Crystal).then(|| unsafe { sampling::chip_calibration() }).flatten();
+            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing, chip };
             // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
             boot_faults = boot_faults.union(facts.examine());
             let (commands_in, commands_out) = context.local.commands.split();
@@ -190,6 +197,8 @@ mod image {
                 );
                 BackgroundTask::new(link, facts, queues, &EXCHANGE)
             });
+            let build = Build { source: source_hash(option_env!("FIRMWARE_COMMIT")), ..identity::read(clock.source == Source::Crystal) };
+            background.link_mut().identify(Identity { build, has_bootloader: true, has_history: true });
             let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
             let hands = Hands {
                 source: sampler,
@@ -242,6 +251,12 @@ mod image {
             let mut round = 0u32;
             loop {
                 round = round.wrapping_add(1);
+                background.link_mut().serve_history(&crash::LastTicks);
+                if background.link_mut().wants_bootloader() {
+                    defmt::warn!("starting the chip's bootloader");
+                    let _ = line.flush();
+                    bootloader::enter();
+                }
                 background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
@@ -292,6 +307,24 @@ mod image {
                 .zip(0u8..)
                 .find(|(candidate, _)| **candidate == state)
                 .map_or(0, |(_, number)| number)
+        }
+
+        /// The first bytes of a hash in hexadecimal digits; zeros without one.
+        const fn source_hash(digits: Option<&str>) -> [u8; 8] {
+            let mut hash = [0; 8];
+            let Some(digits) = digits else { return hash };
+            let digits = digits.as_bytes();
+            let mut index = 0;
+            while index < 16 && index < digits.len() {
+                let digit = match digits[index] {
+                    digit @ b'0'..=b'9' => digit - b'0',
+                    digit @ b'a'..=b'f' => digit - b'a' + 10,
+                    _ => return [0; 8],
+                };
+                hash[index / 2] = (hash[index / 2] << 4) | digit;
+                index += 1;
+            }
+            hash
         }
 
         fn log_start(source: Source, faults: FaultSet) {

@@ -8,6 +8,7 @@ use model_export::link::fault::FaultSet;
 use model_export::link::message::Telemetry;
 
 use super::exchange::Exchange;
+use super::read_back::ChipThermometer;
 use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkBuffers, Measured};
 use crate::self_test::{ClockCheck, SelfTest};
@@ -30,12 +31,14 @@ pub struct Facts<'a> {
     pub clock: Option<ClockCheck>,
     /// What is wrong with the board until its next start.
     pub faults: FaultSet,
+    /// The factory's calibration of the chip's temperature sensor, where there is one.
+    pub chip: Option<ChipThermometer>,
 }
 
 impl Facts<'_> {
     /// What is wrong with the program and the board.
     pub fn examine(&self) -> FaultSet {
-        let Self { program, program_crc32, clock, faults } = *self;
+        let Self { program, program_crc32, clock, faults, chip: _ } = *self;
         SelfTest { program, program_crc32, clock }.run().union(faults)
     }
 }
@@ -89,6 +92,11 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
         self.background.link()
     }
 
+    /// The link.
+    pub fn link_mut(&mut self) -> &mut Link<S, M, B> {
+        self.background.link_mut()
+    }
+
     /// One round: takes what came, does what is wanted, sends what fits. Called over and over.
     ///
     /// `noise` is a fast counter's value: see [`Measured::noise`].
@@ -120,12 +128,20 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
 
     #[inline(never)]
     fn look(&mut self, stack_unused_bytes: u32, noise: u32) {
-        let Self { background, exchange, tests_done, dropped, .. } = self;
+        let Self { background, exchange, facts, tests_done, dropped, .. } = self;
         let link = background.link_mut();
+        let (supply_mv, chip_code) = exchange.measured_self();
+        let chip = facts.chip;
         link.observe(
             exchange.state(),
             exchange.vent_verified(),
-            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes, noise },
+            Measured {
+                longest_tick_cycles: exchange.longest_tick_cycles(),
+                stack_unused_bytes,
+                supply_v: (supply_mv > 0).then(|| f32::from(supply_mv) / 1000.0),
+                chip_celsius: chip.map(|calibration| calibration.celsius(chip_code, supply_mv)).filter(|_| supply_mv > 0 && chip_code > 0),
+                noise,
+            },
         );
         let lost = exchange.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));

@@ -30,7 +30,8 @@ use heapless::{Deque, Vec};
 use model_export::link::Kind;
 use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::frame::{self, Decoder, Wire};
-use model_export::link::hello::MAX_BOARD_NAME;
+use model_export::link::hello::{Build, MAX_BOARD_NAME};
+use model_export::link::history::{HistoryPiece, MAX_PIECE_ROWS};
 use model_export::link::message::{FaultRecord, Message, Refusal, Reply, ReplyFrame, Request, RequestFrame, Telemetry};
 use model_export::link::settings::Settings;
 use model_export::link::state::{ResetCause, State};
@@ -38,6 +39,7 @@ use model_export::link::trace::{MAX_PIECE_BYTES, MAX_RECORD_BYTES, TracePiece, T
 
 use self::requests::{Outcome, SessionState, TraceProgress};
 use self::session::Admission;
+use crate::history::{self, HistoryWords};
 use crate::model::ModelFacts;
 use crate::storage::{Flash, Slot};
 use crate::tick::{Action, Answer, Command, RigFacts};
@@ -74,13 +76,28 @@ pub struct LinkConfig {
     pub facts: RigFacts,
 }
 
-/// What the board measures about itself, for the status.
+/// What else a device is and can do; nothing of it where nobody says so.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// What was built, and the chip it runs on.
+    pub build: Build,
+    /// Whether the board starts the chip's bootloader when [`Link::wants_bootloader`].
+    pub has_bootloader: bool,
+    /// Whether the board keeps a history and calls [`Link::serve_history`].
+    pub has_history: bool,
+}
+
+/// What the board measures about itself, for status and telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
     /// Longest tick in processor cycles.
     pub longest_tick_cycles: u32,
     /// Bytes of stack never used.
     pub stack_unused_bytes: u32,
+    /// Analogue supply.
+    pub supply_v: Option<f32>,
+    /// Temperature of the chip.
+    pub chip_celsius: Option<f32>,
     /// A number that nobody can foretell, such as a fast counter's: it tells the sessions of one start from those of another. Zero in lock step,
     /// where equal inputs must give equal outputs.
     pub noise: u32,
@@ -104,6 +121,7 @@ pub struct LinkBuffers {
     replies: Deque<ReplyFrame, REPLY_QUEUE>,
     telemetry: Deque<Telemetry, TELEMETRY_QUEUE>,
     trace: TracePiece,
+    refused: Option<(u32, Refusal)>,
 }
 
 impl LinkBuffers {
@@ -116,10 +134,14 @@ impl LinkBuffers {
             replies: Deque::new(),
             telemetry: Deque::new(),
             trace: TracePiece { offset: 0, bytes: Vec::new() },
+            refused: None,
         }
     }
 
     fn reply(&mut self, token: u32, reply: Reply) {
+        if let Reply::Refused(refusal) = reply {
+            self.refused = Some((token, refusal));
+        }
         // A host that does not read its replies loses the newest: it has stopped waiting for them in order.
         let _ = self.replies.push_back(ReplyFrame { token, reply });
     }
@@ -292,8 +314,12 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         self.buffers.borrow_mut().reply(token, reply);
     }
 
-    /// Takes a telemetry sample of the tick; drops it if the line is too slow.
-    pub fn telemetry(&mut self, sample: Telemetry) {
+    /// Takes a telemetry sample of the tick, and adds what the board measures about itself; drops it if the line is too slow.
+    pub fn telemetry(&mut self, mut sample: Telemetry) {
+        let Measured { longest_tick_cycles, stack_unused_bytes, supply_v, chip_celsius, noise: _ } = self.session.measured;
+        sample.longest_tick_cycles = longest_tick_cycles;
+        sample.stack_unused_bytes = stack_unused_bytes;
+        (sample.supply_v, sample.chip_celsius) = (supply_v, chip_celsius);
         if self.buffers.borrow_mut().telemetry.push_back(sample).is_err() {
             self.drop_telemetry(1);
         }
@@ -302,6 +328,37 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     /// Counts samples that were lost before they came here, for example in the board's queue.
     pub fn drop_telemetry(&mut self, samples: u32) {
         self.session.telemetry_dropped = self.session.telemetry_dropped.saturating_add(samples);
+    }
+
+    /// Tells what the device is and can do besides.
+    pub fn identify(&mut self, identity: Identity) {
+        self.session.identity = identity;
+    }
+
+    /// Answers the request for the history that waits, if one does.
+    pub fn serve_history(&mut self, memory: &impl HistoryWords) {
+        let Some((token, from_row)) = self.session.history_wanted.take() else { return };
+        if !history::is_held(memory) {
+            return self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NoRecord));
+        }
+        let rows = history::rows(memory);
+        let mut piece = HistoryPiece { rows, bytes: Vec::new() };
+        for index in (from_row..rows).take(MAX_PIECE_ROWS) {
+            // The piece has room for that many.
+            let _ = piece.bytes.extend_from_slice(&history::row(memory, index));
+        }
+        self.buffers.borrow_mut().reply(token, Reply::History(piece));
+    }
+
+    /// Whether the chip's bootloader is wanted and everything that was to be said before has gone to the line.
+    pub fn wants_bootloader(&self) -> bool {
+        let buffers = self.buffers.borrow();
+        self.session.bootloader_wanted && buffers.replies.is_empty() && self.sent >= buffers.wire.len()
+    }
+
+    /// A refusal that was sent since the last call, with its request's token: for the board's log.
+    pub fn take_refusal(&mut self) -> Option<(u32, Refusal)> {
+        self.buffers.borrow_mut().refused.take()
     }
 
     /// Bytes of a trace that there is room for.

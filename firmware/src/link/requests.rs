@@ -8,7 +8,7 @@ use model_export::link::state::State;
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 
 use super::session::Sessions;
-use super::{CommandSink, Event, LinkConfig, Measured};
+use super::{CommandSink, Event, Identity, LinkConfig, Measured};
 use crate::control::SetPoint;
 use crate::model::{self, ModelFacts};
 use crate::settings::{self, STORE_KIND, STORE_VERSION, Stored};
@@ -42,6 +42,10 @@ pub(super) struct SessionState<S, M> {
     pub(super) telemetry_dropped: u32,
     pub(super) trace: TraceProgress,
     pub(super) sessions: Sessions,
+    pub(super) identity: Identity,
+    /// Token and first row of the request that waits for the history.
+    pub(super) history_wanted: Option<(u32, u16)>,
+    pub(super) bootloader_wanted: bool,
 }
 
 /// How far a trace is.
@@ -101,6 +105,9 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
             telemetry_dropped: 0,
             trace: TraceProgress::Off,
             sessions: Sessions::default(),
+            identity: Identity::default(),
+            history_wanted: None,
+            bootloader_wanted: false,
         }
     }
 
@@ -117,6 +124,7 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
             reset_cause: self.config.reset_cause,
             board: self.config.board.clone(),
             session: self.sessions.number.unwrap_or(0),
+            build: self.identity.build,
         }
     }
 
@@ -160,6 +168,14 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
             Request::FaultRecord => self.send(token, Action::FaultRecord, commands),
             Request::ControlReport => self.send(token, Action::ControlReport, commands),
             Request::AdaptationReport => self.send(token, Action::AdaptationReport, commands),
+            Request::History { .. } if !self.identity.has_history => Outcome::Done(Err(Refusal::NoRecord)),
+            Request::History { from_row } => {
+                self.history_wanted = Some((token, *from_row));
+                Outcome::Sent
+            }
+            Request::EnterBootloader if !self.identity.has_bootloader => Outcome::Done(Err(Refusal::NotUnderstood)),
+            // The program that is rewritten must not be the one that holds the pressure.
+            Request::EnterBootloader => Outcome::Done(self.may_write().map(|()| self.bootloader_wanted = true)),
             Request::TraceBegin => {
                 let outcome = self.send(token, Action::TraceBegin, commands);
                 if matches!(outcome, Outcome::Sent) && self.trace == TraceProgress::Off {

@@ -82,7 +82,7 @@ mod tests {
     use std::thread;
 
     use model_export::link::frame;
-    use model_export::link::hello::Hello;
+    use model_export::link::hello::{Build, Hello};
     use model_export::link::state::ResetCause;
 
     use super::super::Client;
@@ -126,6 +126,7 @@ mod tests {
                 reset_cause: ResetCause::Pin,
                 board,
                 session: 0,
+                build: Build::default(),
             };
             device.write_all(&frame::encode(&hello.encode()).expect("a frame")).expect("the host listens");
             device
