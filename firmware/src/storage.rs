@@ -26,6 +26,13 @@
 //! * A retired slot never becomes active again by itself. When no live slot is whole, the newer one is damaged. The same holds when a slot that is
 //!   not whole has a newer live activation than the one that is.
 //! * Flash that was never activated has empty logs, but for a first activation that was cut short. Everything else without a live slot is damage.
+//!
+//! # Why not sequential-storage
+//!
+//! The crate `sequential-storage` (8.0.2, a map with one key of 600 bytes over two pages of 16 KiB) was put through the same two sweeps. It passes every
+//! power cut: 18,678 cuts before and within every word and erase of 59 saves leave the old or the new settings, and the next save works. But of the
+//! 262,144 bits of its flash after five saves, 4,872 bring older settings back unsaid when they flip: an item with a wrong checksum is passed
+//! over. Here none does (`firmware/tests/storage.rs`): older limits may be laxer ones, so damage must be told.
 
 use core::cell::Cell;
 

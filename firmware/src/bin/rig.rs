@@ -70,6 +70,7 @@ mod image {
             BoardTask, bootloader, clock, crash, identity, memory, pins, protection, sampling, serial as uart, supply, watchdog,
         };
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
+        use firmware::board::log::{self, Logged};
         use firmware::board::stm32f405::brown_out;
         use firmware::board::stm32f405::clock::Source;
         use firmware::board::stm32f405::facts::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
@@ -79,8 +80,9 @@ mod image {
         use firmware::link::{Identity, Link, LinkBuffers, LinkConfig};
         use firmware::storage::Sectors;
         use firmware::tick::{BootReport, Rig, TickConfig};
-        use model_export::link::fault::{Fault, FaultSet};
+        use model_export::link::fault::Fault;
         use model_export::link::hello::Build;
+        use model_export::link::state::State;
         use model_export::schema::Model;
 
         use super::EXCHANGE;
@@ -88,7 +90,7 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardFlash = Sectors<InternalFlash<Controller>>;
+        type BoardFlash = Sectors<Logged<InternalFlash<Controller>>>;
         type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
         #[shared]
@@ -143,7 +145,9 @@ mod image {
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
 
             let level = brown_out::ensure(&mut &device.FLASH);
-            defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
+            if level == brown_out::Outcome::Programmed {
+                defmt::info!("brown-out level programmed");
+            }
             protection::start(&core.MPU);
 
             // Hands, all of them at rest.
@@ -191,8 +195,8 @@ mod image {
                         previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
                         facts: FACTS,
                     },
-                    Sectors::new(InternalFlash::new(controller(), SETTINGS_SECTORS)),
-                    Sectors::new(InternalFlash::new(controller(), MODEL_SECTORS)),
+                    Sectors::new(Logged::new(InternalFlash::new(controller(), SETTINGS_SECTORS), "settings")),
+                    Sectors::new(Logged::new(InternalFlash::new(controller(), MODEL_SECTORS), "models")),
                     context.local.link_buffers,
                 );
                 BackgroundTask::new(link, facts, queues, &EXCHANGE)
@@ -223,7 +227,12 @@ mod image {
                 TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
             });
 
-            log_start(clock.source, boot.faults);
+            log::start(BOARD_NAME, &build, reset_cause, rates.cycles_per_tick() * 1000, program_crc32);
+            log_clock(clock.source);
+            log::standing(boot.faults);
+            if let Some(retained) = retained.filter(|retained| retained.record.first != 0) {
+                log::before(&retained.record);
+            }
             task.hands_mut().source.begin();
             sampling::start_guard(&mut core.SYST, &task.hands_mut().source, rates);
             (
@@ -247,6 +256,7 @@ mod image {
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
             let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
             let mut state = EXCHANGE.state();
+            let mut fault_is_new = false;
             let mut stack_unused_bytes = memory::stack_unused_bytes();
             let mut round = 0u32;
             loop {
@@ -261,9 +271,18 @@ mod image {
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
                 }
+                if let Some((token, refusal)) = background.link_mut().take_refusal() {
+                    log::refusal(token, refusal);
+                }
                 if EXCHANGE.state() != state {
                     state = EXCHANGE.state();
-                    defmt::info!("state {=u8}", state_number(state));
+                    log::state(state);
+                    fault_is_new |= state == State::Fault;
+                }
+                // Later, where the tick is just writing it.
+                if fault_is_new && let Some(retained) = crash::peek() {
+                    fault_is_new = false;
+                    log::fault(&retained.record);
                 }
             }
         }
@@ -301,14 +320,6 @@ mod image {
             home.write(make())
         }
 
-        fn state_number(state: model_export::link::state::State) -> u8 {
-            model_export::link::state::State::ALL
-                .iter()
-                .zip(0u8..)
-                .find(|(candidate, _)| **candidate == state)
-                .map_or(0, |(_, number)| number)
-        }
-
         /// The first bytes of a hash in hexadecimal digits; zeros without one.
         const fn source_hash(digits: Option<&str>) -> [u8; 8] {
             let mut hash = [0; 8];
@@ -327,14 +338,11 @@ mod image {
             hash
         }
 
-        fn log_start(source: Source, faults: FaultSet) {
+        fn log_clock(source: Source) {
             match source {
                 Source::Crystal => defmt::info!("168 MHz from the crystal"),
                 Source::InternalFast => defmt::warn!("168 MHz from the internal oscillator"),
                 Source::Internal => defmt::warn!("16 MHz from the internal oscillator"),
-            }
-            for fault in faults.iter() {
-                defmt::error!("E{=u8:03}", fault.number());
             }
         }
     }

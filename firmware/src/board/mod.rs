@@ -29,6 +29,8 @@
 
 pub mod background_task;
 pub mod exchange;
+#[cfg(target_os = "none")]
+pub mod log;
 pub mod periods;
 pub mod pulse;
 pub mod read_back;

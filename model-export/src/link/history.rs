@@ -20,7 +20,7 @@ use super::state::State;
 /// Bytes of a row.
 pub const ROW_BYTES: usize = 12;
 /// Most rows of a piece.
-pub const MAX_PIECE_ROWS: usize = 20;
+pub const MAX_PIECE_ROWS: usize = 8;
 
 const CHECK: Crc<u8, NoTable> = Crc::<u8, NoTable>::new(&CRC_8_SMBUS);
 

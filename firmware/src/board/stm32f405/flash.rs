@@ -68,7 +68,7 @@ pub trait FlashController {
 
 /// Why flash could not be changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum FlashError {
     /// The control register stays locked.
     Locked,
@@ -77,7 +77,7 @@ pub enum FlashError {
     /// The controller reports these flags.
     Flags(u32),
     /// Outside the sectors, or off their grid or that of the words.
-    Range(NorFlashErrorKind),
+    Range(#[cfg_attr(target_os = "none", defmt(Debug2Format))] NorFlashErrorKind),
 }
 
 impl NorFlashError for FlashError {
