@@ -32,8 +32,11 @@ const SYNCHRONISE: u8 = 0x7f;
 /// Fills up whatever the bootloader still waits for. A command of it is none, and as data it changes no flash; a count of sectors made of it is
 /// refused by its checksum.
 const PADDING: u8 = 0xff;
-/// Most bytes that a command can wait for: a count, 256 bytes, their check.
+/// Most bytes that a sound command waits for: a count, 256 bytes, their check.
 const LONGEST_WAIT: usize = 258;
+/// A count of sectors that was damaged on its way can make it wait for twice 65,536.
+const BURST: usize = 1024;
+const MOST_BURSTS: usize = 130;
 
 /// Speed of the line, 8 bits, even parity: the fastest that AN3155 promises.
 pub const BOOTLOADER_BAUD: u32 = 115_200;
@@ -55,6 +58,8 @@ const START_BYTES: usize = 8;
 const ANSWERED_WITHIN: Duration = Duration::from_millis(500);
 /// A sector of 128 KiB takes 2 s, 4 s at worst (DS8626 table 40).
 const ERASED_WITHIN: Duration = Duration::from_secs(8);
+/// Nothing comes any more when nothing came for this time.
+const SETTLED: Duration = Duration::from_millis(40);
 /// How often a step is tried.
 const ATTEMPTS: u32 = 4;
 
@@ -83,6 +88,17 @@ pub enum UpdateError {
         "{what} at {address:#010x} failed {ATTEMPTS} times; the board has no whole program now and stays vented: check the line and run this again with --in-bootloader"
     )]
     Failed {
+        /// The step.
+        what: &'static str,
+        /// Where.
+        address: u32,
+    },
+    /// The bootloader answers no more.
+    #[error(
+        "the board fell silent while {what} at {address:#010x}; it has no whole program now and stays vented: hold BOOT0 high, switch it off and \
+         on, and run this again with --in-bootloader"
+    )]
+    Vanished {
         /// The step.
         what: &'static str,
         /// Where.
@@ -137,14 +153,20 @@ impl<T: Transport> Bootloader<T> {
     /// [`UpdateError::Failed`] or the line's.
     pub fn chip(&mut self) -> Result<u16, UpdateError> {
         self.again("reading the chip's identifier", 0, |bootloader| {
-            bootloader.command(command::GET_ID)?;
-            let answer = bootloader.bytes(3)?;
-            bootloader.acknowledged(ANSWERED_WITHIN)?;
-            match answer[..] {
-                [1, high, low] => Ok(u16::from_be_bytes([high, low])),
-                _ => Err(Trouble::Again),
-            }
+            // Answers carry no check: twice the same is one.
+            let (first, second) = (bootloader.identifier()?, bootloader.identifier()?);
+            if first == second { Ok(first) } else { Err(Trouble::Again) }
         })
+    }
+
+    fn identifier(&mut self) -> Result<u16, Trouble> {
+        self.command(command::GET_ID)?;
+        let answer = self.bytes(3)?;
+        self.acknowledged(ANSWERED_WITHIN)?;
+        match answer[..] {
+            [1, high, low] => Ok(u16::from_be_bytes([high, low])),
+            _ => Err(Trouble::Again),
+        }
     }
 
     /// Puts a program onto the chip; `progress` hears of bytes written.
@@ -156,6 +178,18 @@ impl<T: Transport> Bootloader<T> {
         if found != image.chip() {
             return Err(UpdateError::OtherChip { found, expected: image.chip() });
         }
+        for _ in 1..ATTEMPTS {
+            match self.write_all(image, &mut progress) {
+                // A lost byte shifts the block behind it, and one time in 256 the check is right all the same: then bits are cleared that only
+                // erasing sets again.
+                Err(UpdateError::Failed { .. }) => {}
+                outcome => return outcome,
+            }
+        }
+        self.write_all(image, &mut progress)
+    }
+
+    fn write_all(&mut self, image: &ProgramImage, progress: &mut impl FnMut(usize)) -> Result<(), UpdateError> {
         for (number, address) in image.sectors() {
             self.erase(number, address)?;
         }
@@ -231,7 +265,7 @@ impl<T: Transport> Bootloader<T> {
                 Err(Trouble::Link(error)) => return Err(error.into()),
                 Err(Trouble::Again) => {
                     if !self.resynchronise()? {
-                        return Err(UpdateError::Failed { what, address });
+                        return Err(UpdateError::Vanished { what, address });
                     }
                 }
             }
@@ -276,14 +310,28 @@ impl<T: Transport> Bootloader<T> {
         Ok(Some(self.received.remove(0)))
     }
 
+    /// Lets the line come to rest; something that never does is no bootloader.
+    fn drain(&mut self) -> Result<(), LinkError> {
+        for _ in 0..2 * BURST {
+            if self.byte(SETTLED)?.is_none() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// Brings the bootloader back to where it waits for a command: pads until it refuses what has become of that, then lets it finish.
     fn resynchronise(&mut self) -> Result<bool, LinkError> {
-        const SETTLED: Duration = Duration::from_millis(40);
-        while self.byte(SETTLED)?.is_some() {}
-        for _ in 0..=LONGEST_WAIT {
-            self.line.send(&[PADDING])?;
+        self.drain()?;
+        for step in 0..=LONGEST_WAIT + MOST_BURSTS {
+            let is_burst = step > LONGEST_WAIT;
+            self.line.send(if is_burst { &[PADDING; BURST] } else { &[PADDING] })?;
             if self.byte(SETTLED)?.is_some() {
-                while self.byte(SETTLED)?.is_some() {}
+                self.drain()?;
+                if is_burst {
+                    // It refused somewhere within, and what followed were commands of paddings, the last perhaps a half.
+                    return self.resynchronise();
+                }
                 // Where it was in the middle of something, that is over; now it must be at a command, and a pair of paddings is none.
                 self.line.send(&[PADDING, PADDING])?;
                 if self.byte(ANSWERED_WITHIN)? == Some(NACK) && self.byte(SETTLED)?.is_none() {
