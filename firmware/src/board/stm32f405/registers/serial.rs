@@ -100,7 +100,7 @@ impl Write for SerialLine {
     }
 
     fn flush(&mut self) -> Result<(), Infallible> {
-        while self.to_send.len() > 0 {}
+        while !self.to_send.is_empty() {}
         Ok(())
     }
 }
