@@ -104,10 +104,40 @@ fn the_last_seconds_before_a_fault_outlast_a_reset_and_the_image_logs_what_happe
 
     let log = rig.transport().processor().log().to_owned();
     println!("{log}");
-    for text in ["stm32f405-rig, firmware", "started by", "state Running", "E028", "ERROR", "the run before ended in"] {
+    for text in [
+        "stm32f405-rig, firmware",
+        "started by",
+        "state Running",
+        "error E028 in state Running",
+        "refused: NoRecord",
+        "the run before ended in",
+    ] {
         assert!(log.contains(text), "`{text}` is not in the log");
     }
     assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
+}
+
+/// What the image's stack is for: messages, a model that is uploaded, checked and activated, settings that are saved, each under a tick.
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn an_upload_and_its_check_leave_a_quarter_of_the_stack() {
+    use host_tool::experiment;
+    use model_export::link::message::Request;
+
+    let blob = hybrid::exported(&[8]);
+    let mut rig = rig(1, &FlashMemory::default());
+    experiment::settle(&mut rig).unwrap();
+    let at_the_start = experiment::status(&mut rig).unwrap().stack_unused_bytes;
+    experiment::upload(&mut rig, &blob, &mut |_| {}).unwrap();
+    let id = model_export::blob::content_id(&blob).unwrap();
+    rig.command(&Request::ModelActivate { id }).unwrap();
+    experiment::settle_after_change(&mut rig).unwrap();
+    rig.command(&Request::SettingsSave).unwrap();
+    // The image looks at its stack now and then.
+    rig.transport().advance_for(500).unwrap();
+    let unused = experiment::status(&mut rig).unwrap().stack_unused_bytes;
+    println!("stack never used: {at_the_start} bytes after the start, {unused} after an upload");
+    assert!(unused > 4096, "{unused} bytes of stack left");
 }
 
 #[test]
