@@ -29,6 +29,8 @@ pub struct ReadBack {
     pub reference_code: Option<u16>,
     /// Code of the drive's pin, if it was converted.
     pub drive_code: Option<u16>,
+    /// Code of the chip's temperature sensor, if it was converted.
+    pub chip_code: Option<u16>,
     /// Whether the dump valve's pin is high.
     pub dump_is_high: bool,
 }

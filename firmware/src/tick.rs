@@ -45,7 +45,7 @@ mod trace;
 pub use crate::time::{TICKS_IN_A_SECOND, TICKS_PER_S};
 pub use config::{Inconsistent, RigFacts, Tick, TickConfig, ValveOutput};
 pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, TickInputs, TickOutputs};
-pub use reports::Insight;
+pub use reports::{Insight, TakenIn};
 pub use state::{DEFAULT_MODEL_PERIOD, Rig, TickState};
 pub use timing::{BACKGROUND_TICKS_ENERGISED, BACKGROUND_TICKS_VENTED, LOST_AT_ONCE};
 pub use trace::Origin;

@@ -32,7 +32,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::compensation::Extension;
 use crate::validate::Invalid;
-use crate::wire::{wire_enum, wire_struct};
 
 /// Most play operators a front end may have.
 pub const MAX_PLAY: usize = 24;
@@ -502,65 +501,3 @@ impl Model<'_> {
         Extension::decode(self.extension)
     }
 }
-
-wire_struct!(Channel<'a> { quantity, unit, offset, scale, minimum, maximum });
-wire_enum!(Activation {
-    0 Tanh,
-    1 Relu,
-    2 Hard,
-});
-wire_enum!(Cell {
-    0 Lstm,
-    1 Gru,
-    2 Dense(activation),
-});
-wire_enum!(FeatureSource {
-    0 Input,
-    1 InputDifference,
-    2 Path,
-    3 PathDifference,
-    4 Play(index),
-    5 Stop(index),
-    6 Readout,
-    7 Creep(index),
-    8 Past(age),
-});
-wire_struct!(Feature { source, offset, gain });
-wire_struct!(Curve { offset, slope, bend_points, bends });
-wire_struct!(FrontEnd {
-    dead_time_samples,
-    lag_coefficient,
-    play_thresholds,
-    play_weights,
-    creep_coefficients,
-    creep_weights,
-    input_weight,
-    bias,
-    curve,
-    stick_band,
-    features,
-});
-wire_enum!(Mode {
-    0 Streaming,
-    1 Window { length },
-});
-wire_struct!(Layer<'a> {
-    [from 3] cell,
-    inputs,
-    units,
-    input_weights,
-    recurrent_weights,
-    input_multipliers,
-    recurrent_multipliers,
-    biases,
-    cell_exponent,
-    cell_limit,
-    hidden_shift,
-});
-wire_struct!(Dense<'a> { weights, scale, bias });
-wire_struct!(Network<'a> { activation_code, layers, dense });
-wire_struct!(Provenance<'a> { preset, tool_version, training_data_sha256, seed, training_recordings, optimiser_steps });
-wire_struct!(Metrics { validation_rmse, rmse_f32_vs_fixed, max_abs_f32_vs_fixed, calibration_samples });
-wire_struct!(Envelope { minimum, maximum, maximum_rate });
-wire_struct!(Golden<'a> { input, output, tolerance, digest });
-wire_struct!(Model<'a> { sample_period_s, mode, input, output, front_end, network, provenance, metrics, envelope, golden; extension });

@@ -128,7 +128,8 @@ pub fn build(board: &Board) -> Result<Sealed> {
             ])
             // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
             .env("DEFMT_LOG", "info")
-            .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?),
+            .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?)
+            .env("FIRMWARE_COMMIT", commit()),
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
@@ -150,6 +151,22 @@ pub fn build(board: &Board) -> Result<Sealed> {
         sealed.sha256
     );
     Ok(sealed)
+}
+
+/// What the image is made of.
+const SOURCES: [&str; 6] = ["Cargo.toml", "Cargo.lock", "memory.x", "hysteresis", "model-export", "firmware"];
+
+/// The last commit that changed the image's sources, which `Hello` tells; empty where the tree holds something else. Later commits of other
+/// files build the same image.
+fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let output = command("git").args(arguments).arg("--").args(SOURCES).current_dir(root()).output().ok()?;
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    match (git(&["status", "--porcelain", "--untracked-files=no"]), git(&["log", "-1", "--format=%H"])) {
+        (Some(changes), Some(commit)) if changes.is_empty() => commit,
+        _ => String::new(),
+    }
 }
 
 /// Builds, seals and flashes, then shows the logs until it is stopped.

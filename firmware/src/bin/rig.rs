@@ -65,6 +65,7 @@ mod image {
             mod app {
                 use core::mem::MaybeUninit;
 
+                use embedded_io::Write as _;
                 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
                 use firmware::board::chip::registers::pac::Interrupt;
                 use firmware::board::chip::registers::{Peripherals, ThisBoard};
@@ -72,13 +73,17 @@ mod image {
                 use firmware::board::contract::{Board, HandsOf, LineInterrupt, Started, SupplyMonitor};
                 use firmware::board::converter::FACTS;
                 use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
+                use firmware::board::log;
+                use firmware::board::target::crash;
                 use firmware::board::target::memory;
                 use firmware::board::target::models::{BoardModel, Room, Tenant};
                 use firmware::board::tick_task::{TickQueues, TickTask};
                 use firmware::estimator::EstimatorState;
-                use firmware::link::{Link, LinkBuffers, LinkConfig};
+                use firmware::link::{Identity, Link, LinkBuffers, LinkConfig};
                 use firmware::tick::{BootReport, TickConfig};
-                use model_export::link::fault::{Fault, FaultSet};
+                use model_export::link::fault::Fault;
+                use model_export::link::hello::Build;
+                use model_export::link::state::State;
                 use model_export::schema::Model;
 
                 use super::EXCHANGE;
@@ -138,7 +143,8 @@ mod image {
                             0
                         }
                     };
-                    let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+                    let facts =
+                        Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing, chip: board.thermometer };
                     // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
                     boot_faults = boot_faults.union(facts.examine());
                     let (commands_in, commands_out) = context.local.commands.split();
@@ -162,6 +168,8 @@ mod image {
                         );
                         BackgroundTask::new(link, facts, queues, &EXCHANGE)
                     });
+                    let build = Build { source: source_hash(option_env!("FIRMWARE_COMMIT")), ..board.build };
+                    background.link_mut().identify(Identity { build, has_bootloader: ThisBoard::HAS_BOOTLOADER, has_history: true });
                     let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
                     let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
                     let contents = in_place(context.local.model_contents, Model::default);
@@ -174,7 +182,12 @@ mod image {
                         TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
                     });
 
-                    log_start(clock.source, rates.core_hz, boot.faults);
+                    log::start(ThisBoard::NAME, &build, reset_cause, rates.core_hz, program_crc32);
+                    log_clock(clock.source, rates.core_hz);
+                    log::standing(boot.faults);
+                    if let Some(retained) = retained.filter(|retained| retained.record.first != 0) {
+                        log::before(&retained.record);
+                    }
                     ThisBoard::begin(board.beginning, &mut task.hands_mut().source);
                     (
                         Shared { tenant: Tenant::none() },
@@ -197,17 +210,33 @@ mod image {
                     // SAFETY: the only room; the background holds the slot of a model while it is in use.
                     let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
                     let mut state = EXCHANGE.state();
+                    let mut fault_is_new = false;
                     let mut stack_unused_bytes = memory::stack_unused_bytes();
                     let mut round = 0u32;
                     loop {
                         round = round.wrapping_add(1);
+                        background.link_mut().serve_history(&crash::LastTicks);
+                        if background.link_mut().wants_bootloader() {
+                            defmt::warn!("starting the chip's bootloader");
+                            let _ = line.flush();
+                            ThisBoard::enter_bootloader();
+                        }
                         background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                         if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                             stack_unused_bytes = memory::stack_unused_bytes();
                         }
+                        if let Some((token, refusal)) = background.link_mut().take_refusal() {
+                            log::refusal(token, refusal);
+                        }
                         if EXCHANGE.state() != state {
                             state = EXCHANGE.state();
-                            defmt::info!("state {=u8}", state_number(state));
+                            log::state(state);
+                            fault_is_new |= state == State::Fault;
+                        }
+                        // Later, where the tick is just writing it.
+                        if fault_is_new && let Some(retained) = crash::peek() {
+                            fault_is_new = false;
+                            log::fault(&retained.record);
                         }
                     }
                 }
@@ -245,23 +274,30 @@ mod image {
                     home.write(make())
                 }
 
-                fn state_number(state: model_export::link::state::State) -> u8 {
-                    model_export::link::state::State::ALL
-                        .iter()
-                        .zip(0u8..)
-                        .find(|(candidate, _)| **candidate == state)
-                        .map_or(0, |(_, number)| number)
+                /// The first bytes of a hash in hexadecimal digits; zeros without one.
+                const fn source_hash(digits: Option<&str>) -> [u8; 8] {
+                    let mut hash = [0; 8];
+                    let Some(digits) = digits else { return hash };
+                    let digits = digits.as_bytes();
+                    let mut index = 0;
+                    while index < 16 && index < digits.len() {
+                        let digit = match digits[index] {
+                            digit @ b'0'..=b'9' => digit - b'0',
+                            digit @ b'a'..=b'f' => digit - b'a' + 10,
+                            _ => return [0; 8],
+                        };
+                        hash[index / 2] = (hash[index / 2] << 4) | digit;
+                        index += 1;
+                    }
+                    hash
                 }
 
-                fn log_start(source: Source, core_hz: u32, faults: FaultSet) {
+                fn log_clock(source: Source, core_hz: u32) {
                     let mhz = core_hz / 1_000_000;
                     match source {
                         Source::Crystal => defmt::info!("{=u32} MHz from the crystal", mhz),
                         Source::InternalFast => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
                         Source::Internal => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
-                    }
-                    for fault in faults.iter() {
-                        defmt::error!("E{=u8:03}", fault.number());
                     }
                 }
             }

@@ -5,11 +5,13 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use model_export::link::fault::{Fault, FaultSet};
+use model_export::link::hello::Build;
 use model_export::link::state::ResetCause;
 
 use super::background_task::Line;
 use super::clock::{ClockReport, ClockTree};
 use super::exchange::Exchange;
+use super::read_back::ChipThermometer;
 use super::tick_task::{CycleCounter, Hands, RecordKeeper};
 use super::watchdog::WatchdogTimer;
 use crate::retain::Retained;
@@ -32,6 +34,8 @@ pub trait SupplyMonitor {
 pub trait Board: Sized {
     /// Its name, in the Hello.
     const NAME: &'static str;
+    /// Whether the chip's ROM has a bootloader on the line to the host.
+    const HAS_BOOTLOADER: bool;
     /// First addresses of the two slots for models, mapped into memory.
     const MODEL_SLOTS: [usize; 2];
     /// Length of each, in bytes.
@@ -79,6 +83,9 @@ pub trait Board: Sized {
 
     /// Vents, remembers what struck, and starts again, from wherever it is called.
     fn crash(fault: Fault) -> !;
+
+    /// Vents, and starts again in the chip's bootloader, where it [has one](Self::HAS_BOOTLOADER).
+    fn enter_bootloader() -> !;
 }
 
 /// The tick's outputs and inputs on a board.
@@ -107,6 +114,10 @@ pub struct Started<B: Board> {
     pub found: FaultSet,
     /// The factory's code of the reference voltage, if it can be relied on.
     pub reference_calibration: Option<u16>,
+    /// The factory's calibration of the chip's temperature sensor, where there is one.
+    pub thermometer: Option<ChipThermometer>,
+    /// What the chip says of itself.
+    pub build: Build,
     /// The tick's outputs and inputs.
     pub hands: HandsOf<B>,
     /// The line.

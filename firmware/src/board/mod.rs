@@ -35,6 +35,8 @@ pub mod converter;
 pub mod custom_f405;
 pub mod exchange;
 pub mod feather_f405;
+#[cfg(target_os = "none")]
+pub mod log;
 pub mod memory_map;
 pub mod nucleo_h743zi;
 pub mod periods;

@@ -6,6 +6,7 @@
 use embedded_hal::digital::{InputPin, OutputPin};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::message::Telemetry;
+use model_export::link::state::State;
 use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
 use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
@@ -13,9 +14,10 @@ use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
 use super::supply::SupplyCorrection;
 use super::watchdog::{Watchdog, WatchdogTimer};
+use crate::history::{History, HistoryMemory};
 use crate::retain::{Retained, SEALED_BYTES};
 use crate::seam::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
-use crate::tick::{Answer, BootReport, Command, ModelStep, Rig, Tick, TickInputs, ValveOutput};
+use crate::tick::{Answer, BootReport, Command, ModelStep, Rig, TakenIn, Tick, TickInputs, ValveOutput};
 
 /// Counts processor cycles.
 pub trait CycleCounter {
@@ -23,8 +25,8 @@ pub trait CycleCounter {
     fn cycles(&self) -> u32;
 }
 
-/// Keeps the sealed record where a reset does not reach.
-pub trait RecordKeeper {
+/// Keeps the sealed record, and the history, where a reset does not reach.
+pub trait RecordKeeper: HistoryMemory {
     /// Overwrites the record.
     fn keep(&mut self, sealed: &[u8; SEALED_BYTES]);
 }
@@ -77,6 +79,7 @@ pub struct TickTask<'q, H> {
     put_out: PutOut,
     monitor: ReadBackMonitor,
     correction: SupplyCorrection,
+    history: History,
 }
 
 impl<'q, H> TickTask<'q, H> {
@@ -108,6 +111,7 @@ impl<'q, H> TickTask<'q, H> {
             put_out: PutOut::default(),
             monitor,
             correction: SupplyCorrection::new(monitor.calibration()),
+            history: History::new(),
         }
     }
 
@@ -169,12 +173,14 @@ where
             command: if exchange::has_room(&self.queues.answers) { exchange::take(&mut self.queues.commands) } else { None },
             telemetry_dropped: self.exchange.telemetry_dropped(),
         };
+        let taken = TakenIn::from(&inputs);
         // What was read is what the last tick put out.
         if let Some(read) = self.hands.source.read_back() {
             if let Some(code) = read.reference_code {
                 self.correction.step(code);
             }
             self.exchange.report_outputs(self.monitor.step(&read, self.put_out));
+            self.exchange.publish_self(self.monitor.supply_mv(), read.chip_code);
         }
         let outputs = self.rig.tick(model, inputs);
 
@@ -196,6 +202,8 @@ where
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);
         self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
+        let row = self.rig.history_row(taken, &outputs);
+        self.history.step(&mut self.hands.keeper, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {
             let retained = Retained { record: *self.rig.supervisor().record(), crash: None };
             self.hands.keeper.keep(&retained.seal());

@@ -63,7 +63,7 @@ impl FlashController for Controller {
     }
 
     fn write_word(&mut self, address: u32, word: u32) {
-        // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::program`; no reference into that sector is
+        // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::write`; no reference into that sector is
         // alive, since the driver is borrowed mutably and what is lent out is held.
         // The controller runs in the background alone, by the contract of `new`.
         unsafe { protection::while_writable(|| ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word)) };

@@ -14,10 +14,12 @@ macro_rules! enable_clock {
     }};
 }
 
+pub mod bootloader;
 pub mod clock;
 pub mod drives;
 pub mod entry;
 pub mod flash;
+pub mod identity;
 pub mod pins;
 pub mod sampling;
 pub mod serial;

@@ -5,12 +5,14 @@
 //! cost the tick anything but single cycles of the memory. What waits to be sent goes in pieces by the same controller; its interrupt, below
 //! the tick, begins the next one.
 
+use core::convert::Infallible;
 use core::sync::atomic::{AtomicU8, Ordering};
 
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{DMA2, Interrupt, RCC, USART1, dma2};
 
-use crate::board::background_task::{Line, RECEIVE_QUEUE, TRANSMIT_QUEUE};
+use crate::board::background_task::{RECEIVE_QUEUE, TRANSMIT_QUEUE};
 use crate::board::circular::CircularReader;
 use crate::board::clock::wait;
 use crate::board::contract::LineInterrupt;
@@ -132,6 +134,8 @@ pub struct Port {
 pub struct SerialLine {
     received: &'static [AtomicU8; RECEIVE_QUEUE],
     reader: CircularReader,
+    /// What was looked at and not yet read.
+    next: Option<u8>,
     to_send: Producer<'static, u8>,
 }
 
@@ -147,7 +151,7 @@ pub fn start(rcc: &RCC, registers: USART1, _controller: DMA2, rates: Rates, memo
     registers.cr3().write(|w| w.dmar().set_bit().dmat().set_bit());
     registers.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit());
     let (filled, to_send) = transmit.split();
-    (Port { piece, to_send }, SerialLine { received, reader: CircularReader::default(), to_send: filled })
+    (Port { piece, to_send }, SerialLine { received, reader: CircularReader::default(), next: None, to_send: filled })
 }
 
 impl LineInterrupt for Port {
@@ -176,7 +180,8 @@ impl LineInterrupt for Port {
     }
 }
 
-impl Line for SerialLine {
+impl SerialLine {
+    /// The next byte that came.
     fn receive(&mut self) -> Option<u8> {
         if !is_on(RECEIVE_STREAM) {
             // Only an error of the bus ends it.
@@ -190,17 +195,46 @@ impl Line for SerialLine {
         let place = self.reader.take(RECEIVE_QUEUE, remaining)?;
         self.received.get(place).map(|byte| byte.load(Ordering::Relaxed))
     }
+}
 
-    fn room(&self) -> usize {
-        self.to_send.capacity() - self.to_send.len()
-    }
+impl ErrorType for SerialLine {
+    type Error = Infallible;
+}
 
-    fn send(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            // The caller has looked at the room.
-            let _ = self.to_send.enqueue(*byte);
+impl ReadReady for SerialLine {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        if self.next.is_none() {
+            self.next = self.receive();
         }
+        Ok(self.next.is_some())
+    }
+}
+
+impl Read for SerialLine {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !matches!(self.read_ready(), Ok(true)) {}
+        let received = core::iter::from_fn(|| self.next.take().or_else(|| self.receive()));
+        Ok(bytes.iter_mut().zip(received).map(|(byte, new)| *byte = new).count())
+    }
+}
+
+impl WriteReady for SerialLine {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.to_send.ready())
+    }
+}
+
+impl Write for SerialLine {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !self.to_send.ready() {}
+        let taken = bytes.iter().take_while(|byte| self.to_send.enqueue(**byte).is_ok()).count();
         // The interrupt begins to send, and goes on by itself.
         cortex_m::peripheral::NVIC::pend(Interrupt::DMA2_STREAM7);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        while !self.to_send.is_empty() {}
+        Ok(())
     }
 }

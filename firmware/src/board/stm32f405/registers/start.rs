@@ -7,10 +7,11 @@ use super::clock::Registers;
 use super::drives::{AnalogueDrive, PulseDrive};
 use super::flash::Controller;
 use super::sampling::{self, Milliseconds, Sampler};
-use super::{pac, pins, serial, supply, watchdog};
+use super::{bootloader, identity, pac, pins, serial, supply, watchdog};
 use crate::board::clock::{self, Source};
 use crate::board::contract::{Board, Started};
 use crate::board::exchange::Exchange;
+use crate::board::log::Logged;
 use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::facts::{self, MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
@@ -20,6 +21,7 @@ use crate::board::target::cycles::Cycles;
 use crate::board::target::{crash, protection};
 use crate::board::tick_task::Hands;
 use crate::seam::PwmValve;
+use crate::storage::Sectors;
 
 /// The board that this build is for, on its chip.
 pub struct ThisBoard;
@@ -34,6 +36,7 @@ pub struct Peripherals {
 
 impl Board for ThisBoard {
     const NAME: &'static str = WIRING.name;
+    const HAS_BOOTLOADER: bool = true;
     const MODEL_SLOTS: [usize; 2] = [MODEL_SECTORS[0].0 as usize, MODEL_SECTORS[1].0 as usize];
     const SLOT_BYTES: usize = SECTOR_BYTES;
 
@@ -50,13 +53,14 @@ impl Board for ThisBoard {
     type Keeper = crash::Keeper;
     type Line = serial::SerialLine;
     type LineInterrupt = serial::Port;
-    type Flash = InternalFlash<Controller>;
+    type Flash = Sectors<Logged<InternalFlash<Controller>>>;
     type Supply = supply::Monitor;
     type Beginning = (SYST, Rates);
 
     fn start(peripherals: Peripherals, line: &'static mut serial::Memory, exchange: &'static Exchange) -> Started<Self> {
         let Peripherals { device, mut core } = peripherals;
         let rcc = &device.RCC;
+        bootloader::follow(rcc, &device.SYSCFG);
 
         // Why are we here, and in what time.
         let retained = crash::take();
@@ -68,7 +72,9 @@ impl Board for ThisBoard {
         let mut found = FaultSet::EMPTY;
 
         let level = brown_out::ensure(&mut &device.FLASH);
-        defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
+        if level == brown_out::Outcome::Programmed {
+            defmt::info!("brown-out level programmed");
+        }
         protection::start(&core.MPU);
 
         // Outputs, all of them at rest.
@@ -94,6 +100,9 @@ impl Board for ThisBoard {
             found,
             // SAFETY: a crystal that runs is on the chip itself.
             reference_calibration: (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() }),
+            // SAFETY: as above.
+            thermometer: (clock.source == Source::Crystal).then(|| unsafe { sampling::chip_calibration() }).flatten(),
+            build: identity::read(clock.source == Source::Crystal),
             hands: Hands {
                 source,
                 analogue,
@@ -107,8 +116,8 @@ impl Board for ThisBoard {
             },
             line,
             line_interrupt,
-            settings: InternalFlash::new(controller(), SETTINGS_SECTORS),
-            models: InternalFlash::new(controller(), MODEL_SECTORS),
+            settings: Sectors::new(Logged::new(InternalFlash::new(controller(), SETTINGS_SECTORS), "settings")),
+            models: Sectors::new(Logged::new(InternalFlash::new(controller(), MODEL_SECTORS), "models")),
             supply,
             beginning: (core.SYST, rates),
         }
@@ -122,5 +131,9 @@ impl Board for ThisBoard {
     fn crash(fault: Fault) -> ! {
         crash::vent_and_remember(fault);
         SCB::sys_reset()
+    }
+
+    fn enter_bootloader() -> ! {
+        bootloader::enter()
     }
 }

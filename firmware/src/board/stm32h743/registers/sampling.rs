@@ -11,11 +11,10 @@ use super::pins;
 use crate::board::clock::wait;
 use crate::board::converter::{Measured, SAMPLING_SEQUENCE};
 use crate::board::rates::Rates;
-use crate::board::read_back::ReadBack;
 use crate::board::selected::WIRING;
 use crate::board::stm32h743::facts::{REFERENCE_CALIBRATION, REFERENCE_CHANNEL};
 use crate::board::stm32h743::wiring::{DRIVE, channel_of};
-use crate::seam::{RawSample, SampleSource};
+use crate::seam::{RawSample, ReadBack, SampleSource};
 
 /// The channels of the measured inputs and of the drive's pin.
 const LASER: u8 = channel_of(WIRING.laser);
@@ -192,7 +191,12 @@ impl SampleSource for Sampler {
     }
 
     fn read_back(&mut self) -> Option<ReadBack> {
-        Some(ReadBack { reference_code: next(&self.reference), drive_code: next(&self.drive), dump_is_high: pins::dump_is_high() })
+        Some(ReadBack {
+            reference_code: next(&self.reference),
+            drive_code: next(&self.drive),
+            chip_code: None,
+            dump_is_high: pins::dump_is_high(),
+        })
     }
 }
 

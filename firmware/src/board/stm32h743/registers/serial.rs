@@ -1,9 +1,12 @@
 //! The line to the host: USART3 by interrupt, with its queues of 16 bytes (RM0433 section 48.7).
 
+use core::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32h7::stm32h743v::{Interrupt, RCC, USART3};
 
-use crate::board::background_task::{Line, RECEIVE_QUEUE, TRANSMIT_QUEUE};
+use crate::board::background_task::{RECEIVE_QUEUE, TRANSMIT_QUEUE};
 use crate::board::contract::LineInterrupt;
 use crate::board::exchange;
 use crate::board::rates::Rates;
@@ -98,21 +101,41 @@ impl LineInterrupt for Port {
     }
 }
 
-impl Line for SerialLine {
-    fn receive(&mut self) -> Option<u8> {
-        self.received.dequeue()
-    }
+impl ErrorType for SerialLine {
+    type Error = Infallible;
+}
 
-    fn room(&self) -> usize {
-        self.to_send.capacity() - self.to_send.len()
+impl ReadReady for SerialLine {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.received.ready())
     }
+}
 
-    fn send(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            // The caller has looked at the room.
-            let _ = self.to_send.enqueue(*byte);
-        }
+impl Read for SerialLine {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !self.received.ready() {}
+        let received = core::iter::from_fn(|| self.received.dequeue());
+        Ok(bytes.iter_mut().zip(received).map(|(byte, new)| *byte = new).count())
+    }
+}
+
+impl WriteReady for SerialLine {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.to_send.ready())
+    }
+}
+
+impl Write for SerialLine {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !self.to_send.ready() {}
+        let taken = bytes.iter().take_while(|byte| self.to_send.enqueue(**byte).is_ok()).count();
         // The interrupt begins to send, and goes on by itself.
         cortex_m::peripheral::NVIC::pend(Interrupt::USART3);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        while !self.to_send.is_empty() {}
+        Ok(())
     }
 }

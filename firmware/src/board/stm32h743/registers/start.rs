@@ -2,6 +2,7 @@
 
 use cortex_m::peripheral::{SCB, SYST};
 use model_export::link::fault::{Fault, FaultSet};
+use model_export::link::hello::Build;
 
 use super::clock::Registers;
 use super::drives::{AnalogueDrive, PulseDrive};
@@ -44,6 +45,7 @@ pub fn vent() {
 
 impl Board for ThisBoard {
     const NAME: &'static str = WIRING.name;
+    const HAS_BOOTLOADER: bool = false;
     const MODEL_SLOTS: [usize; 2] = [MODEL_SECTORS[0].0 as usize, MODEL_SECTORS[1].0 as usize];
     const SLOT_BYTES: usize = SECTOR_BYTES;
 
@@ -109,6 +111,8 @@ impl Board for ThisBoard {
             found,
             // SAFETY: a crystal that runs is on the chip itself.
             reference_calibration: (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() }),
+            thermometer: None,
+            build: Build::default(),
             hands: Hands {
                 source,
                 analogue,
@@ -137,5 +141,10 @@ impl Board for ThisBoard {
     fn crash(fault: Fault) -> ! {
         crash::vent_and_remember(fault);
         SCB::sys_reset()
+    }
+
+    fn enter_bootloader() -> ! {
+        // The link refuses the request on a board without one.
+        Self::crash(Fault::Panicked)
     }
 }
