@@ -57,216 +57,214 @@ mod image {
         ThisBoard::crash(Fault::HardFault)
     }
 
-    /// The program, with the names of the chip's interrupts: the end of a sampling, the line's, the supply monitor's. The framework wants them
-    /// spelt out where it is called.
-    macro_rules! program {
-        ($sampled:ident, $line:ident, $supply:ident) => {
-            #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
-            mod app {
-                use core::mem::MaybeUninit;
+    // The program, with the names of the chip's interrupts: the end of a sampling, the line's, the supply monitor's. The framework wants them
+    // spelt out. Not formatted: within a macro the list of resources moves to the right with every run of the formatter.
+    #[rustfmt::skip]
+    macro_rules! program { ($sampled:ident, $line:ident, $supply:ident) => {
+    #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
+    mod app {
+        use core::mem::MaybeUninit;
 
-                use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-                use firmware::board::chip::registers::pac::Interrupt;
-                use firmware::board::chip::registers::{Peripherals, ThisBoard};
-                use firmware::board::clock::Source;
-                use firmware::board::contract::{Board, HandsOf, LineInterrupt, Started, SupplyMonitor};
-                use firmware::board::converter::FACTS;
-                use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
-                use firmware::board::target::memory;
-                use firmware::board::target::models::{BoardModel, Room, Tenant};
-                use firmware::board::tick_task::{TickQueues, TickTask};
-                use firmware::estimator::EstimatorState;
-                use firmware::link::{Link, LinkBuffers, LinkConfig};
-                use firmware::tick::{BootReport, Rig, TickConfig};
-                use model_export::link::fault::{Fault, FaultSet};
-                use model_export::schema::Model;
+        use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
+        use firmware::board::chip::registers::pac::Interrupt;
+        use firmware::board::chip::registers::{Peripherals, ThisBoard};
+        use firmware::board::clock::Source;
+        use firmware::board::contract::{Board, HandsOf, LineInterrupt, Started, SupplyMonitor};
+        use firmware::board::converter::FACTS;
+        use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
+        use firmware::board::target::memory;
+        use firmware::board::target::models::{BoardModel, Room, Tenant};
+        use firmware::board::tick_task::{TickQueues, TickTask};
+        use firmware::estimator::EstimatorState;
+        use firmware::link::{Link, LinkBuffers, LinkConfig};
+        use firmware::tick::{BootReport, Rig, TickConfig};
+        use model_export::link::fault::{Fault, FaultSet};
+        use model_export::schema::Model;
 
-                use super::EXCHANGE;
+        use super::EXCHANGE;
 
-                /// Rounds of the background between two looks at the stack.
-                const ROUNDS_PER_STACK_LOOK: u32 = 1024;
+        /// Rounds of the background between two looks at the stack.
+        const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-                type BoardFlash = <ThisBoard as Board>::Flash;
-                type BoardTask = TickTask<'static, HandsOf<ThisBoard>>;
-                type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
+        type BoardFlash = <ThisBoard as Board>::Flash;
+        type BoardTask = TickTask<'static, HandsOf<ThisBoard>>;
+        type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
-                #[shared]
-                struct Shared {
-                    tenant: Tenant,
+        #[shared]
+        struct Shared {
+            tenant: Tenant,
+        }
+
+        #[local]
+        struct Local {
+            task: &'static mut BoardTask,
+            background: &'static mut BoardBackground,
+            line: <ThisBoard as Board>::Line,
+            line_interrupt: <ThisBoard as Board>::LineInterrupt,
+            place: Option<&'static mut BoardModel>,
+            cycles_per_tick: u32,
+            supply: <ThisBoard as Board>::Supply,
+            ticks_seen: u32,
+        }
+
+        #[init(local = [
+            commands: CommandQueue = CommandQueue::new(),
+            answers: AnswerQueue = AnswerQueue::new(),
+            telemetry: TelemetryQueue = TelemetryQueue::new(),
+            trace: TraceQueue = TraceQueue::new(),
+            line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
+            model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+            model_state: EstimatorState = EstimatorState::new(),
+            model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
+            program: [&'static [u8]; 4] = [&[]; 4],
+            task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
+            background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
+            link_buffers: LinkBuffers = LinkBuffers::new(),
+        ])]
+        fn init(context: init::Context) -> (Shared, Local) {
+            let peripherals = Peripherals { device: context.device, core: context.core };
+            let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
+            let Started { reset_cause, retained, clock, mut standing, hands, .. } = board;
+            let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
+            boot_faults = boot_faults.union(board.found).union(standing);
+            let program_crc32 = match memory::seal() {
+                Some(crc32) => {
+                    *context.local.program = memory::program();
+                    crc32
                 }
-
-                #[local]
-                struct Local {
-                    task: &'static mut BoardTask,
-                    background: &'static mut BoardBackground,
-                    line: <ThisBoard as Board>::Line,
-                    line_interrupt: <ThisBoard as Board>::LineInterrupt,
-                    place: Option<&'static mut BoardModel>,
-                    cycles_per_tick: u32,
-                    supply: <ThisBoard as Board>::Supply,
-                    ticks_seen: u32,
+                // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
+                None => {
+                    standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
+                    0
                 }
+            };
+            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+            // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
+            boot_faults = boot_faults.union(facts.examine());
+            let (commands_in, commands_out) = context.local.commands.split();
+            let (answers_in, answers_out) = context.local.answers.split();
+            let (telemetry_in, telemetry_out) = context.local.telemetry.split();
+            let (trace_in, trace_out) = context.local.trace.split();
+            let queues = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
+            let background = in_place(context.local.background_home, || {
+                let link = Link::with_buffers(
+                    LinkConfig {
+                        firmware: firmware::VERSION,
+                        board: heapless::String::try_from(ThisBoard::NAME).unwrap_or_default(),
+                        reset_cause,
+                        previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
+                        facts: FACTS,
+                    },
+                    board.settings,
+                    board.models,
+                    context.local.link_buffers,
+                );
+                BackgroundTask::new(link, facts, queues, &EXCHANGE)
+            });
+            let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
+            let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
+            let contents = in_place(context.local.model_contents, Model::default);
+            let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
+            let settings = background.link().settings();
+            let rates = clock.rates;
+            let task = in_place(context.local.task_home, || {
+                // The link's settings go together, and so do the defaults; a test holds the latter.
+                let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
+                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
+            });
 
-                #[init(local = [
-                                                commands: CommandQueue = CommandQueue::new(),
-                                                answers: AnswerQueue = AnswerQueue::new(),
-                                                telemetry: TelemetryQueue = TelemetryQueue::new(),
-                                                trace: TraceQueue = TraceQueue::new(),
-                                                line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
-                                                model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
-                                                model_state: EstimatorState = EstimatorState::new(),
-                                                model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
-                                                program: [&'static [u8]; 4] = [&[]; 4],
-                                                task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
-                                                background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
-                                                link_buffers: LinkBuffers = LinkBuffers::new(),
-                                            ])]
-                fn init(context: init::Context) -> (Shared, Local) {
-                    let peripherals = Peripherals { device: context.device, core: context.core };
-                    let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
-                    let Started { reset_cause, retained, clock, mut standing, hands, .. } = board;
-                    let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
-                    boot_faults = boot_faults.union(board.found).union(standing);
-                    let program_crc32 = match memory::seal() {
-                        Some(crc32) => {
-                            *context.local.program = memory::program();
-                            crc32
-                        }
-                        // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
-                        None => {
-                            standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
-                            0
-                        }
-                    };
-                    let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
-                    // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
-                    boot_faults = boot_faults.union(facts.examine());
-                    let (commands_in, commands_out) = context.local.commands.split();
-                    let (answers_in, answers_out) = context.local.answers.split();
-                    let (telemetry_in, telemetry_out) = context.local.telemetry.split();
-                    let (trace_in, trace_out) = context.local.trace.split();
-                    let queues =
-                        BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
-                    let background = in_place(context.local.background_home, || {
-                        let link = Link::with_buffers(
-                            LinkConfig {
-                                firmware: firmware::VERSION,
-                                board: heapless::String::try_from(ThisBoard::NAME).unwrap_or_default(),
-                                reset_cause,
-                                previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
-                                facts: FACTS,
-                            },
-                            board.settings,
-                            board.models,
-                            context.local.link_buffers,
-                        );
-                        BackgroundTask::new(link, facts, queues, &EXCHANGE)
-                    });
-                    let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
-                    let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
-                    let contents = in_place(context.local.model_contents, Model::default);
-                    let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
-                    let settings = background.link().settings();
-                    let rates = clock.rates;
-                    let task = in_place(context.local.task_home, || {
-                        // The link's settings go together, and so do the defaults; a test holds the latter.
-                        let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
-                        TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
-                    });
+            log_start(clock.source, rates.core_hz, boot.faults);
+            ThisBoard::begin(board.beginning, &mut task.hands_mut().source);
+            (
+                Shared { tenant: Tenant::none() },
+                Local {
+                    task,
+                    background,
+                    line: board.line,
+                    line_interrupt: board.line_interrupt,
+                    place: Some(place),
+                    cycles_per_tick: rates.cycles_per_tick(),
+                    supply: board.supply,
+                    ticks_seen: 0,
+                },
+            )
+        }
 
-                    log_start(clock.source, rates.core_hz, boot.faults);
-                    ThisBoard::begin(board.beginning, &mut task.hands_mut().source);
-                    (
-                        Shared { tenant: Tenant::none() },
-                        Local {
-                            task,
-                            background,
-                            line: board.line,
-                            line_interrupt: board.line_interrupt,
-                            place: Some(place),
-                            cycles_per_tick: rates.cycles_per_tick(),
-                            supply: board.supply,
-                            ticks_seen: 0,
-                        },
-                    )
+        #[idle(local = [background, line, place, cycles_per_tick], shared = [tenant])]
+        fn idle(context: idle::Context) -> ! {
+            let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
+            // SAFETY: the only room; the background holds the slot of a model while it is in use.
+            let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
+            let mut state = EXCHANGE.state();
+            let mut stack_unused_bytes = memory::stack_unused_bytes();
+            let mut round = 0u32;
+            loop {
+                round = round.wrapping_add(1);
+                background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
+                if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
+                    stack_unused_bytes = memory::stack_unused_bytes();
                 }
-
-                #[idle(local = [background, line, place, cycles_per_tick], shared = [tenant])]
-                fn idle(context: idle::Context) -> ! {
-                    let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
-                    // SAFETY: the only room; the background holds the slot of a model while it is in use.
-                    let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
-                    let mut state = EXCHANGE.state();
-                    let mut stack_unused_bytes = memory::stack_unused_bytes();
-                    let mut round = 0u32;
-                    loop {
-                        round = round.wrapping_add(1);
-                        background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
-                        if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
-                            stack_unused_bytes = memory::stack_unused_bytes();
-                        }
-                        if EXCHANGE.state() != state {
-                            state = EXCHANGE.state();
-                            defmt::info!("state {=u8}", state_number(state));
-                        }
-                    }
-                }
-
-                #[task(binds = $sampled, priority = 3, local = [task], shared = [tenant])]
-                fn tick(mut context: tick::Context) {
-                    let task = context.local.task;
-                    context.shared.tenant.lock(|tenant| task.run(tenant));
-                }
-
-                #[task(binds = SysTick, priority = 4, local = [ticks_seen])]
-                fn guard(context: guard::Context) {
-                    EXCHANGE.add_periods(1);
-                    let ticks = EXCHANGE.ticks();
-                    if ticks == *context.local.ticks_seen {
-                        // The sampling did not start a tick: this one finds no sample.
-                        rtic::pend(Interrupt::$sampled);
-                    }
-                    *context.local.ticks_seen = ticks;
-                }
-
-                #[task(binds = $line, priority = 4, local = [line_interrupt])]
-                fn serial(context: serial::Context) {
-                    context.local.line_interrupt.interrupt();
-                }
-
-                #[task(binds = $supply, priority = 5, local = [supply])]
-                fn supply_falls(context: supply_falls::Context) {
-                    context.local.supply.fell();
-                }
-
-                /// Makes something long where it will stay; a function of its own, so that its copies are off the stack when the next one begins.
-                #[inline(never)]
-                fn in_place<T>(home: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
-                    home.write(make())
-                }
-
-                fn state_number(state: model_export::link::state::State) -> u8 {
-                    model_export::link::state::State::ALL
-                        .iter()
-                        .zip(0u8..)
-                        .find(|(candidate, _)| **candidate == state)
-                        .map_or(0, |(_, number)| number)
-                }
-
-                fn log_start(source: Source, core_hz: u32, faults: FaultSet) {
-                    let mhz = core_hz / 1_000_000;
-                    match source {
-                        Source::Crystal => defmt::info!("{=u32} MHz from the crystal", mhz),
-                        Source::InternalFast => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
-                        Source::Internal => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
-                    }
-                    for fault in faults.iter() {
-                        defmt::error!("E{=u8:03}", fault.number());
-                    }
+                if EXCHANGE.state() != state {
+                    state = EXCHANGE.state();
+                    defmt::info!("state {=u8}", state_number(state));
                 }
             }
-        };
+        }
+
+        #[task(binds = $sampled, priority = 3, local = [task], shared = [tenant])]
+        fn tick(mut context: tick::Context) {
+            let task = context.local.task;
+            context.shared.tenant.lock(|tenant| task.run(tenant));
+        }
+
+        #[task(binds = SysTick, priority = 4, local = [ticks_seen])]
+        fn guard(context: guard::Context) {
+            EXCHANGE.add_periods(1);
+            let ticks = EXCHANGE.ticks();
+            if ticks == *context.local.ticks_seen {
+                // The sampling did not start a tick: this one finds no sample.
+                rtic::pend(Interrupt::$sampled);
+            }
+            *context.local.ticks_seen = ticks;
+        }
+
+        #[task(binds = $line, priority = 4, local = [line_interrupt])]
+        fn serial(context: serial::Context) {
+            context.local.line_interrupt.interrupt();
+        }
+
+        #[task(binds = $supply, priority = 5, local = [supply])]
+        fn supply_falls(context: supply_falls::Context) {
+            context.local.supply.fell();
+        }
+
+        /// Makes something long where it will stay; a function of its own, so that its copies are off the stack when the next one begins.
+        #[inline(never)]
+        fn in_place<T>(home: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
+            home.write(make())
+        }
+
+        fn state_number(state: model_export::link::state::State) -> u8 {
+            model_export::link::state::State::ALL
+                .iter()
+                .zip(0u8..)
+                .find(|(candidate, _)| **candidate == state)
+                .map_or(0, |(_, number)| number)
+        }
+
+        fn log_start(source: Source, core_hz: u32, faults: FaultSet) {
+            let mhz = core_hz / 1_000_000;
+            match source {
+                Source::Crystal => defmt::info!("{=u32} MHz from the crystal", mhz),
+                Source::InternalFast => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
+                Source::Internal => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
+            }
+            for fault in faults.iter() {
+                defmt::error!("E{=u8:03}", fault.number());
+            }
+        }
     }
+    } }
 
     #[cfg(chip = "stm32f405")]
     program!(ADC, USART1, PVD);
