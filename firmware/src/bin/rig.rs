@@ -57,8 +57,9 @@ mod image {
         ThisBoard::crash(Fault::HardFault)
     }
 
-    /// The program, with the names of the chip's interrupts: the end of a sampling, the line's, the supply monitor's. The framework wants them
-    /// spelt out where it is called.
+    // The program, with the names of the chip's interrupts: the end of a sampling, the line's, the supply monitor's. The framework wants them
+    // spelt out. Not formatted: within a macro the list of resources moves to the right with every run of the formatter.
+    #[rustfmt::skip]
     macro_rules! program {
         ($sampled:ident, $line:ident at $line_priority:tt, $supply:ident) => {
             #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
@@ -113,19 +114,19 @@ mod image {
                 }
 
                 #[init(local = [
-                                                commands: CommandQueue = CommandQueue::new(),
-                                                answers: AnswerQueue = AnswerQueue::new(),
-                                                telemetry: TelemetryQueue = TelemetryQueue::new(),
-                                                trace: TraceQueue = TraceQueue::new(),
-                                                line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
-                                                model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
-                                                model_state: EstimatorState = EstimatorState::new(),
-                                                model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
-                                                program: [&'static [u8]; 4] = [&[]; 4],
-                                                task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
-                                                background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
-                                                link_buffers: LinkBuffers = LinkBuffers::new(),
-                                            ])]
+                    commands: CommandQueue = CommandQueue::new(),
+                    answers: AnswerQueue = AnswerQueue::new(),
+                    telemetry: TelemetryQueue = TelemetryQueue::new(),
+                    trace: TraceQueue = TraceQueue::new(),
+                    line_memory: <ThisBoard as Board>::LineMemory = <ThisBoard as Board>::LineMemory::new(),
+                    model_home: MaybeUninit<BoardModel> = MaybeUninit::uninit(),
+                    model_state: EstimatorState = EstimatorState::new(),
+                    model_contents: MaybeUninit<Model<'static>> = MaybeUninit::uninit(),
+                    program: [&'static [u8]; 4] = [&[]; 4],
+                    task_home: MaybeUninit<BoardTask> = MaybeUninit::uninit(),
+                    background_home: MaybeUninit<BoardBackground> = MaybeUninit::uninit(),
+                    link_buffers: LinkBuffers = LinkBuffers::new(),
+                ])]
                 fn init(context: init::Context) -> (Shared, Local) {
                     let peripherals = Peripherals { device: context.device, core: context.core };
                     let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
