@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Between model and control law stands [`crate::adaptation`], while it is switched on. The comparison of laser and model
-//! ([`Fault::ModelMismatch`]) sees the model's own estimate, so that adaptation hides nothing from it.
+//! ([`Fault::ModelMismatch`](model_export::link::fault::Fault::ModelMismatch)) sees the model's own estimate, so that adaptation hides nothing from it.
 //!
 //! # How a board drives it
 //!

@@ -127,7 +127,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A rig that has just started: vented, in [`State::Boot`].
+    /// A rig that has just started: vented, in [`State::Boot`](model_export::link::state::State::Boot).
     #[inline(always)]
     pub fn new(tick: Tick, boot: BootReport) -> Self {
         let state = TickState::new(&tick, boot);
