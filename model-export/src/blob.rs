@@ -24,9 +24,9 @@ use crate::wire::{Reader, Wire as _};
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
-/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs; a model without them is written in
-/// version 2, so that firmware of before runs it.
-pub const SCHEMA_VERSION: u16 = 3;
+/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs, version 4 several inputs; a model is
+/// written in the oldest version that has room for it, so that firmware of before runs it.
+pub const SCHEMA_VERSION: u16 = 4;
 /// Oldest version that is read.
 pub const OLDEST_SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.

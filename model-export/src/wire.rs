@@ -363,26 +363,39 @@ impl<'a, T: Wire<'a> + Default, const N: usize> Wire<'a> for Vec<T, N> {
     }
 }
 
-/// Implements [`Wire`] for a struct: every field, in the order of its declaration, the first perhaps only from a schema version on; what
-/// stands behind a semicolon is no part of it.
+/// Implements [`Wire`] for a struct: every field, in the order of its declaration, the first perhaps only from a schema version on, and so
+/// the last ones; what stands behind a semicolon is no part of it.
 macro_rules! wire_struct {
-    ($type:ty { $([from $version:literal] $newer:ident,)? $($field:ident),* $(,)? $(; $skipped:ident)? }) => {
+    ($type:ty {
+        $([from $version:literal] $newer:ident,)?
+        $($field:ident),* $(,)?
+        $([last from $last_version:literal] $($last:ident),+)?
+        $(; $skipped:ident)?
+    }) => {
         impl<'a> $crate::wire::Wire<'a> for $type {
             fn read(&mut self, from: &mut $crate::wire::Reader<'a>) {
-                let Self { $($newer,)? $($field,)* $($skipped: _)? } = self;
+                let Self { $($newer,)? $($field,)* $($($last,)+)? $($skipped: _)? } = self;
                 $(if from.version() >= $version {
                     $crate::wire::Wire::read($newer, from);
                 } else {
                     *$newer = Default::default();
                 })?
                 $($crate::wire::Wire::read($field, from);)*
+                $(if from.version() >= $last_version {
+                    $($crate::wire::Wire::read($last, from);)+
+                } else {
+                    $(*$last = Default::default();)+
+                })?
             }
             fn write(&self, to: &mut $crate::wire::Writer<'_>) {
-                let Self { $($newer,)? $($field,)* $($skipped: _)? } = self;
+                let Self { $($newer,)? $($field,)* $($($last,)+)? $($skipped: _)? } = self;
                 $(if to.version() >= $version {
                     $crate::wire::Wire::write($newer, to);
                 })?
                 $($crate::wire::Wire::write($field, to);)*
+                $(if to.version() >= $last_version {
+                    $($crate::wire::Wire::write($last, to);)+
+                })?
             }
         }
     };

@@ -241,6 +241,8 @@ pub enum Refusal {
     ModelTooSlow,
     /// The request belongs to no session or to another one: somebody has said Hello since.
     OtherSession,
+    /// The blob is a sound model of several inputs, of which this firmware measures one.
+    ModelInputs,
 }
 
 /// Entry of a settings page.
@@ -578,6 +580,7 @@ wire_enum!(Refusal {
     21 Uncertified(number),
     22 ModelTooSlow,
     23 OtherSession,
+    24 ModelInputs,
 });
 wire_struct!(SettingDifference { number, in_use, baseline });
 wire_struct!(Status {
