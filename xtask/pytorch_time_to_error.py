@@ -9,6 +9,7 @@ import argparse
 import json
 import math
 import pathlib
+import sys
 import time
 
 import numpy as np
@@ -152,6 +153,7 @@ for step in range(arguments.steps):
     if (step + 1) % interval == 0 or step + 1 == arguments.steps:
         error = validated()
         history.append({"steps": step + 1, "wall_s": wall_s, "cpu_s": cpu_s, "rmse_mm": error})
+        print(history[-1], file=sys.stderr, flush=True)
         if error <= arguments.target_mm and reached is None:
             reached = history[-1]
             break
