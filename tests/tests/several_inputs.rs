@@ -21,8 +21,8 @@ use model_export::blob;
 use model_export::link::fault::Fault;
 use rig_tests::models::{PERIOD_S, smooth_input};
 
-/// Samples of a recording: 40 s.
-const SAMPLES: usize = 2_000;
+/// Samples of a recording: 60 s.
+const SAMPLES: usize = 3_000;
 
 /// A tip between two muscles: each hysteretic, the second pulls back, and what they do together stiffens the tip, which no sum of plays
 /// of one input each can say.
@@ -50,7 +50,7 @@ fn recordings(seeds: std::ops::Range<u32>) -> Vec<Recording> {
 }
 
 fn trained(preset: &str, recordings: &[Recording]) -> TrainedModel {
-    let config = TrainConfig { budget_cpu_s: 10.0, ..TrainConfig::preset(preset).expect("a preset") };
+    let config = TrainConfig { budget_cpu_s: 20.0, ..TrainConfig::preset(preset).expect("a preset") };
     let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
     train(recordings, &config, 3, 2, &plan, &mut |_| {}).expect("a training").0
 }
@@ -73,7 +73,7 @@ fn range(recordings: &[Recording]) -> f64 {
 
 #[test]
 fn networks_of_two_inputs_beat_physics_and_run_as_blob_and_as_c() {
-    let (training, test) = (recordings(0..6), recordings(100..103));
+    let (training, test) = (recordings(0..8), recordings(100..103));
     let range = range(&test);
     let settings = Settings { seed: 1, threads: 2, network_budget_cpu_s: None, calibrate_s: None };
     let physics = fit::fit(&training, &settings, &|_| {}).expect("a ladder");
@@ -89,8 +89,8 @@ fn networks_of_two_inputs_beat_physics_and_run_as_blob_and_as_c() {
         let float = NetworkModel::new(read, &path).expect("a model");
         let found = error(&float, &test) / range;
         println!("{preset}: {found:.5} of range on recordings kept out, physics {physics:.5}");
-        // The hybrid begins with physics and must gain; the network alone has to learn all of it in ten seconds.
-        assert!(found <= if preset == "hybrid" { physics } else { 0.03 }, "{preset}: {found} and physics {physics}");
+        // The hybrid begins with physics and must gain; the network alone has to learn all of it in twenty seconds.
+        assert!(found <= if preset == "hybrid" { physics } else { 0.02 }, "{preset}: {found} and physics {physics}");
 
         let exported = export::export(&trained, &training).expect("a blob");
         let decoded = blob::decode(&exported.bytes).expect("a blob");

@@ -97,7 +97,21 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
         let figures = firmware::measure(arguments.bless)?;
         return arguments.json.as_ref().map_or(Ok(()), |path| write_json(path, &figures));
     }
-    run("build", cargo().args(["build", "--release", "--package", "host-tool", "--bin", "catheter", "--example", "training_throughput", "--example", "time_to_error"]))?;
+    run(
+        "build",
+        cargo().args([
+            "build",
+            "--release",
+            "--package",
+            "host-tool",
+            "--bin",
+            "catheter",
+            "--example",
+            "training_throughput",
+            "--example",
+            "time_to_error",
+        ]),
+    )?;
     let mut results = Map::new();
     results.insert("machine".to_owned(), machine());
     if wanted(What::Training) {

@@ -50,7 +50,12 @@ pub fn measure(arguments: &Arguments) -> Result<Value> {
         };
         let ratio = theirs.as_ref().and_then(|theirs| Some(time(theirs)?.0 / time(&ours)?.0));
         let shown = |side: Option<&Value>| side.map_or("-".to_owned(), shown);
-        rows.push(vec![seed.to_string(), shown(Some(&ours)), shown(theirs.as_ref()), ratio.map_or("-".to_owned(), |ratio| format!("{ratio:.1}"))]);
+        rows.push(vec![
+            seed.to_string(),
+            shown(Some(&ours)),
+            shown(theirs.as_ref()),
+            ratio.map_or("-".to_owned(), |ratio| format!("{ratio:.1}")),
+        ]);
         seeds.push(json!({ "seed": seed, "catheter": ours, "pytorch": theirs, "ratio": ratio }));
     }
     println!(
