@@ -248,8 +248,11 @@ impl FrontEnd {
         }
         let readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
 
+        // Found once: a model of one input, whose lists are empty, shall not pay for those of several.
+        let first_path = state.path_of(0);
+        let of_input = |input: Option<&u8>| input.map_or(first_path, |input| state.path_of(usize::from(*input)));
         for (index, (feature, value)) in self.config.features.iter().zip(features).enumerate() {
-            let seen = state.path_of(self.config.feature_input(index));
+            let seen = of_input(self.config.feature_inputs.get(index));
             let signal = match feature.source {
                 FeatureSource::Input => seen.input,
                 FeatureSource::InputDifference => seen.input - seen.last.0,
@@ -257,7 +260,7 @@ impl FrontEnd {
                 FeatureSource::PathDifference => seen.path - seen.last.1,
                 FeatureSource::Play(index) => element(&state.plays, index),
                 FeatureSource::Stop(index) => {
-                    let path = state.path_of(self.config.play_input(usize::from(index))).path;
+                    let path = of_input(self.config.play_inputs.get(usize::from(index))).path;
                     (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index)
                 }
                 FeatureSource::Readout => readout,
