@@ -14,14 +14,15 @@ use model_export::link::fault::FaultSet;
 use model_export::link::frame::MAX_WIRE;
 use model_export::link::hello::MAX_BOARD_NAME;
 use model_export::link::message::FaultRecord;
-use model_export::link::state::ResetCause;
+use model_export::link::state::{ResetCause, State};
 
 use crate::background::{Background, ModelPlace};
-use crate::link::{CommandSink, Link, LinkConfig, Measured};
+use crate::history::{History, HistoryMemory};
+use crate::link::{CommandSink, Identity, Link, LinkConfig, Measured};
 use crate::retain::Retained;
 use crate::seam::RawSample;
 use crate::storage::Flash;
-use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
+use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TakenIn, TickConfig, TickInputs, TickOutputs};
 
 /// Commands waiting for the tick.
 pub const COMMAND_QUEUE: usize = 4;
@@ -68,6 +69,7 @@ pub struct Device<S, M, P> {
     beat: u32,
     tests_itself: bool,
     line_bytes_per_tick: u16,
+    history: History,
     line: Deque<u8, { MAX_LINE_BYTES + MAX_WIRE }>,
 }
 
@@ -108,6 +110,7 @@ impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
             beat: 0,
             tests_itself: false,
             line_bytes_per_tick,
+            history: History::new(),
             line: Deque::new(),
         })
     }
@@ -147,6 +150,18 @@ impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
         };
         let outputs = self.rig.tick(&mut self.place, inputs);
         self.follow(&outputs);
+        outputs
+    }
+
+    /// As [`Self::tick`], with memory that survives a reset: the tick leaves its row there, and a request for the rows finds them.
+    pub fn tick_remembering(&mut self, inputs: DeviceInputs, memory: &mut impl HistoryMemory) -> TickOutputs {
+        self.background.link_mut().identify(Identity { has_history: true, ..Identity::default() });
+        let DeviceInputs { sample, emergency_stop, overran, lost_ticks } = inputs;
+        let outputs = self.tick(inputs);
+        let taken = TakenIn { sample, emergency_stop, late: overran || lost_ticks > 0 };
+        let row = self.rig.history_row(taken, &outputs);
+        self.history.step(memory, row, outputs.energised, outputs.state == State::Fault);
+        self.background.link_mut().serve_history(memory);
         outputs
     }
 

@@ -26,6 +26,7 @@ pub mod decimate;
 pub mod device;
 pub mod domain;
 pub mod estimator;
+pub mod history;
 pub mod limiter;
 pub mod link;
 pub mod model;

@@ -6,7 +6,6 @@
 use model_export::blob::crc32;
 use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::message::FaultRecord;
-use model_export::wire::{Reader, Wire, Writer};
 
 /// Bytes of a sealed record.
 pub const SEALED_BYTES: usize = 96;
@@ -27,9 +26,7 @@ impl Retained {
     pub fn seal(&self) -> [u8; SEALED_BYTES] {
         let mut body = [0; BODY_BYTES];
         // The longest record takes fewer bytes than the body has; a test holds that.
-        let mut writer = Writer::new(&mut body);
-        writer.byte(self.crash.map_or(0, Fault::number));
-        self.record.write(&mut writer);
+        let _ = postcard::to_slice(&(self.crash.map_or(0, Fault::number), &self.record), &mut body);
         let checksum = crc32(0, &body).to_le_bytes();
         let mut sealed = [0; SEALED_BYTES];
         let parts = MAGIC.iter().chain(&body).chain(&checksum);
@@ -44,10 +41,8 @@ impl Retained {
         if *magic != MAGIC || crc32(0, body) != u32::from_le_bytes(*checksum) {
             return None;
         }
-        let mut reader = Reader::new(body);
-        let mut retained = Self { crash: Fault::from_number(reader.byte()), ..Self::default() };
-        retained.record.read(&mut reader);
-        reader.finish().map(|_| retained)
+        let ((crash, record), _) = postcard::take_from_bytes::<(u8, FaultRecord)>(body).ok()?;
+        Some(Self { record, crash: Fault::from_number(crash) })
     }
 
     /// What to raise at the start because of it.

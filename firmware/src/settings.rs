@@ -2,7 +2,6 @@
 
 use heapless::Vec;
 use model_export::link::settings::{Entry, NUMBERS, SettingError, Settings};
-use model_export::wire::{Reader, Wire, Writer};
 
 use crate::storage::{Flash, Store};
 
@@ -36,11 +35,11 @@ pub fn encode(settings: &Settings) -> Option<Vec<u8, MAX_BYTES>> {
 /// As [`encode`], in a place of the caller's.
 pub fn encode_into(settings: &Settings, bytes: &mut Vec<u8, MAX_BYTES>) -> Option<()> {
     bytes.resize(MAX_BYTES, 0).ok()?;
-    let mut writer = Writer::new(bytes);
+    let mut length = 0;
     for number in NUMBERS {
-        Entry { number: *number, value: settings.get(*number)? }.write(&mut writer);
+        let entry = Entry { number: *number, value: settings.get(*number)? };
+        length += postcard::to_slice(&entry, bytes.get_mut(length..)?).ok()?.len();
     }
-    let length = writer.finish()?;
     bytes.truncate(length);
     Some(())
 }
@@ -55,14 +54,13 @@ pub fn load<F: Flash>(store: &Store<F>) -> Stored {
 /// Decodes settings of any version of the firmware.
 pub fn decode(bytes: &[u8]) -> Stored {
     let mut stored = Stored::default();
-    let mut reader = Reader::new(bytes);
-    let mut entry = Entry::default();
-    while reader.finish().is_some_and(|rest| !rest.is_empty()) {
-        entry.read(&mut reader);
-        if reader.finish().is_none() {
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let Ok((entry, behind)) = postcard::take_from_bytes::<Entry>(rest) else {
             stored.is_damaged = true;
             break;
-        }
+        };
+        rest = behind;
         match stored.settings.set(entry.number, entry.value) {
             Ok(()) => {}
             Err(SettingError::Unknown) => stored.unknown = stored.unknown.saturating_add(1),
@@ -90,8 +88,7 @@ mod tests {
         let mut bytes: Vec<u8, 64> = Vec::new();
         let mut buffer = [0; 16];
         for (number, value) in [(60_000, SettingValue::Flag(true)), (1, SettingValue::Float(99.0)), (5, SettingValue::Integer(100))] {
-            let length = model_export::wire::write(&Entry { number, value }, &mut buffer).unwrap();
-            bytes.extend_from_slice(&buffer[..length]).unwrap();
+            bytes.extend_from_slice(postcard::to_slice(&Entry { number, value }, &mut buffer).unwrap()).unwrap();
         }
         let stored = decode(&bytes);
         assert_eq!((stored.unknown, stored.rejected, stored.is_damaged), (1, 1, false));

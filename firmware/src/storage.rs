@@ -26,7 +26,17 @@
 //! * A retired slot never becomes active again by itself. When no live slot is whole, the newer one is damaged. The same holds when a slot that is
 //!   not whole has a newer live activation than the one that is.
 //! * Flash that was never activated has empty logs, but for a first activation that was cut short. Everything else without a live slot is damage.
+//!
+//! # Why not sequential-storage
+//!
+//! The crate `sequential-storage` (8.0.2, a map with one key of 600 bytes over two pages of 16 KiB) was put through the same two sweeps. It passes every
+//! power cut: 18,678 cuts before and within every word and erase of 59 saves leave the old or the new settings, and the next save works. But of the
+//! 262,144 bits of its flash after five saves, 4,872 bring older settings back unsaid when they flip: an item with a wrong checksum is passed
+//! over. Here none does (`firmware/tests/storage.rs`): older limits may be laxer ones, so damage must be told.
 
+use core::cell::Cell;
+
+use embedded_storage::nor_flash::NorFlash;
 use model_export::blob::crc32;
 
 const MAGIC: u32 = u32::from_be_bytes(*b"CSL2");
@@ -88,6 +98,81 @@ pub trait Flash {
 
     /// From now on, what lies in `slot` is in use; flash that can refuse to change it does.
     fn hold(&self, _slot: Option<Slot>) {}
+}
+
+/// Flash that lies in memory: sectors of [`NorFlash::ERASE_SIZE`], each in one piece.
+pub trait MappedFlash: NorFlash {
+    /// The bytes of a sector; none beyond the last.
+    fn mapped(&self, sector: usize) -> &[u8];
+}
+
+/// The first two sectors of any embedded-storage flash as slots.
+#[derive(Debug)]
+pub struct Sectors<F> {
+    flash: F,
+    in_use: Cell<Option<Slot>>,
+}
+
+/// Why a sector was not changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SectorError<E> {
+    /// What lies in it is in use.
+    InUse,
+    /// The driver says so.
+    Flash(E),
+}
+
+impl<F: MappedFlash> Sectors<F> {
+    /// Over a driver.
+    pub const fn new(flash: F) -> Self {
+        Self { flash, in_use: Cell::new(None) }
+    }
+
+    /// Gives the driver back.
+    pub fn release(self) -> F {
+        self.flash
+    }
+
+    /// Where a slot begins.
+    fn base(slot: Slot) -> u32 {
+        match slot {
+            Slot::A => 0,
+            Slot::B => u32::try_from(F::ERASE_SIZE).unwrap_or(u32::MAX),
+        }
+    }
+
+    fn change(&mut self, slot: Slot, operation: impl FnOnce(&mut F) -> Result<(), F::Error>) -> Result<(), SectorError<F::Error>> {
+        if self.in_use.get() == Some(slot) {
+            return Err(SectorError::InUse);
+        }
+        operation(&mut self.flash).map_err(SectorError::Flash)
+    }
+}
+
+impl<F: MappedFlash> Flash for Sectors<F> {
+    type Error = SectorError<F::Error>;
+
+    fn contents(&self, slot: Slot) -> &[u8] {
+        self.flash.mapped(usize::from(slot == Slot::B))
+    }
+
+    fn erase(&mut self, slot: Slot) -> Result<(), Self::Error> {
+        let base = Self::base(slot);
+        let sector = Self::base(Slot::B);
+        self.change(slot, |flash| flash.erase(base, base.saturating_add(sector)))
+    }
+
+    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), Self::Error> {
+        // Beyond slot A lies slot B, which the driver would take.
+        let end = Self::base(Slot::B);
+        let at = if offset < end { Self::base(slot).saturating_add(offset) } else { u32::MAX };
+        self.change(slot, |flash| flash.write(at, &word.to_le_bytes()))
+    }
+
+    fn hold(&self, slot: Option<Slot>) {
+        self.in_use.set(slot);
+    }
 }
 
 /// Why something could not be stored.

@@ -54,7 +54,7 @@ use crate::supervisor::{Decision, Event, Observation, SupervisorState, Vent};
 pub use crate::time::{TICKS_IN_A_SECOND, TICKS_PER_S};
 pub use config::{Inconsistent, Tick, TickConfig};
 pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, RigFacts, TickInputs, TickOutputs, ValveOutput};
-pub use reports::Insight;
+pub use reports::{Insight, TakenIn};
 pub use trace::Origin;
 use trace::{Taken, Tracing};
 

@@ -9,20 +9,22 @@ use std::rc::Rc;
 use common::FACTS;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::background::ModelPlace;
-use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
+use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
-use firmware::board::read_back::ReadBack;
+use firmware::board::read_back::{ChipThermometer, ReadBack};
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
-use firmware::link::{Link, LinkConfig};
+use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
+use firmware::link::{Identity, Link, LinkConfig};
 use firmware::model::ModelFacts;
 use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::storage::{Flash, Slot, Store};
 use firmware::tick::{BootReport, NoModel, Rig, TickConfig};
 use model_export::link::Kind;
 use model_export::link::fault::{Fault, FaultSet};
-use model_export::link::hello::Hello;
-use model_export::link::message::{Message, Quantity, Request, RequestFrame};
+use model_export::link::hello::{Build, Hello};
+use model_export::link::history::{HistoryRow, ROW_BYTES};
+use model_export::link::message::{Message, Quantity, Refusal, Reply, ReplyFrame, Request, RequestFrame, Telemetry};
 use model_export::link::settings::Settings;
 use model_export::link::state::{ResetCause, State};
 
@@ -65,6 +67,8 @@ struct Pins {
     energised: Cell<bool>,
     broken: Cell<Option<Broken>>,
     turn: Cell<bool>,
+    history: RefCell<RamHistory>,
+    laser_is_dead: Cell<bool>,
 }
 
 #[derive(Clone, Default)]
@@ -86,7 +90,12 @@ impl SampleSource for Wire {
         }
         let reference = (1500.0 * 3.3 / supply_v).round() as u16;
         let turn = self.0.turn.get();
-        Some(ReadBack { reference_code: turn.then_some(reference), drive_code: (!turn).then_some(drive), dump_is_high: dump })
+        Some(ReadBack {
+            reference_code: turn.then_some(reference),
+            drive_code: (!turn).then_some(drive),
+            chip_code: Some(1000),
+            dump_is_high: dump,
+        })
     }
 }
 impl ValveDrive for Wire {
@@ -138,6 +147,16 @@ impl WatchdogTimer for Wire {
     fn set(&mut self, _prescaler: u8, _reload: u16) {}
     fn feed(&mut self) {}
 }
+impl HistoryWords for Wire {
+    fn read(&self, word: usize) -> u32 {
+        self.0.history.borrow().read(word)
+    }
+}
+impl HistoryMemory for Wire {
+    fn write(&mut self, word: usize, value: u32) {
+        self.0.history.borrow_mut().write(word, value);
+    }
+}
 impl RecordKeeper for Wire {
     fn keep(&mut self, _sealed: &[u8; firmware::retain::SEALED_BYTES]) {}
 }
@@ -148,15 +167,39 @@ struct Cable {
     to_device: RefCell<std::collections::VecDeque<u8>>,
     from_device: Vec<u8>,
 }
-impl Line for Cable {
-    fn receive(&mut self) -> Option<u8> {
-        self.to_device.borrow_mut().pop_front()
+impl embedded_io::ErrorType for Cable {
+    type Error = core::convert::Infallible;
+}
+
+impl embedded_io::ReadReady for Cable {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(!self.to_device.borrow().is_empty())
     }
-    fn room(&self) -> usize {
-        768
+}
+
+impl embedded_io::Read for Cable {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
+        let mut queue = self.to_device.borrow_mut();
+        Ok(bytes.iter_mut().zip(core::iter::from_fn(|| queue.pop_front())).map(|(byte, new)| *byte = new).count())
     }
-    fn send(&mut self, bytes: &[u8]) {
-        self.from_device.extend(bytes);
+}
+
+impl embedded_io::WriteReady for Cable {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(true)
+    }
+}
+
+impl embedded_io::Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        // As a queue that was almost full: frames go in pieces.
+        let taken = bytes.len().min(7);
+        self.from_device.extend(&bytes[..taken]);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
     }
 }
 
@@ -212,10 +255,12 @@ impl Board {
             keeper: wires.clone(),
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
-        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
+        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: ChipThermometer::new(950, 1200) };
         let background = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         let task = TickTask::new(rig, hands, queues, exchange, 168_000, Some(1500));
-        let background = BackgroundTask::new(link, facts, background, exchange);
+        let mut background = BackgroundTask::new(link, facts, background, exchange);
+        let build = Build { source: [1, 2, 3, 4, 5, 6, 7, 8], chip: 0x1007_6413, chip_number: [9; 12] };
+        background.link_mut().identify(Identity { build, has_bootloader: true, has_history: true });
         Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0 }
     }
 
@@ -227,9 +272,11 @@ impl Board {
         let bar = f32::from(share) / 65_535.0 * self.settings.valve_full_scale_bar;
         let tick = self.task.rig().built();
         let (laser, pressure) = (tick.laser().calibration().code(2.0 + 5.0 * bar), tick.pressure().calibration().code(bar));
-        self.wires.0.sample.set(RawSample { laser_code: laser + self.noise, pressure_code: pressure + self.noise });
+        let laser = if self.wires.0.laser_is_dead.get() { 0 } else { laser + self.noise };
+        self.wires.0.sample.set(RawSample { laser_code: laser, pressure_code: pressure + self.noise });
         self.task.run(&mut NoModel);
         for _ in 0..40 {
+            self.background.link_mut().serve_history(&self.wires);
             self.background.step(&mut self.cable, &mut NoPlace, 0, 1);
         }
     }
@@ -312,4 +359,109 @@ fn an_output_that_does_not_obey_and_a_supply_that_is_off_vent_within_50_ms_and_s
             assert_eq!((board.exchange.state(), board.task.rig().supervisor().record().first), (State::Fault, fault.number()));
         }
     }
+}
+
+impl Board {
+    /// What the device has said since the last call.
+    fn heard(&mut self) -> (Vec<Reply>, Vec<Telemetry>) {
+        let mut decoder = model_export::link::frame::Decoder::new();
+        let (mut replies, mut samples) = (Vec::new(), Vec::new());
+        for byte in std::mem::take(&mut self.cable.from_device) {
+            let Some(Ok(payload)) = decoder.push(byte) else { continue };
+            replies.extend(ReplyFrame::from_payload(payload).ok().map(|frame| frame.reply));
+            samples.extend(Telemetry::from_payload(payload).ok());
+        }
+        (replies, samples)
+    }
+
+    fn ask(&mut self, request: Request) -> Reply {
+        self.heard();
+        self.send(request);
+        for _ in 0..20 {
+            self.step();
+        }
+        self.heard().0.pop().expect("an answer")
+    }
+
+    /// Every row of the history, fetched piece by piece.
+    fn history(&mut self) -> Vec<HistoryRow> {
+        let mut rows = Vec::new();
+        loop {
+            let Reply::History(piece) = self.ask(Request::History { from_row: rows.len() as u16 }) else { panic!("no history") };
+            let (whole, rest) = piece.bytes.as_chunks::<ROW_BYTES>();
+            assert!(rest.is_empty() && !whole.is_empty());
+            rows.extend(whole.iter().map(|row| HistoryRow::decode(row).expect("a sound row")));
+            if rows.len() == usize::from(piece.rows) {
+                return rows;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_last_two_seconds_before_a_fault_are_fetched_and_survive_a_reset() {
+    let mut board = Board::new(settings(0)).into_running(2.0);
+    // Nothing stands still while the rig runs.
+    assert_eq!(board.ask(Request::History { from_row: 0 }), Reply::Refused(Refusal::NoRecord));
+    for _ in 0..150 {
+        board.send(Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 });
+        (0..15).for_each(|_| board.step());
+    }
+    // The last row before the laser breaks, and the first after.
+    let before = board.wires.0.sample.get();
+    board.wires.0.laser_is_dead.set(true);
+    (0..20).for_each(|_| board.step());
+    assert_eq!(board.exchange.state(), State::Fault);
+    let record = *board.task.rig().supervisor().record();
+    let rows = board.history();
+    assert_eq!(rows.len(), 2000);
+    let last = rows.last().unwrap();
+    assert_eq!(
+        (last.state, last.energised, last.laser_code, last.pressure_code),
+        (State::Fault, false, record.laser_code, record.pressure_code)
+    );
+    assert!(rows[..1999].iter().all(|row| row.state == State::Running && row.energised));
+    // The set-point and the drive that it led to; the laser's last sound sample.
+    assert_eq!((rows[1900].set_point_thousandths, rows[1900].estimate_thousandths), (1500, i16::MIN));
+    assert_eq!(rows[1900].valve_share, (1.5 / board.settings.valve_full_scale_bar * 65_535.0) as u16);
+    let sound = rows.iter().rposition(|row| row.laser_code != 0).unwrap();
+    assert_eq!((rows[sound].laser_code, rows[sound].pressure_code), (before.laser_code, before.pressure_code));
+    assert!(rows.iter().skip(sound + 1).all(|row| row.laser_code == 0));
+
+    // A reset, and the rig is idle again: the rows are there until the valve closes for the next time.
+    let mut after = Board::new(settings(0));
+    *after.wires.0.history.borrow_mut() = board.wires.0.history.borrow().clone();
+    after.cable.to_device.borrow_mut().extend(model_export::link::frame::encode(&[Kind::HelloRequest.byte()]).unwrap());
+    (0..400).for_each(|_| after.step());
+    let mut decoder = model_export::link::frame::Decoder::new();
+    let hello = after.cable.from_device.iter().find_map(|byte| Hello::decode(decoder.push(*byte)?.ok()?).ok()).unwrap();
+    assert_eq!((hello.build.source, hello.build.chip, hello.build.chip_number), ([1, 2, 3, 4, 5, 6, 7, 8], 0x1007_6413, [9; 12]));
+    after.session = hello.session;
+    assert_eq!(after.history(), rows);
+    after.send(Request::Arm);
+    assert_eq!(after.exchange.state(), State::Armed);
+    assert_eq!(after.ask(Request::History { from_row: 0 }), Reply::Refused(Refusal::NoRecord));
+}
+
+#[test]
+fn the_bootloader_is_entered_only_when_vented_and_after_its_answer() {
+    let mut board = Board::new(settings(0)).into_running(2.0);
+    assert!(matches!(board.ask(Request::EnterBootloader), Reply::Refused(Refusal::State(State::Running))));
+    assert!(!board.background.link_mut().wants_bootloader());
+    board.send(Request::Disarm);
+    (0..1500).for_each(|_| board.step());
+    assert_eq!(board.ask(Request::EnterBootloader), Reply::Done);
+    assert!(board.background.link_mut().wants_bootloader());
+}
+
+#[test]
+fn telemetry_tells_supply_and_temperature_of_the_chip() {
+    let mut board = Board::new(settings(0)).into_running(1.0);
+    board.heard();
+    (0..100).for_each(|_| board.step());
+    let (_, samples) = board.heard();
+    let sample = samples.last().unwrap();
+    assert!((sample.supply_v.unwrap() - 3.3).abs() < 0.01, "{sample:?}");
+    // 50 codes above the point at 30 degrees, of 250 to the one at 110.
+    assert!((sample.chip_celsius.unwrap() - 46.0).abs() < 0.5, "{sample:?}");
 }

@@ -160,7 +160,11 @@ impl Session {
         let answered = self.bench.replies.len();
         self.bench.step_with(command.map(|command| command.action));
         let outputs = &self.bench.outputs;
-        self.link.observe(outputs.state, outputs.vent_verified, Measured { longest_tick_cycles: 5, stack_unused_bytes: 6, noise: 77 });
+        self.link.observe(
+            outputs.state,
+            outputs.vent_verified,
+            Measured { longest_tick_cycles: 5, stack_unused_bytes: 6, noise: 77, ..Measured::default() },
+        );
         if let Some(sample) = outputs.telemetry {
             self.link.telemetry(sample);
         }

@@ -23,8 +23,8 @@ mod tests {
     use firmware::board::chip::pac::{CorePeripherals, Peripherals};
     use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
     use firmware::board::chip::{clock, memory};
-    use firmware::board::clock::{ClockReport, Source};
-    use firmware::board::hardware::{CORE_HZ, CRYSTAL_HZ, Pll};
+    use firmware::board::stm32f405::clock::{ClockReport, Source};
+    use firmware::board::stm32f405::facts::{CORE_HZ, CRYSTAL_HZ, Pll};
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
     use firmware::parity::{Layers, RandomNetwork, network_digest};
@@ -42,7 +42,7 @@ mod tests {
         let device = Peripherals::take().expect("the first to ask");
         let mut core = CorePeripherals::take().expect("the first to ask");
         let mut registers = clock::Registers { rcc: &device.RCC, flash: &device.FLASH, timer: &device.TIM11 };
-        let clock = firmware::board::clock::start(&mut registers, CRYSTAL_HZ, Pll::CRYSTAL);
+        let clock = firmware::board::stm32f405::clock::start(&mut registers, CRYSTAL_HZ, Pll::CRYSTAL);
         let cycles = Cycles::start(&mut core.DCB, core.DWT);
         Board { clock, device, cycles }
     }

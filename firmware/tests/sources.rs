@@ -4,7 +4,7 @@ use std::path::Path;
 
 /// Every file of the register layer, with its text.
 fn chip_sources() -> Vec<(String, String)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/board/chip");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/board/stm32f405/registers");
     let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let sources: Vec<_> =
         files.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read_to_string(&path).unwrap())).collect();

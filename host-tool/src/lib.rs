@@ -10,6 +10,7 @@
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
 
 pub mod backend;
+pub mod bootloader;
 pub mod cli;
 pub mod demo;
 pub mod discover;
@@ -18,6 +19,7 @@ pub mod excitation;
 pub mod experiment;
 pub mod export;
 pub mod fit;
+pub mod history;
 pub mod identify;
 pub mod import;
 pub mod journal;

@@ -16,17 +16,21 @@
 
 use core::fmt;
 
-use crate::schema::Model;
+use crc::{CRC_32_ISO_HDLC, Crc};
+use serde::Deserialize;
+
+use crate::schema::{Model, Network};
+use crate::several_inputs::SeveralInputs;
 use crate::validate::Invalid;
-#[cfg(feature = "std")]
-use crate::wire::Writer;
-use crate::wire::{Reader, Wire as _};
+use crate::version_2::LstmNetwork;
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
 /// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs, version 4 several inputs; a model is
 /// written in the oldest version that has room for it, so that firmware of before runs it.
 pub const SCHEMA_VERSION: u16 = 4;
+/// Version from which on a model may have several inputs.
+const SEVERAL_INPUTS_VERSION: u16 = 4;
 /// Oldest version that is read.
 pub const OLDEST_SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.
@@ -110,39 +114,16 @@ impl From<Invalid> for BlobError {
     }
 }
 
-/// CRC-32 (IEEE 802.3, reflected), continued from `crc`; start with 0.
+/// The checksum of frames, blobs, settings and the program: CRC-32 of IEEE 802.3, as in zip.
+pub static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// That checksum, continued from `crc`; start with 0.
 #[must_use]
 pub fn crc32(crc: u32, bytes: &[u8]) -> u32 {
-    let mut register = !crc;
-    for byte in bytes {
-        register ^= u32::from(*byte);
-        // Two table look-ups of four bits: 64 bytes of table instead of a kilobyte.
-        for _ in 0..2 {
-            let entry = NIBBLES.get(usize::try_from(register & 15).unwrap_or(0)).copied().unwrap_or(0);
-            register = (register >> 4) ^ entry;
-        }
-    }
-    !register
-}
-
-static NIBBLES: [u32; 16] = nibbles();
-
-const fn nibbles() -> [u32; 16] {
-    let mut table = [0u32; 16];
-    let mut index = 0;
-    let mut value = 0u32;
-    while index < 16 {
-        let mut register = value;
-        let mut bit = 0;
-        while bit < 4 {
-            register = if register & 1 == 1 { (register >> 1) ^ 0xedb8_8320 } else { register >> 1 };
-            bit += 1;
-        }
-        table[index] = register;
-        index += 1;
-        value += 1;
-    }
-    table
+    // The crate begins with a register in the order of the polynomial's bits; the checksum is its complement in reflected order.
+    let mut digest = CRC.digest_with_initial((!crc).reverse_bits());
+    digest.update(bytes);
+    digest.finalize()
 }
 
 /// What the frame of a blob says.
@@ -217,10 +198,7 @@ pub fn decode_into<'a>(bytes: &'a [u8], model: &mut Model<'a>) -> Result<Header,
     if !(OLDEST_SCHEMA_VERSION..=SCHEMA_VERSION).contains(&version) {
         return Err(BlobError::SchemaVersion { found: version });
     }
-    let mut reader = Reader::of_version(payload, version);
-    model.read(&mut reader);
-    let Some(extension) = reader.finish() else { return Err(BlobError::Payload) };
-    model.extension = extension;
+    model.extension = take_model(payload, version, model).map_err(|_| BlobError::Payload)?;
     if let Some(network) = &model.network
         && network.activation().is_err()
     {
@@ -228,6 +206,58 @@ pub fn decode_into<'a>(bytes: &'a [u8], model: &mut Model<'a>) -> Result<Header,
     }
     model.validate()?;
     Ok(Header { content_hash, crc: stored, schema_version: version })
+}
+
+/// Reads the fields one after the other into their places, and gives the bytes behind. What `postcard::take_from_bytes` makes of the
+/// whole would stand on the microcontroller's stack as often as serde passes it up.
+fn take_model<'a>(payload: &'a [u8], version: u16, model: &mut Model<'a>) -> postcard::Result<&'a [u8]> {
+    // Every field by name, so that a new one cannot be forgotten; a test holds the order.
+    let Model {
+        sample_period_s,
+        mode,
+        input,
+        output,
+        front_end,
+        network,
+        provenance,
+        metrics,
+        envelope,
+        golden,
+        more_inputs,
+        extension: _,
+    } = model;
+    more_inputs.clear();
+    let rest = take(payload, sample_period_s)?;
+    let rest = take(rest, mode)?;
+    let rest = take(rest, input)?;
+    let rest = take(rest, output)?;
+    let rest = take(rest, front_end)?;
+    let rest = if version == OLDEST_SCHEMA_VERSION { take_lstm_network(rest, network)? } else { take(rest, network)? };
+    let rest = take(rest, provenance)?;
+    let rest = take(rest, metrics)?;
+    let rest = take(rest, envelope)?;
+    let rest = take(rest, golden)?;
+    if version < SEVERAL_INPUTS_VERSION {
+        return Ok(rest);
+    }
+    let mut several = SeveralInputs::default();
+    let rest = take(rest, &mut several)?;
+    several.put_into(model);
+    Ok(rest)
+}
+
+#[inline(never)]
+fn take<'a, T: Deserialize<'a>>(bytes: &'a [u8], place: &mut T) -> postcard::Result<&'a [u8]> {
+    let (value, rest) = postcard::take_from_bytes(bytes)?;
+    *place = value;
+    Ok(rest)
+}
+
+#[inline(never)]
+fn take_lstm_network<'a>(bytes: &'a [u8], place: &mut Option<Network<'a>>) -> postcard::Result<&'a [u8]> {
+    let (network, rest) = postcard::take_from_bytes::<Option<LstmNetwork<'a>>>(bytes)?;
+    *place = network.map(Network::from);
+    Ok(rest)
 }
 
 /// The CRC-32 that a blob's header must carry.
@@ -247,7 +277,7 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
 
     model.validate()?;
     let version = model.schema_version();
-    let mut payload = payload(model, version);
+    let mut payload = payload(model, version).map_err(|_| BlobError::Payload)?;
     payload.extend_from_slice(model.extension);
     let length = u32::try_from(HEADER_BYTES + payload.len()).map_err(|_| BlobError::Payload)?;
     let mut bytes = std::vec::Vec::with_capacity(HEADER_BYTES + payload.len());
@@ -264,20 +294,18 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
 
 /// The model on the wire.
 #[cfg(feature = "std")]
-fn payload(model: &Model<'_>, version: u16) -> std::vec::Vec<u8> {
-    // What a model of three full layers takes; a longer one is tried again.
-    let mut place = std::vec![0; 1 << 16];
-    loop {
-        let mut writer = Writer::of_version(&mut place, version);
-        model.write(&mut writer);
-        match writer.finish() {
-            Some(length) => {
-                place.truncate(length);
-                return place;
-            }
-            None => place.resize(2 * place.len(), 0),
-        }
+fn payload(model: &Model<'_>, version: u16) -> postcard::Result<std::vec::Vec<u8>> {
+    if version >= SEVERAL_INPUTS_VERSION {
+        let mut payload = postcard::to_allocvec(model)?;
+        payload.extend(postcard::to_allocvec(&SeveralInputs::of(model))?);
+        return Ok(payload);
     }
+    if version != OLDEST_SCHEMA_VERSION {
+        return postcard::to_allocvec(model);
+    }
+    let network = model.network.as_ref().map(LstmNetwork::from);
+    let Model { sample_period_s, mode, input, output, front_end, network: _, provenance, metrics, envelope, golden, .. } = model;
+    postcard::to_allocvec(&(sample_period_s, mode, input, output, front_end, network, provenance, metrics, envelope, golden))
 }
 
 /// Writes the CRC-32 into a blob's header.
@@ -304,5 +332,60 @@ pub fn content_hash_matches(bytes: &[u8]) -> bool {
     match (array::<32>(bytes, 20), bytes.get(HEADER_BYTES..)) {
         (Some(stored), Some(payload)) => sha2::Sha256::digest(payload)[..] == stored[..],
         _ => false,
+    }
+}
+
+#[cfg(all(test, feature = "std"))]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::schema::{Activation, Cell, Feature, FeatureSource, Layer};
+
+    const WEIGHTS: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+
+    fn model(cell: Cell) -> Model<'static> {
+        let layer =
+            Layer { cell, inputs: 3, units: 300, input_weights: &WEIGHTS, biases: &WEIGHTS[2..], cell_limit: -2, ..Layer::default() };
+        let mut model = Model { sample_period_s: 0.02, ..Model::default() };
+        model.input.quantity = "pressure";
+        model.output.unit = "mm";
+        model.front_end.play_thresholds = [0.0, 0.5].into_iter().collect();
+        model.front_end.features.push(Feature { source: FeatureSource::Stop(1), offset: 0.5, gain: 2.0 }).unwrap();
+        let mut network = Network { activation_code: 2, layers: [layer.clone(), layer].into_iter().collect(), ..Network::default() };
+        network.dense.scale = 0.25;
+        model.network = Some(network);
+        model.provenance.preset = "hybrid";
+        model.metrics.calibration_samples = 70_000;
+        model.envelope.maximum_rate = 4.0;
+        model.golden.digest = 0xdead_beef;
+        model
+    }
+
+    /// Field by field is the same as all at once, as serde's derive has it.
+    #[test]
+    fn fields_are_read_in_the_order_of_their_declaration() {
+        for cell in [Cell::Lstm, Cell::Gru, Cell::Dense(Activation::Hard)] {
+            let model = model(cell);
+            let bytes = [payload(&model, SCHEMA_VERSION).unwrap(), [7, 7].to_vec()].concat();
+            let (whole, _) = postcard::take_from_bytes::<Model<'_>>(&bytes).unwrap();
+            let mut taken = Model::default();
+            assert_eq!(take_model(&bytes, SCHEMA_VERSION, &mut taken), Ok(&[7, 7][..]));
+            assert_eq!((&taken, &whole), (&model, &model));
+        }
+    }
+
+    /// Version 2 is version 3 without one byte in each layer, which is zero for LSTM.
+    #[test]
+    fn a_network_of_version_2_says_no_cell() {
+        let model = model(Cell::Lstm);
+        let (old, new) = (payload(&model, 2).unwrap(), payload(&model, 3).unwrap());
+        assert_eq!(old.len() + 2, new.len());
+        let mut taken = Model::default();
+        assert_eq!(take_model(&old, 2, &mut taken), Ok(&[][..]));
+        assert_eq!(taken, model);
+        // Where the two begin to differ stands the first layer's cell.
+        let at = old.iter().zip(&new).position(|(old, new)| old != new).unwrap();
+        assert_eq!(new.iter().skip(at - 1).take(2).copied().collect::<Vec<_>>(), [2, 0]);
     }
 }

@@ -4,7 +4,10 @@
 //! need besides, [`fixed`] the arithmetic they mean, [`blob`] the frame around
 //! them (magic, version, length, CRC-32) and, with the feature `std`, `quantise` makes fixed-point networks of `f32` ones and
 //! `headroom` proves that none of their sums overflows,
-//! `certificate` whether a network forgets where it started. [`link`] holds what host and board say to each other, [`wire`] how both become bytes.
+//! `certificate` whether a network forgets where it started. [`link`] holds what host and board say to each other. All of it is [postcard]
+//! by serde's derives, the same on host and board.
+//!
+//! [postcard]: https://postcard.jamesmunns.com/wire-format
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -22,5 +25,6 @@ pub mod link;
 #[cfg(feature = "std")]
 pub mod quantise;
 pub mod schema;
+mod several_inputs;
 pub mod validate;
-pub mod wire;
+mod version_2;

@@ -36,7 +36,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::compensation::Extension;
 use crate::validate::Invalid;
-use crate::wire::{wire_enum, wire_struct};
 
 /// Most inputs a model may have.
 pub const MAX_INPUTS: usize = 4;
@@ -158,13 +157,13 @@ pub struct FrontEnd {
     /// What the network sees, in order.
     pub features: Vec<Feature, MAX_FEATURES>,
     /// Weights of the other inputs' paths, one each: as many as there are inputs beside the first.
-    #[serde(default)]
+    #[serde(skip)]
     pub more_input_weights: Vec<f32, MAX_MORE_INPUTS>,
     /// Which input each play operator follows, counted from 0; empty where all follow the first.
-    #[serde(default)]
+    #[serde(skip)]
     pub play_inputs: Vec<u8, MAX_PLAY>,
     /// Which input each feature sees, where its signal is one of an input; empty where all see the first.
-    #[serde(default)]
+    #[serde(skip)]
     pub feature_inputs: Vec<u8, MAX_FEATURES>,
 }
 
@@ -524,8 +523,9 @@ pub struct Model<'a> {
     /// How to check it.
     #[serde(borrow)]
     pub golden: Golden<'a>,
-    /// The channels of the inputs beside the first; from schema version 4 on.
-    #[serde(borrow, default)]
+    /// The channels of the inputs beside the first. On the wire, from schema version 4 on, they and what the front end has for them stand
+    /// behind everything else.
+    #[serde(skip)]
     pub more_inputs: Vec<Channel<'a>, MAX_MORE_INPUTS>,
     /// What stands behind the model in the payload: an [`Extension`], or nothing.
     #[serde(skip)]
@@ -552,79 +552,3 @@ impl Model<'_> {
         Extension::decode(self.extension)
     }
 }
-
-wire_struct!(Channel<'a> { quantity, unit, offset, scale, minimum, maximum });
-wire_enum!(Activation {
-    0 Tanh,
-    1 Relu,
-    2 Hard,
-});
-wire_enum!(Cell {
-    0 Lstm,
-    1 Gru,
-    2 Dense(activation),
-});
-wire_enum!(FeatureSource {
-    0 Input,
-    1 InputDifference,
-    2 Path,
-    3 PathDifference,
-    4 Play(index),
-    5 Stop(index),
-    6 Readout,
-    7 Creep(index),
-    8 Past(age),
-});
-wire_struct!(Feature { source, offset, gain });
-wire_struct!(Curve { offset, slope, bend_points, bends });
-wire_struct!(FrontEnd {
-    dead_time_samples,
-    lag_coefficient,
-    play_thresholds,
-    play_weights,
-    creep_coefficients,
-    creep_weights,
-    input_weight,
-    bias,
-    curve,
-    stick_band,
-    features,
-    [last from 4] more_input_weights, play_inputs, feature_inputs
-});
-wire_enum!(Mode {
-    0 Streaming,
-    1 Window { length },
-});
-wire_struct!(Layer<'a> {
-    [from 3] cell,
-    inputs,
-    units,
-    input_weights,
-    recurrent_weights,
-    input_multipliers,
-    recurrent_multipliers,
-    biases,
-    cell_exponent,
-    cell_limit,
-    hidden_shift,
-});
-wire_struct!(Dense<'a> { weights, scale, bias });
-wire_struct!(Network<'a> { activation_code, layers, dense });
-wire_struct!(Provenance<'a> { preset, tool_version, training_data_sha256, seed, training_recordings, optimiser_steps });
-wire_struct!(Metrics { validation_rmse, rmse_f32_vs_fixed, max_abs_f32_vs_fixed, calibration_samples });
-wire_struct!(Envelope { minimum, maximum, maximum_rate });
-wire_struct!(Golden<'a> { input, output, tolerance, digest });
-wire_struct!(Model<'a> {
-    sample_period_s,
-    mode,
-    input,
-    output,
-    front_end,
-    network,
-    provenance,
-    metrics,
-    envelope,
-    golden,
-    [last from 4] more_inputs;
-    extension
-});

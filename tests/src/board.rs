@@ -4,19 +4,20 @@
 //! long one (a self-test, an erase of flash) lies between many. Here a seed decides. Around them are the host tool's simulated hardware and
 //! a line of the board's speed. What stays out: registers, and an interrupt in the middle of a round.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, Line};
+use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
-use firmware::board::hardware::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
+use firmware::board::stm32f405::facts::{BOARD_NAME, CORE_HZ, TRANSMIT_QUEUE};
 use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::device::exchange::DeviceOutputs;
+use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
@@ -24,6 +25,7 @@ use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDr
 use firmware::tick::{BootReport, Rig, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
+use model_export::link::frame::MAX_WIRE;
 use model_export::link::state::ResetCause;
 
 /// What the tick's hands read and write.
@@ -35,6 +37,7 @@ struct Wires {
     valve_share: Cell<u16>,
     slow: Cell<bool>,
     cycles: Cell<u32>,
+    history: RefCell<RamHistory>,
 }
 
 /// One end of the wires.
@@ -105,6 +108,18 @@ impl WatchdogTimer for Wire {
     fn feed(&mut self) {}
 }
 
+impl HistoryWords for Wire {
+    fn read(&self, word: usize) -> u32 {
+        self.0.history.borrow().read(word)
+    }
+}
+
+impl HistoryMemory for Wire {
+    fn write(&mut self, word: usize, value: u32) {
+        self.0.history.borrow_mut().write(word, value);
+    }
+}
+
 impl RecordKeeper for Wire {
     fn keep(&mut self, _sealed: &[u8; SEALED_BYTES]) {}
 }
@@ -121,20 +136,41 @@ struct Cable {
     lost: Option<u32>,
 }
 
-impl Line for Cable {
-    fn receive(&mut self) -> Option<u8> {
-        self.to_device.pop_front()
-    }
+impl embedded_io::ErrorType for Cable {
+    type Error = core::convert::Infallible;
+}
 
-    fn room(&self) -> usize {
-        (TRANSMIT_QUEUE - 1).saturating_sub(self.from_device.len())
+impl embedded_io::ReadReady for Cable {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(!self.to_device.is_empty())
     }
+}
 
-    fn send(&mut self, bytes: &[u8]) {
+impl embedded_io::Read for Cable {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
+        let queue = &mut self.to_device;
+        Ok(bytes.iter_mut().zip(core::iter::from_fn(|| queue.pop_front())).map(|(byte, new)| *byte = new).count())
+    }
+}
+
+impl embedded_io::WriteReady for Cable {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        // Whole frames, since one of them may have to be lost.
+        Ok(TRANSMIT_QUEUE - self.from_device.len() > MAX_WIRE)
+    }
+}
+
+impl embedded_io::Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         self.sends += 1;
         if self.lost != Some(self.sends) {
             self.from_device.extend(bytes);
         }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
     }
 }
 
@@ -188,7 +224,7 @@ impl Board {
             keeper: wires.clone(),
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
-        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY };
+        let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: None };
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {

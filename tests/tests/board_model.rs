@@ -60,6 +60,58 @@ fn settings_that_are_saved_lie_in_the_chips_flash_and_outlast_a_reset() {
 
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_last_seconds_before_a_fault_outlast_a_reset_and_the_image_logs_what_happened() {
+    use host_tool::{experiment, history};
+    use model_export::link::message::{Quantity, Request};
+    use model_export::link::settings::{SettingValue, by_name};
+    use model_export::link::state::State;
+
+    let mut rig = rig(1, &FlashMemory::default());
+    experiment::settle(&mut rig).unwrap();
+    let build = rig.hello().build;
+    assert_eq!(build.chip & 0xfff, 0x413, "the chip's identifier");
+    let law = by_name("control.law").unwrap().number;
+    rig.command(&Request::SettingSet { number: law, value: SettingValue::Integer(1) }).unwrap();
+    rig.transport().advance_for(200).unwrap();
+    rig.command(&Request::Arm).unwrap();
+    rig.command(&Request::Start).unwrap();
+    for _ in 0..230 {
+        rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 }).unwrap();
+        rig.transport().advance_for(10).unwrap();
+    }
+    assert_eq!(history::fetch(&mut rig).unwrap(), None, "it records");
+    let sample = std::iter::from_fn(|| rig.take_telemetry()).last().expect("telemetry");
+    assert!((sample.supply_v.unwrap() - 3.3).abs() < 0.02, "{sample:?}");
+    assert!(sample.stack_unused_bytes > 1024 && sample.longest_tick_cycles > 1000, "{sample:?}");
+
+    // The host is silent, the rig vents; then the chip is reset.
+    rig.transport().advance_for(400).unwrap();
+    let status = experiment::status(&mut rig).unwrap();
+    assert_eq!(status.state, State::Fault);
+    let before = history::fetch(&mut rig).unwrap().expect("rows");
+    assert_eq!(before.len(), 2000);
+    rig.transport().processor().break_something("reset").unwrap();
+    rig.transport().advance_for(300).unwrap();
+    rig.greet_again().unwrap();
+    let rows = history::fetch(&mut rig).unwrap().expect("rows");
+    assert_eq!(rows, before, "the reset left them alone");
+    let last = rows[1999].1;
+    assert_eq!((last.state, last.energised), (State::Fault, false));
+    assert!(rows[..1990].iter().all(|(_, row)| row.state == State::Running && row.energised && row.set_point_thousandths == 1500));
+    let settings = model_export::link::settings::Settings::default();
+    let units = history::in_units(&rows, &settings).unwrap();
+    assert!((units[1900].pressure_measured_bar - 1.5).abs() < 0.05, "{:?}", units[1900]);
+
+    let log = rig.transport().processor().log().to_owned();
+    println!("{log}");
+    for text in ["stm32f405-rig, firmware", "started by", "state Running", "E028", "ERROR", "the run before ended in"] {
+        assert!(log.contains(text), "`{text}` is not in the log");
+    }
+    assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn both_drives_hold_the_same_pressure() {
     let [(by_voltage_bar, voltage), (by_width_bar, width)] = [0, 1].map(held_with_drive);
     // A step of the converter is 1.2 mbar at 5 bar full scale, one of the pulse width as much.

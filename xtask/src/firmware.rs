@@ -52,7 +52,8 @@ pub fn build() -> Result<Sizes> {
                 "link-arg=--defsym=_budgeted=1",
             ])
             // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
-            .env("DEFMT_LOG", "info"),
+            .env("DEFMT_LOG", "info")
+            .env("FIRMWARE_COMMIT", commit()),
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
@@ -73,6 +74,18 @@ pub fn build() -> Result<Sizes> {
         sizes.stack
     );
     Ok(sizes)
+}
+
+/// The commit that is built, which `Hello` tells; empty where the tree holds something else.
+fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let output = std::process::Command::new("git").args(arguments).output().ok()?;
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    match (git(&["status", "--porcelain", "--untracked-files=no"]), git(&["rev-parse", "HEAD"])) {
+        (Some(changes), Some(commit)) if changes.is_empty() => commit,
+        _ => String::new(),
+    }
 }
 
 /// Builds, seals and flashes, then shows the logs until it is stopped.

@@ -58,24 +58,31 @@ mod image {
     mod app {
         use core::mem::MaybeUninit;
 
+        use embedded_io::Write as _;
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-        use firmware::board::brown_out;
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
         use firmware::board::chip::pac::{Interrupt, PWR};
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
-        use firmware::board::clock::Source;
+        use firmware::board::chip::{
+            BoardTask, bootloader, clock, crash, identity, memory, pins, protection, sampling, serial as uart, supply, watchdog,
+        };
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
-        use firmware::board::flash::InternalFlash;
-        use firmware::board::hardware::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
+        use firmware::board::log::{self, Logged};
+        use firmware::board::stm32f405::brown_out;
+        use firmware::board::stm32f405::clock::Source;
+        use firmware::board::stm32f405::facts::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
+        use firmware::board::stm32f405::flash::InternalFlash;
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
-        use firmware::link::{Link, LinkBuffers, LinkConfig};
+        use firmware::link::{Identity, Link, LinkBuffers, LinkConfig};
+        use firmware::storage::Sectors;
         use firmware::tick::{BootReport, Rig, TickConfig};
-        use model_export::link::fault::{Fault, FaultSet};
+        use model_export::link::fault::Fault;
+        use model_export::link::hello::Build;
+        use model_export::link::state::State;
         use model_export::schema::Model;
 
         use super::EXCHANGE;
@@ -83,7 +90,7 @@ mod image {
         /// Rounds of the background between two looks at the stack.
         const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
-        type BoardFlash = InternalFlash<Controller>;
+        type BoardFlash = Sectors<Logged<InternalFlash<Controller>>>;
         type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
         #[shared]
@@ -122,12 +129,14 @@ mod image {
             let device = context.device;
             let mut core = context.core;
             let rcc = &device.RCC;
+            bootloader::follow(rcc, &device.SYSCFG);
 
             // Why are we here, and in what time.
             let retained = crash::take();
-            let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
+            let reset_cause =
+                firmware::board::stm32f405::reset_cause(rcc.csr().read().bits(), retained.and_then(|retained| retained.crash));
             rcc.csr().modify(|_, w| w.rmvf().set_bit());
-            let clock = firmware::board::clock::start(
+            let clock = firmware::board::stm32f405::clock::start(
                 &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
                 CRYSTAL_HZ,
                 Pll::CRYSTAL,
@@ -136,7 +145,9 @@ mod image {
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
 
             let level = brown_out::ensure(&mut &device.FLASH);
-            defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
+            if level == brown_out::Outcome::Programmed {
+                defmt::info!("brown-out level programmed");
+            }
             protection::start(&core.MPU);
 
             // Hands, all of them at rest.
@@ -165,7 +176,9 @@ mod image {
                     0
                 }
             };
-            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing };
+            // SAFETY: a crystal that runs is on the chip itself.
+            let chip = (clock.source == Source::Crystal).then(|| unsafe { sampling::chip_calibration() }).flatten();
+            let facts = Facts { program: context.local.program, program_crc32, clock: clock.check, faults: standing, chip };
             // A damaged program is told at once, not only by the self-test that an acknowledgement leads to.
             boot_faults = boot_faults.union(facts.examine());
             let (commands_in, commands_out) = context.local.commands.split();
@@ -182,12 +195,14 @@ mod image {
                         previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
                         facts: FACTS,
                     },
-                    InternalFlash::new(controller(), SETTINGS_SECTORS),
-                    InternalFlash::new(controller(), MODEL_SECTORS),
+                    Sectors::new(Logged::new(InternalFlash::new(controller(), SETTINGS_SECTORS), "settings")),
+                    Sectors::new(Logged::new(InternalFlash::new(controller(), MODEL_SECTORS), "models")),
                     context.local.link_buffers,
                 );
                 BackgroundTask::new(link, facts, queues, &EXCHANGE)
             });
+            let build = Build { source: source_hash(option_env!("FIRMWARE_COMMIT")), ..identity::read(clock.source == Source::Crystal) };
+            background.link_mut().identify(Identity { build, has_bootloader: true, has_history: true });
             let boot = BootReport { reset_cause, faults: boot_faults.union(background.link().boot_faults()) };
             let hands = Hands {
                 source: sampler,
@@ -212,7 +227,12 @@ mod image {
                 TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
             });
 
-            log_start(clock.source, boot.faults);
+            log::start(BOARD_NAME, &build, reset_cause, rates.cycles_per_tick() * 1000, program_crc32);
+            log_clock(clock.source);
+            log::standing(boot.faults);
+            if let Some(retained) = retained.filter(|retained| retained.record.first != 0) {
+                log::before(&retained.record);
+            }
             task.hands_mut().source.begin();
             sampling::start_guard(&mut core.SYST, &task.hands_mut().source, rates);
             (
@@ -236,17 +256,33 @@ mod image {
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
             let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
             let mut state = EXCHANGE.state();
+            let mut fault_is_new = false;
             let mut stack_unused_bytes = memory::stack_unused_bytes();
             let mut round = 0u32;
             loop {
                 round = round.wrapping_add(1);
+                background.link_mut().serve_history(&crash::LastTicks);
+                if background.link_mut().wants_bootloader() {
+                    defmt::warn!("starting the chip's bootloader");
+                    let _ = line.flush();
+                    bootloader::enter();
+                }
                 background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
                 }
+                if let Some((token, refusal)) = background.link_mut().take_refusal() {
+                    log::refusal(token, refusal);
+                }
                 if EXCHANGE.state() != state {
                     state = EXCHANGE.state();
-                    defmt::info!("state {=u8}", state_number(state));
+                    log::state(state);
+                    fault_is_new |= state == State::Fault;
+                }
+                // Later, where the tick is just writing it.
+                if fault_is_new && let Some(retained) = crash::peek() {
+                    fault_is_new = false;
+                    log::fault(&retained.record);
                 }
             }
         }
@@ -284,22 +320,29 @@ mod image {
             home.write(make())
         }
 
-        fn state_number(state: model_export::link::state::State) -> u8 {
-            model_export::link::state::State::ALL
-                .iter()
-                .zip(0u8..)
-                .find(|(candidate, _)| **candidate == state)
-                .map_or(0, |(_, number)| number)
+        /// The first bytes of a hash in hexadecimal digits; zeros without one.
+        const fn source_hash(digits: Option<&str>) -> [u8; 8] {
+            let mut hash = [0; 8];
+            let Some(digits) = digits else { return hash };
+            let digits = digits.as_bytes();
+            let mut index = 0;
+            while index < 16 && index < digits.len() {
+                let digit = match digits[index] {
+                    digit @ b'0'..=b'9' => digit - b'0',
+                    digit @ b'a'..=b'f' => digit - b'a' + 10,
+                    _ => return [0; 8],
+                };
+                hash[index / 2] = (hash[index / 2] << 4) | digit;
+                index += 1;
+            }
+            hash
         }
 
-        fn log_start(source: Source, faults: FaultSet) {
+        fn log_clock(source: Source) {
             match source {
                 Source::Crystal => defmt::info!("168 MHz from the crystal"),
                 Source::InternalFast => defmt::warn!("168 MHz from the internal oscillator"),
                 Source::Internal => defmt::warn!("16 MHz from the internal oscillator"),
-            }
-            for fault in faults.iter() {
-                defmt::error!("E{=u8:03}", fault.number());
             }
         }
     }

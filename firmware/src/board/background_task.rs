@@ -2,27 +2,23 @@
 
 use core::borrow::BorrowMut;
 
+use embedded_io::{Read, ReadReady, Write, WriteReady};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::fault::FaultSet;
-use model_export::link::frame::MAX_WIRE;
 use model_export::link::message::Telemetry;
 
 use super::exchange::Exchange;
+use super::read_back::ChipThermometer;
 use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkBuffers, Measured};
 use crate::self_test::{ClockCheck, SelfTest};
 use crate::storage::Flash;
 use crate::tick::{Action, Answer, Command};
 
-/// The line to the host.
-pub trait Line {
-    /// The next byte that came.
-    fn receive(&mut self) -> Option<u8>;
-    /// Bytes that can be sent now.
-    fn room(&self) -> usize;
-    /// Sends bytes for which there is room.
-    fn send(&mut self, bytes: &[u8]);
-}
+/// The line to the host: any of embedded-io's that tells what it can do without waiting.
+pub trait Line: Read + ReadReady + Write + WriteReady {}
+
+impl<L: Read + ReadReady + Write + WriteReady> Line for L {}
 
 /// What the self-test needs to know of the board.
 #[derive(Clone, Copy, Debug)]
@@ -35,12 +31,14 @@ pub struct Facts<'a> {
     pub clock: Option<ClockCheck>,
     /// What is wrong with the board until its next start.
     pub faults: FaultSet,
+    /// The factory's calibration of the chip's temperature sensor, where there is one.
+    pub chip: Option<ChipThermometer>,
 }
 
 impl Facts<'_> {
     /// What is wrong with the program and the board.
     pub fn examine(&self) -> FaultSet {
-        let Self { program, program_crc32, clock, faults } = *self;
+        let Self { program, program_crc32, clock, faults, chip: _ } = *self;
         SelfTest { program, program_crc32, clock }.run().union(faults)
     }
 }
@@ -94,6 +92,11 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
         self.background.link()
     }
 
+    /// The link.
+    pub fn link_mut(&mut self) -> &mut Link<S, M, B> {
+        self.background.link_mut()
+    }
+
     /// One round: takes what came, does what is wanted, sends what fits. Called over and over.
     ///
     /// `noise` is a fast counter's value: see [`Measured::noise`].
@@ -113,7 +116,9 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
         // What is over may come again.
         *raised = FaultSet(raised.0 & outputs.0);
         background.self_test(|| facts.examine().union(outputs), place, &mut sink);
-        if let Some(byte) = line.receive() {
+        let mut byte = [0];
+        if matches!(line.read_ready(), Ok(true)) && matches!(line.read(&mut byte), Ok(1)) {
+            let [byte] = byte;
             background.receive(byte, place, &mut sink);
         }
         self.send(line);
@@ -123,12 +128,20 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
 
     #[inline(never)]
     fn look(&mut self, stack_unused_bytes: u32, noise: u32) {
-        let Self { background, exchange, tests_done, dropped, .. } = self;
+        let Self { background, exchange, facts, tests_done, dropped, .. } = self;
         let link = background.link_mut();
+        let (supply_mv, chip_code) = exchange.measured_self();
+        let chip = facts.chip;
         link.observe(
             exchange.state(),
             exchange.vent_verified(),
-            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes, noise },
+            Measured {
+                longest_tick_cycles: exchange.longest_tick_cycles(),
+                stack_unused_bytes,
+                supply_v: (supply_mv > 0).then(|| f32::from(supply_mv) / 1000.0),
+                chip_celsius: chip.map(|calibration| calibration.celsius(chip_code, supply_mv)).filter(|_| supply_mv > 0 && chip_code > 0),
+                noise,
+            },
         );
         let lost = exchange.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));
@@ -160,10 +173,6 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
 
     #[inline(never)]
     fn send(&mut self, line: &mut impl Line) {
-        if line.room() >= MAX_WIRE
-            && let Some(frame) = self.background.link_mut().transmit()
-        {
-            line.send(frame);
-        }
+        self.background.link_mut().transmit_to(line);
     }
 }

@@ -1,6 +1,6 @@
 //! What the tick and the background share: a few words, each written by one side.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU16, AtomicU32, Ordering};
 
 use heapless::spsc::{Consumer, Producer, Queue};
 use model_export::link::fault::{Fault, FaultSet};
@@ -56,6 +56,8 @@ pub struct Exchange {
     periods: AtomicU32,
     ticks: AtomicU32,
     trace_taken: AtomicU32,
+    supply_mv: AtomicU16,
+    chip_code: AtomicU16,
 }
 
 impl Exchange {
@@ -74,7 +76,22 @@ impl Exchange {
             periods: AtomicU32::new(0),
             ticks: AtomicU32::new(0),
             trace_taken: AtomicU32::new(0),
+            supply_mv: AtomicU16::new(0),
+            chip_code: AtomicU16::new(0),
         }
+    }
+
+    /// The tick tells what was measured of the chip itself.
+    pub fn publish_self(&self, supply_mv: u16, chip_code: Option<u16>) {
+        self.supply_mv.store(supply_mv, Ordering::Relaxed);
+        if let Some(code) = chip_code {
+            self.chip_code.store(code, Ordering::Relaxed);
+        }
+    }
+
+    /// Analogue supply in mV and code of the chip's temperature sensor; zeros before they were measured.
+    pub fn measured_self(&self) -> (u16, u16) {
+        (self.supply_mv.load(Ordering::Relaxed), self.chip_code.load(Ordering::Relaxed))
     }
 
     /// Counts bytes that the link has taken out of the trace's queue.

@@ -27,7 +27,7 @@ impl PulseTiming {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::hardware::Rates;
+    use crate::board::stm32f405::facts::Rates;
 
     #[test]
     fn every_frequency_of_the_setting_is_met_with_fine_steps() {

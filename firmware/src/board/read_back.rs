@@ -8,12 +8,14 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::hardware::CONVERTER_FULL_SCALE;
+use super::stm32f405::facts::CONVERTER_FULL_SCALE;
 
 /// Largest deviation of the analogue supply from the nominal, in parts per thousand: as large an error of every pressure.
 pub const SUPPLY_TOLERANCE_PER_MILLE: u32 = 30;
 /// Largest difference of the drive's pin from what was put out, in codes: 2 % of full scale, for settling and the converter's errors.
 pub const DRIVE_TOLERANCE_CODES: u16 = CONVERTER_FULL_SCALE / 50;
+/// Supply at which the factory calibrates (DS8626 table 77).
+const NOMINAL_MV: u32 = 3300;
 /// Readings in a row that decide.
 pub const READINGS: u8 = 10;
 /// Codes of the reference voltage, 1.18 to 1.24 V, that a calibration at 3.3 V can have, with a margin (DS8626 table 76).
@@ -26,6 +28,8 @@ pub struct ReadBack {
     pub reference_code: Option<u16>,
     /// Code of the drive's pin, if it was converted.
     pub drive_code: Option<u16>,
+    /// Code of the chip's temperature sensor, if it was converted.
+    pub chip_code: Option<u16>,
     /// Whether the dump valve's pin is high.
     pub dump_is_high: bool,
 }
@@ -43,6 +47,7 @@ pub struct PutOut {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadBackMonitor {
     calibration: Option<u16>,
+    supply_mv: u16,
     supply: u8,
     drive: u8,
     dump: u8,
@@ -51,7 +56,12 @@ pub struct ReadBackMonitor {
 impl ReadBackMonitor {
     /// With the factory's code of the reference voltage at 3.3 V; without a plausible one the supply is not judged.
     pub fn new(calibration: Option<u16>) -> Self {
-        Self { calibration: calibration.filter(|code| CALIBRATIONS.contains(code)), supply: 0, drive: 0, dump: 0 }
+        Self { calibration: calibration.filter(|code| CALIBRATIONS.contains(code)), supply_mv: 0, supply: 0, drive: 0, dump: 0 }
+    }
+
+    /// The analogue supply by the last reading of the reference voltage, mV; zero before there is one.
+    pub fn supply_mv(&self) -> u16 {
+        self.supply_mv
     }
 
     /// What is wrong after this tick's readings.
@@ -62,6 +72,8 @@ impl ReadBackMonitor {
         if let (Some(code), Some(calibration)) = (read.reference_code, self.calibration) {
             // The supply is 3.3 V times calibration over code: off by as much as the two differ, and a code of zero is no supply at all.
             let difference = u32::from(code.abs_diff(calibration)) * 1000;
+            let supply_mv = (NOMINAL_MV * u32::from(calibration)).checked_div(u32::from(code)).unwrap_or(0);
+            self.supply_mv = u16::try_from(supply_mv).unwrap_or(u16::MAX);
             self.supply = count(self.supply, difference > u32::from(code) * SUPPLY_TOLERANCE_PER_MILLE);
         }
         if let Some(code) = read.drive_code {
@@ -72,6 +84,32 @@ impl ReadBackMonitor {
         faults.insert_if(self.supply >= READINGS, Fault::ReferenceVoltage);
         faults.insert_if(self.drive >= READINGS || self.dump >= READINGS, Fault::OutputMismatch);
         faults
+    }
+}
+
+/// The factory's two points of the chip's temperature sensor, taken at 3.3 V (DS8626 table 74): 30 and 110 degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChipThermometer {
+    /// Code at 30 degrees.
+    pub code_30: u16,
+    /// Code at 110 degrees; another than that at 30.
+    pub code_110: u16,
+}
+
+impl ChipThermometer {
+    /// Two plausible points; `None` otherwise, as on a chip that is none.
+    #[must_use]
+    pub fn new(code_30: u16, code_110: u16) -> Option<Self> {
+        // 0.76 V at 25 degrees and 2.5 mV a degree are 958 and 1206 codes (DS8626 table 73), with a wide margin.
+        let plausible = (700..=1200).contains(&code_30) && (100..=400).contains(&code_110.saturating_sub(code_30));
+        plausible.then_some(Self { code_30, code_110 })
+    }
+
+    /// The temperature of a code that was taken at this supply, in degrees Celsius; some 1.5 degrees true.
+    #[must_use]
+    pub fn celsius(&self, code: u16, supply_mv: u16) -> f32 {
+        let at_nominal = f32::from(code) * f32::from(supply_mv) / 3300.0;
+        30.0 + 80.0 * (at_nominal - f32::from(self.code_30)) / f32::from(self.code_110 - self.code_30)
     }
 }
 
@@ -92,7 +130,12 @@ mod tests {
         (1..1_000).find_map(|tick| {
             // One conversion a tick, in turn.
             let even = tick % 2 == 0;
-            let read = ReadBack { reference_code: even.then_some(reference_code), drive_code: (!even).then_some(drive_code), dump_is_high };
+            let read = ReadBack {
+                reference_code: even.then_some(reference_code),
+                drive_code: (!even).then_some(drive_code),
+                chip_code: None,
+                dump_is_high,
+            };
             let faults = monitor.step(&read, put_out);
             (!faults.is_empty()).then(|| (tick, faults.iter().collect()))
         })

@@ -6,15 +6,17 @@
 use embedded_hal::digital::{InputPin, OutputPin};
 use heapless::spsc::{Consumer, Producer};
 use model_export::link::message::Telemetry;
+use model_export::link::state::State;
 use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
 use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
 use super::watchdog::{Watchdog, WatchdogTimer};
+use crate::history::{History, HistoryMemory};
 use crate::retain::{Retained, SEALED_BYTES};
 use crate::seam::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
-use crate::tick::{Answer, Command, ModelStep, Rig, TickInputs, ValveOutput};
+use crate::tick::{Answer, Command, ModelStep, Rig, TakenIn, TickInputs, ValveOutput};
 
 /// Counts processor cycles.
 pub trait CycleCounter {
@@ -22,8 +24,8 @@ pub trait CycleCounter {
     fn cycles(&self) -> u32;
 }
 
-/// Keeps the sealed record where a reset does not reach.
-pub trait RecordKeeper {
+/// Keeps the sealed record, and the history, where a reset does not reach.
+pub trait RecordKeeper: HistoryMemory {
     /// Overwrites the record.
     fn keep(&mut self, sealed: &[u8; SEALED_BYTES]);
 }
@@ -75,6 +77,7 @@ pub struct TickTask<'q, H> {
     pulse_hz: u32,
     put_out: PutOut,
     monitor: ReadBackMonitor,
+    history: History,
 }
 
 impl<'q, H> TickTask<'q, H> {
@@ -100,6 +103,7 @@ impl<'q, H> TickTask<'q, H> {
             pulse_hz: 0,
             put_out: PutOut::default(),
             monitor: ReadBackMonitor::new(reference_calibration),
+            history: History::new(),
         }
     }
 
@@ -161,9 +165,11 @@ where
             command: if exchange::has_room(&self.queues.answers) { exchange::take(&mut self.queues.commands) } else { None },
             telemetry_dropped: self.exchange.telemetry_dropped(),
         };
+        let taken = TakenIn::from(&inputs);
         // What was read is what the last tick put out.
         if let Some(read) = self.hands.source.read_back() {
             self.exchange.report_outputs(self.monitor.step(&read, self.put_out));
+            self.exchange.publish_self(self.monitor.supply_mv(), read.chip_code);
         }
         let outputs = self.rig.tick(model, inputs);
 
@@ -184,6 +190,8 @@ where
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);
         self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
+        let row = self.rig.history_row(taken, &outputs);
+        self.history.step(&mut self.hands.keeper, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {
             let retained = Retained { record: *self.rig.supervisor().record(), crash: None };
             self.hands.keeper.keep(&retained.seal());

@@ -3,7 +3,7 @@
 //! It has an oscillator of its own and nothing can stop it once it runs. While energised it must catch a hang within 50 ms; while vented an
 //! erase of a flash sector stops the processor for up to two seconds, and the watchdog must wait that long.
 
-use super::hardware::{SECTOR_ERASE_MS, WATCHDOG_HZ};
+use super::stm32f405::facts::{SECTOR_ERASE_MS, WATCHDOG_HZ};
 
 /// What the watchdog is set to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

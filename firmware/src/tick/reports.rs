@@ -1,10 +1,12 @@
 //! What a rig tells of itself: answers, status, telemetry, the context of a fault, and what a simulation may look at.
 
 use model_export::link::fault::{BlockerSet, NoticeSet};
+use model_export::link::history::HistoryRow;
 use model_export::link::message::{FaultRecord, Refusal, Reply, Status, Telemetry};
 
-use super::{Answer, Pending, Rig};
+use super::{Answer, Pending, Rig, TickInputs, TickOutputs};
 use crate::control::Controller;
+use crate::history::thousandths;
 use crate::number::MicroBar;
 use crate::plausibility::SensorState;
 use crate::seam::RawSample;
@@ -33,6 +35,23 @@ pub struct Insight {
     pub host_age_ms: u16,
 }
 
+/// What of a tick's inputs the history keeps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TakenIn {
+    /// The sample.
+    pub sample: RawSample,
+    /// Whether the emergency stop was pressed.
+    pub emergency_stop: bool,
+    /// Whether ticks were lost before it, or the one before took too long.
+    pub late: bool,
+}
+
+impl From<&TickInputs> for TakenIn {
+    fn from(inputs: &TickInputs) -> Self {
+        Self { sample: inputs.sample, emergency_stop: inputs.emergency_stop, late: inputs.overran || inputs.lost_ticks > 0 }
+    }
+}
+
 impl Rig {
     /// What the last tick saw and did.
     pub fn insight(&self) -> Insight {
@@ -49,6 +68,22 @@ impl Rig {
             displacement_mm: believed(&state.laser),
             estimate_mm: self.estimate_mm(),
             host_age_ms: state.host_age_ticks,
+        }
+    }
+
+    /// What the tick that has just been leaves in the history.
+    pub fn history_row(&self, taken: TakenIn, outputs: &TickOutputs) -> HistoryRow {
+        let TakenIn { sample, emergency_stop, late } = taken;
+        HistoryRow {
+            laser_code: sample.laser_code,
+            pressure_code: sample.pressure_code,
+            valve_share: outputs.valve_share,
+            set_point_thousandths: thousandths(Some(self.state.set_point)),
+            estimate_thousandths: thousandths(self.estimate_mm()),
+            state: outputs.state,
+            emergency_stop,
+            late,
+            energised: outputs.energised,
         }
     }
 
@@ -142,6 +177,7 @@ impl Rig {
             estimate_mm,
             playback_index: self.tick.controller.point_index(&state.controller),
             late_ticks: state.late_ticks,
+            ..Telemetry::default()
         })
     }
 }

@@ -6,13 +6,14 @@ use anyhow::{Result, ensure};
 use serde::Serialize;
 
 use super::Outcome;
+use crate::history::{self, DumpRow};
 use crate::journal::{Journal, Story, story};
 use crate::{output, say};
 
 /// Run a journal again on this computer, bit for bit, and say why the rig did what it did.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The journal, or the recording beside which it lies.
+    /// The journal, or the recording beside which it lies, or the dump of a rig's last seconds (`catheter rig explain --dump`).
     #[arg(value_name = "FILE")]
     journal: PathBuf,
     /// Say what was in force at this moment and why, in s after the beginning of the journal.
@@ -40,6 +41,12 @@ struct Written<'a> {
 /// When the file is no journal.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let is_recording = arguments.journal.extension().is_some_and(|ending| ending == "csv");
+    if is_recording
+        && !arguments.journal.with_extension("journal").exists()
+        && let Some(rows) = history::read(&arguments.journal)?
+    {
+        return dump(&rows, arguments);
+    }
     let path = if is_recording { arguments.journal.with_extension("journal") } else { arguments.journal.clone() };
     let journal = Journal::read(&path)?;
     let told = story(&journal, arguments.at)?;
@@ -85,4 +92,42 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         )?;
     }
     Ok(if identical && cut.is_none() { Outcome::Success } else { Outcome::CheckFailed })
+}
+
+#[derive(Serialize)]
+struct DumpWritten<'a> {
+    rows: usize,
+    duration_s: f64,
+    ends_in_a_fault: bool,
+    events: &'a [String],
+    at: Option<&'a DumpRow>,
+}
+
+/// Tells what a rig's last seconds hold.
+fn dump(rows: &[DumpRow], arguments: &Arguments) -> Result<Outcome> {
+    let duration_s = rows.last().map_or(0.0, |row| row.time_s);
+    ensure!(
+        arguments.at.is_none_or(|at| at.is_finite() && (0.0..=duration_s).contains(&at)),
+        "--at: a moment from 0 to {duration_s:.3} s is wanted, the dump is no longer"
+    );
+    let events = history::events(rows);
+    say!("{}: the last {duration_s:.3} s of a rig, {} rows", arguments.journal.display(), rows.len());
+    events.iter().for_each(|event| say!("{event}"));
+    let moment = arguments.at.unwrap_or(duration_s);
+    let at = history::at(rows, moment);
+    if let Some(row) = at {
+        say!(
+            "{:.3} s  state `{}`: {:.3} bar to the valve, {:.3} bar and {:.3} mm measured (codes {} and {})",
+            row.time_s,
+            row.state,
+            row.pressure_bar,
+            row.pressure_measured_bar,
+            row.displacement_mm,
+            row.pressure_code,
+            row.laser_code
+        );
+    }
+    let written = DumpWritten { rows: rows.len(), duration_s, ends_in_a_fault: history::ends_in_a_fault(rows), events: &events, at };
+    arguments.json.as_deref().map_or(Ok(()), |path| output::write_json(path, &written))?;
+    Ok(Outcome::Success)
 }

@@ -26,7 +26,7 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/release/rig";
 const PROGRAM_VARIABLE: &str = "CATHETER_BOARD_MODEL";
 const IMAGE_VARIABLE: &str = "CATHETER_RIG_IMAGE";
 
-/// First addresses of the slots: settings A and B, models A and B (`firmware/src/board/hardware.rs`).
+/// First addresses of the slots: settings A and B, models A and B (`firmware/src/board/stm32f405/facts.rs`).
 const SLOTS: [(u32, usize); 4] = [
     (0x080c_0000, SETTINGS_SLOT_BYTES),
     (0x080e_0000, SETTINGS_SLOT_BYTES),

@@ -6,6 +6,7 @@ use firmware::control::Compensator;
 use firmware::device::exchange::{DeviceOutputs, Sabotage};
 use firmware::device::{Device, DeviceConfig, DeviceInputs};
 use firmware::estimator::Portable;
+use firmware::history::RamHistory;
 use firmware::model::{ModelFacts, RunningModel};
 use firmware::retain::Retained;
 use firmware::tick::{Direction, ModelStep, RigFacts, TickOutputs};
@@ -97,6 +98,7 @@ pub struct InProcess {
     device: Option<HostDevice>,
     flash: FlashMemory,
     retained: Option<Retained>,
+    history: Box<RamHistory>,
     crash: Option<Fault>,
 }
 
@@ -104,7 +106,7 @@ impl InProcess {
     /// A processor with this flash; it starts with its first boot.
     #[must_use]
     pub fn new(flash: FlashMemory) -> Self {
-        Self { device: None, flash, retained: None, crash: None }
+        Self { device: None, flash, retained: None, history: Box::default(), crash: None }
     }
 
     /// The device, once it has started.
@@ -145,7 +147,7 @@ impl InProcess {
     pub(crate) fn step(&mut self, inputs: DeviceInputs, from_host: &[u8], to_host: &mut Vec<u8>) -> Option<TickOutputs> {
         let device = self.device.as_mut()?;
         from_host.iter().for_each(|byte| device.receive(*byte));
-        let outputs = device.tick(inputs);
+        let outputs = device.tick_remembering(inputs, self.history.as_mut());
         if outputs.record_changed {
             self.retained = Some(Retained { record: *device.record(), crash: None });
         }

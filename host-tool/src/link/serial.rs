@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use model_export::link::LINE_BAUD;
 
 use super::{LinkError, Transport};
+use crate::bootloader::BOOTLOADER_BAUD;
 
 /// A serial port.
 pub struct Serial {
@@ -21,6 +22,25 @@ impl Serial {
     /// [`LinkError::CannotOpen`], with the ports there are.
     pub fn open(port: &str) -> Result<Self, LinkError> {
         let opened = serial2::SerialPort::open(port, LINE_BAUD).map_err(|error| LinkError::CannotOpen {
+            place: port.to_owned(),
+            problem: error.to_string(),
+            remedy: remedy(&error),
+        })?;
+        Ok(Self { port: opened, place: port.to_owned(), opened: Instant::now() })
+    }
+
+    /// Opens a port as the bootloader in the chip's ROM wants it: slower, with even parity.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_bootloader(port: &str) -> Result<Self, LinkError> {
+        let settings = |mut settings: serial2::Settings| {
+            settings.set_raw();
+            settings.set_baud_rate(BOOTLOADER_BAUD)?;
+            settings.set_parity(serial2::Parity::Even);
+            Ok(settings)
+        };
+        let opened = serial2::SerialPort::open(port, settings).map_err(|error| LinkError::CannotOpen {
             place: port.to_owned(),
             problem: error.to_string(),
             remedy: remedy(&error),
@@ -82,7 +102,7 @@ mod tests {
     use std::thread;
 
     use model_export::link::frame;
-    use model_export::link::hello::Hello;
+    use model_export::link::hello::{Build, Hello};
     use model_export::link::state::ResetCause;
 
     use super::super::Client;
@@ -126,6 +146,7 @@ mod tests {
                 reset_cause: ResetCause::Pin,
                 board,
                 session: 0,
+                build: Build::default(),
             };
             device.write_all(&frame::encode(&hello.encode()).expect("a frame")).expect("the host listens");
             device

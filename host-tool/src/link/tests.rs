@@ -101,6 +101,60 @@ fn a_processor_that_crashes_or_hangs_is_reset_with_the_pins_released_and_says_wh
     }
 }
 
+#[test]
+fn the_last_seconds_before_a_fault_or_a_crash_are_fetched_afterwards_and_written_as_a_recording() {
+    use crate::history;
+
+    let folder = tempfile::tempdir().unwrap();
+    for sabotage in [Sabotage::None, Sabotage::Hang, Sabotage::StackOverflow, Sabotage::Panic] {
+        let mut rig = running();
+        assert_eq!(history::fetch(&mut rig).unwrap(), None, "it records");
+        if sabotage != Sabotage::None {
+            rig.transport().sabotage(sabotage);
+        }
+        // By itself the rig notices that its host is silent.
+        rig.transport().advance_for(600).unwrap();
+        rig.greet_again().unwrap();
+        assert_eq!(status(&mut rig).state, State::Fault);
+        let rows = history::fetch(&mut rig).unwrap().expect("rows");
+        // From the start of the run on: a second of it, and what it took to get there.
+        assert!((1000..2000).contains(&rows.len()), "{} rows", rows.len());
+        assert!(rows.iter().enumerate().all(|(index, row)| usize::from(row.0) == index), "a row is torn");
+        let last = rows[rows.len() - 1].1;
+        assert_eq!(last.energised, sabotage != Sabotage::None, "{sabotage:?}");
+        assert_eq!(last.state, if sabotage == Sabotage::None { State::Fault } else { State::Running }, "{sabotage:?}");
+
+        let mut settings = history::settings_in_use(&mut rig).unwrap();
+        settings.control_law = 1;
+        let written = history::in_units(&rows, &settings).unwrap();
+        let row = &written[written.len() - 100];
+        assert!((row.pressure_measured_bar - 1.5).abs() < 0.05 && (row.pressure_bar - 1.5).abs() < 0.01, "{row:?}");
+        assert_eq!(row.set_point, Some(1.5));
+        let path = folder.path().join("dump.csv");
+        history::write(&path, &written).unwrap();
+        assert_eq!(history::read(&path).unwrap().as_ref(), Some(&written));
+        // Any recording's reader takes it as well.
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.starts_with("time_s,pressure_bar,displacement_mm,pressure_measured_bar,"), "{}", &text[..80]);
+        let events = history::events(&written);
+        assert!(events.iter().any(|event| event.contains("`running` after `armed`")), "{events:?}");
+        assert_eq!(history::ends_in_a_fault(&written), sabotage == Sabotage::None);
+
+        // A new run is a new recording.
+        rig.command(&Request::Acknowledge).unwrap();
+        until(&mut rig, State::Idle);
+        rig.command(&Request::Arm).unwrap();
+        assert_eq!(history::fetch(&mut rig).unwrap(), None);
+    }
+}
+
+#[test]
+fn a_rig_without_a_bootloader_says_so() {
+    let mut rig = rig();
+    until(&mut rig, State::Idle);
+    assert!(matches!(rig.command(&Request::EnterBootloader), Err(LinkError::Refused(_))));
+}
+
 /// A transport that plays what a test tells it.
 struct Scripted {
     answers: Vec<u8>,
@@ -140,6 +194,7 @@ fn hello(protocol: u16, schema_hash: u32) -> Vec<u8> {
         reset_cause: ResetCause::PowerOn,
         board: heapless::String::try_from("other").unwrap(),
         session: 5,
+        build: model_export::link::hello::Build::default(),
     };
     frame::encode(&hello.encode()).unwrap().to_vec()
 }

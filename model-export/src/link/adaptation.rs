@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::wire::{wire_enum, wire_struct};
-
 /// What adaptation did in the last window. The order is the wire format: append, never insert.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -57,16 +55,3 @@ pub struct AdaptationReport {
     /// Windows that were learned from.
     pub updates: u32,
 }
-
-wire_enum!(Adapting {
-    0 Off,
-    1 Both,
-    2 ZeroOnly,
-    3 NotRunning,
-    4 Limited,
-    5 NoLaser,
-    6 NoEstimate,
-    7 OutsideDomain,
-    8 Implausible,
-});
-wire_struct!(AdaptationReport { adapting, zero_mm, gain, updates });

@@ -56,15 +56,6 @@ macro_rules! explained {
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub struct $set(pub u64);
 
-        impl<'a> $crate::wire::Wire<'a> for $set {
-            fn read(&mut self, from: &mut $crate::wire::Reader<'a>) {
-                self.0.read(from);
-            }
-            fn write(&self, to: &mut $crate::wire::Writer<'_>) {
-                self.0.write(to);
-            }
-        }
-
         impl $set {
             /// The empty set.
             pub const EMPTY: Self = Self(0);

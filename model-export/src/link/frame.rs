@@ -5,13 +5,14 @@
 //! ```
 //!
 //! COBS (Cheshire and Baker, 1999) leaves no zero inside a frame, so a receiver that joins late or reads garbage finds the next frame at the
-//! next zero. The CRC is the one of Ethernet and zip.
-//!
-//! Frames are made and taken apart in the place they are in, because the microcontroller's stack has no room for copies of them.
+//! next zero. The CRC is the one of Ethernet and zip. postcard's flavours make frames, the crate `cobs` takes them apart in the place they are in.
 
 use heapless::Vec;
+use postcard::ser_flavors::crc::CrcModifier;
+use postcard::ser_flavors::{Cobs, Flavor as _, Slice};
+use serde::Serialize;
 
-use crate::blob::crc32;
+use crate::blob::{CRC, crc32};
 
 /// Longest payload; a model chunk with its header is the longest in use.
 pub const MAX_PAYLOAD: usize = 320;
@@ -20,9 +21,7 @@ const CHECKSUM_BYTES: usize = 4;
 /// Bytes of a block: what COBS puts one byte in front of.
 const BLOCK: usize = 254;
 /// Longest frame on the wire, the closing zero included.
-pub const MAX_WIRE: usize = LEAD + MAX_PAYLOAD + CHECKSUM_BYTES + 1;
-/// What COBS adds to the longest frame; so far from the front a payload is put together.
-const LEAD: usize = (MAX_PAYLOAD + CHECKSUM_BYTES).div_ceil(BLOCK);
+pub const MAX_WIRE: usize = MAX_PAYLOAD + CHECKSUM_BYTES + (MAX_PAYLOAD + CHECKSUM_BYTES).div_ceil(BLOCK) + 1;
 
 /// Why bytes could not be made into a frame or a frame into a payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,76 +53,28 @@ pub fn encode(payload: &[u8]) -> Result<Wire, FrameError> {
 /// # Errors
 /// As [`encode`].
 pub fn encode_into(wire: &mut Wire, payload: &[u8]) -> Result<(), FrameError> {
-    build(wire, |place| {
-        place.iter_mut().zip(payload).for_each(|(byte, new)| *byte = *new);
-        Some(payload.len())
-    })
-}
-
-/// Makes a frame of the payload that `write` leaves in a place of [`MAX_PAYLOAD`] bytes; it gives the length, `None` if there is no room.
-pub(super) fn build(wire: &mut Wire, write: impl FnOnce(&mut [u8]) -> Option<usize>) -> Result<(), FrameError> {
+    if payload.len() > MAX_PAYLOAD {
+        return Err(FrameError::TooLong);
+    }
     wire.resize(MAX_WIRE, 0).map_err(|_| FrameError::TooLong)?;
-    let place = wire.get_mut(LEAD..LEAD + MAX_PAYLOAD).ok_or(FrameError::TooLong)?;
-    let length = write(&mut *place).ok_or(FrameError::TooLong)?;
-    let checksum = crc32(0, place.get(..length).ok_or(FrameError::TooLong)?).to_le_bytes();
-    wire.iter_mut().skip(LEAD + length).zip(checksum).for_each(|(byte, new)| *byte = new);
-    let length = stuff(wire, length + CHECKSUM_BYTES);
+    let length = close(wire, payload).map_err(|_| FrameError::TooLong)?;
     wire.truncate(length);
     Ok(())
 }
 
-/// Turns `length` bytes from [`LEAD`] on into COBS from the front with a zero behind; gives the length of that.
-///
-/// What is written trails what is read: by [`LEAD`] at first, then by a byte less for every block that is full.
-fn stuff(bytes: &mut [u8], length: usize) -> usize {
-    let (mut code_at, mut to, mut code) = (0, 1, 1);
-    for from in LEAD..LEAD + length {
-        let byte = bytes.get(from).copied().unwrap_or(0);
-        let full = code == u8::MAX;
-        if full || byte == 0 {
-            put(bytes, code_at, code);
-            (code_at, code) = (to, 1);
-            to += 1;
-        }
-        if full && byte == 0 {
-            put(bytes, code_at, code);
-            code_at = to;
-            to += 1;
-        }
-        if byte != 0 {
-            put(bytes, to, byte);
-            to += 1;
-            code = code.saturating_add(1);
-        }
-    }
-    put(bytes, code_at, code);
-    put(bytes, to, 0);
-    to + 1
+/// The checksum behind the payload, COBS around both.
+fn close(place: &mut [u8], payload: &[u8]) -> postcard::Result<usize> {
+    let mut frame = CrcModifier::new(Cobs::try_new(Slice::new(place))?, CRC.digest());
+    frame.try_extend(payload)?;
+    Ok(frame.finalize()?.len())
 }
 
-/// Turns COBS, without the zero that ends it, into what it stands for; gives the length of that, `None` if a block is cut off.
-fn unstuff(bytes: &mut [u8]) -> Option<usize> {
-    let (mut from, mut to) = (0, 0);
-    while let Some(code) = bytes.get(from).copied() {
-        from += 1;
-        for _ in 1..code {
-            let byte = bytes.get(from).copied()?;
-            put(bytes, to, byte);
-            from += 1;
-            to += 1;
-        }
-        if code != u8::MAX && from < bytes.len() {
-            put(bytes, to, 0);
-            to += 1;
-        }
-    }
-    Some(to)
-}
-
-fn put(bytes: &mut [u8], at: usize, byte: u8) {
-    if let Some(place) = bytes.get_mut(at) {
-        *place = byte;
-    }
+/// Makes a frame of a value, which becomes the payload as postcard writes it.
+pub(super) fn encode_value(wire: &mut Wire, value: &impl Serialize) -> Result<(), FrameError> {
+    // First the payload and then the frame: postcard's flavours around the serialiser would stand in the code of every type.
+    let mut payload = [0; MAX_PAYLOAD];
+    let payload = postcard::to_slice(value, &mut payload).map_err(|_| FrameError::TooLong)?;
+    encode_into(wire, payload)
 }
 
 /// Finds frames in a stream of bytes.
@@ -164,7 +115,7 @@ impl Decoder {
 }
 
 fn unpack(wire: &mut [u8]) -> Result<&[u8], FrameError> {
-    let length = unstuff(wire).ok_or(FrameError::NotCobs)?;
+    let length = cobs::decode_in_place(wire).map_err(|_| FrameError::NotCobs)?;
     let plain = wire.get(..length).ok_or(FrameError::NotCobs)?;
     let (payload, checksum) = plain.split_last_chunk::<CHECKSUM_BYTES>().ok_or(FrameError::Checksum)?;
     if payload.len() > MAX_PAYLOAD {
@@ -187,39 +138,65 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// Against the crate `cobs`, with runs around the length of a block.
+        /// With runs around the length of a block; the frame is COBS of payload and checksum as the crate `cobs` has it.
         #[test]
-        fn stuffing_is_cobs_and_unstuffing_undoes_it(
-            runs in prop::collection::vec((0usize..3, prop_oneof![0usize..4, 250usize..258]), 1..6)
+        fn a_frame_is_payload_and_checksum_and_comes_back_as_it_was_sent(
+            runs in prop::collection::vec((0usize..3, prop_oneof![0usize..4, 250usize..258]), 0..6)
         ) {
-            let plain: std::vec::Vec<u8> = runs
+            let payload: std::vec::Vec<u8> = runs
                 .into_iter()
                 .flat_map(|(zeros, others)| core::iter::repeat_n(0, zeros).chain((1..=u8::MAX).cycle().take(others)))
-                .take(MAX_PAYLOAD + CHECKSUM_BYTES)
+                .take(MAX_PAYLOAD)
                 .collect();
-            // A frame has its checksum at least.
-            prop_assume!(!plain.is_empty());
-            let mut bytes = [0xa5; MAX_WIRE];
-            bytes[LEAD..][..plain.len()].copy_from_slice(&plain);
-            let length = stuff(&mut bytes, plain.len());
-            let mut other = [0; MAX_WIRE + 1];
-            let other_length = cobs::encode(&plain, &mut other);
-            prop_assert_eq!(&bytes[..length - 1], &other[..other_length]);
-            prop_assert_eq!(bytes[length - 1], 0);
-            let length = unstuff(&mut bytes[..length - 1]);
-            prop_assert_eq!(length, Some(plain.len()));
-            prop_assert_eq!(&bytes[..plain.len()], &plain[..]);
+            let wire = encode(&payload).unwrap();
+            let plain = [&payload[..], &crc32(0, &payload).to_le_bytes()].concat();
+            // Behind a full block that ends the frame postcard leaves an empty one; both are COBS, and every decoder takes both.
+            let mut other = [0; MAX_WIRE];
+            let length = cobs::encode(&plain, &mut other);
+            let (body, end) = wire.split_at(length);
+            prop_assert_eq!(body, &other[..length]);
+            let is_full = plain.len() >= BLOCK && !plain[plain.len() - BLOCK..].contains(&0);
+            prop_assert!(end == [0] || (end == [1, 0] && is_full), "{:?}", end);
+            let mut decoder = Decoder::new();
+            for byte in &wire[..wire.len() - 1] {
+                prop_assert_eq!(decoder.push(*byte), None);
+            }
+            prop_assert_eq!(decoder.push(0), Some(Ok(&payload[..])));
         }
 
-        /// What is no COBS is refused, and what is gives the same, as the crate `cobs` has it.
+        /// Whatever comes is a payload with its checksum or an error.
         #[test]
-        fn any_bytes_are_cobs_or_not_as_others_see_it(
-            mut bytes in prop::collection::vec(prop_oneof![1u8..6, 1u8..=u8::MAX], 1..MAX_WIRE)
+        fn any_bytes_are_a_frame_or_an_error(
+            bytes in prop::collection::vec(prop_oneof![1u8..6, 1u8..=u8::MAX], 1..MAX_WIRE + 9)
         ) {
-            let mut other = bytes.clone();
-            let length = cobs::decode_in_place(&mut other).ok();
-            prop_assert_eq!(unstuff(&mut bytes), length);
-            prop_assert_eq!(&bytes[..length.unwrap_or(0)], &other[..length.unwrap_or(0)]);
+            let mut decoder = Decoder::new();
+            for byte in &bytes {
+                prop_assert_eq!(decoder.push(*byte), None);
+            }
+            let too_long = bytes.len() > MAX_WIRE;
+            let mut place = bytes.clone();
+            let plain = cobs::decode_in_place(&mut place).ok().map(|length| &place[..length]);
+            match decoder.push(0) {
+                Some(Ok(payload)) => {
+                    let (body, checksum) = plain.unwrap().split_last_chunk().unwrap();
+                    prop_assert_eq!((payload, crc32(0, payload)), (body, u32::from_le_bytes(*checksum)));
+                }
+                Some(Err(error)) => prop_assert_eq!(error == FrameError::TooLong, too_long || plain.is_some_and(|plain| plain.len() > MAX_PAYLOAD + CHECKSUM_BYTES)),
+                None => prop_assert!(false, "the zero ends a frame"),
+            }
         }
+    }
+
+    #[test]
+    fn the_longest_payload_fits_and_a_longer_one_is_refused() {
+        assert_eq!(encode(&[1; MAX_PAYLOAD]).unwrap().len(), MAX_WIRE);
+        assert_eq!(encode(&[1; MAX_PAYLOAD + 1]), Err(FrameError::TooLong));
+    }
+
+    #[test]
+    fn the_checksum_is_that_of_zip_and_goes_on_where_it_was_left() {
+        // The check value of CRC-32/ISO-HDLC in the catalogue of parametrised CRC algorithms (G. Cook).
+        assert_eq!(crc32(0, b"123456789"), 0xcbf4_3926);
+        assert_eq!(crc32(crc32(0, b"1234"), b"56789"), 0xcbf4_3926);
     }
 }

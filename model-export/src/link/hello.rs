@@ -13,6 +13,9 @@
 //! | 25 | 1 | cause of the last reset |
 //! | 26 | 16 | board name, ASCII, padded with zeros |
 //! | 42 | 4 | number of the session that this Hello began, from protocol 2 on |
+//! | 46 | 8 | first bytes of the hash of the source the program was built from, zero if unknown; from protocol 3 on |
+//! | 54 | 4 | the chip's device and revision identifiers (DBGMCU_IDCODE of an STM32), zero if it is none; from protocol 3 on |
+//! | 58 | 12 | the chip's unique number, zero if it has none; from protocol 3 on |
 //!
 //! A later version may append bytes; readers ignore what follows. The request is the kind byte 0x01; whatever follows is ignored too.
 //!
@@ -28,7 +31,7 @@ use super::state::ResetCause;
 /// Length of the answer's frozen part.
 pub const FROZEN_BYTES: usize = 42;
 /// Length of the answer.
-pub const HELLO_BYTES: usize = FROZEN_BYTES + 4;
+pub const HELLO_BYTES: usize = FROZEN_BYTES + 4 + 8 + 4 + 12;
 const MAGIC: [u8; 4] = *b"CATH";
 /// Longest board name.
 pub const MAX_BOARD_NAME: usize = 16;
@@ -50,6 +53,19 @@ pub struct Hello {
     pub board: String<MAX_BOARD_NAME>,
     /// The session that this Hello began; zero before protocol 2.
     pub session: u32,
+    /// What was built and what it runs on.
+    pub build: Build,
+}
+
+/// What was built and what it runs on; zeros before protocol 3 and where nobody knows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Build {
+    /// First bytes of the hash of the source.
+    pub source: [u8; 8],
+    /// Device identifier in the low twelve bits, revision in the high half.
+    pub chip: u32,
+    /// The chip's own number.
+    pub chip_number: [u8; 12],
 }
 
 /// Why a payload is not a Hello answer.
@@ -78,7 +94,12 @@ impl Hello {
             let _ = bytes.extend_from_slice(part);
         }
         let _ = bytes.resize(FROZEN_BYTES, 0);
-        let _ = bytes.extend_from_slice(&self.session.to_le_bytes());
+        let Build { source, chip, chip_number } = self.build;
+        let (session, chip) = (self.session.to_le_bytes(), chip.to_le_bytes());
+        for part in [&session[..], &source, &chip, &chip_number] {
+            // HELLO_BYTES counts them.
+            let _ = bytes.extend_from_slice(part);
+        }
         bytes
     }
 
@@ -113,7 +134,21 @@ impl Hello {
             reset_cause: ResetCause::from_number(reset_cause[0]),
             board: String::try_from(name).map_err(|_| HelloError::BoardName)?,
             session: later.first_chunk().map_or(0, |session| u32::from_le_bytes(*session)),
+            build: Build::decode(later.get(4..).unwrap_or(&[])),
         })
+    }
+}
+
+impl Build {
+    /// Of what a sender of any version put behind the session.
+    fn decode(bytes: &[u8]) -> Self {
+        let read = || {
+            let (source, rest) = take::<8>(bytes).ok()?;
+            let (chip, rest) = take::<4>(rest).ok()?;
+            let (chip_number, _) = take::<12>(rest).ok()?;
+            Some(Self { source, chip: u32::from_le_bytes(chip), chip_number })
+        };
+        read().unwrap_or_default()
     }
 }
 

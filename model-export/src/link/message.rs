@@ -1,18 +1,19 @@
-//! Requests, replies and telemetry of protocol version 1, as postcard encodes them.
+//! Requests, replies and telemetry, as postcard encodes them.
 //!
 //! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
 //! insert; `tests/link_wire.rs` holds the bytes of an example of each.
 
 use heapless::Vec;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::Kind;
 use super::adaptation::AdaptationReport;
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
 use super::frame::{self, FrameError, Wire};
+use super::history::HistoryPiece;
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
-use crate::wire::{self, Wire as OnWire, wire_enum, wire_struct};
 
 /// Most points of a playback chunk.
 pub const MAX_CHUNK_POINTS: usize = 32;
@@ -144,6 +145,13 @@ pub enum Request {
     TraceEnd,
     /// What adaptation learned since it was reset.
     AdaptationReport,
+    /// The last ticks before a fault ([`super::history`]), of this run or the one before.
+    History {
+        /// The row to begin with, the oldest being zero.
+        from_row: u16,
+    },
+    /// Start again in the chip's own bootloader, which takes a new program over this line; refused unless vented. The answer comes before.
+    EnterBootloader,
 }
 
 impl Request {
@@ -159,6 +167,7 @@ impl Request {
                 | Self::ControlReport
                 | Self::AdaptationReport
                 | Self::Models
+                | Self::History { .. }
         )
     }
 
@@ -171,6 +180,7 @@ impl Request {
                 | Self::ModelFinish
                 | Self::ModelActivate { .. }
                 | Self::SettingsRevert(Baseline::Saved)
+                | Self::EnterBootloader
         )
     }
 }
@@ -387,6 +397,8 @@ pub enum Reply {
         /// The one that could be activated.
         other: [u8; 8],
     },
+    /// Answer to [`Request::History`].
+    History(HistoryPiece),
 }
 
 /// A reply with its request's token.
@@ -432,8 +444,16 @@ pub struct Telemetry {
     pub estimate_mm: Option<f32>,
     /// Index of the playback point in force.
     pub playback_index: u32,
-    /// Ticks that came late or were lost since the start.
+    /// Ticks that came late or were lost since the start: missed deadlines.
     pub late_ticks: u32,
+    /// Longest tick since the start, in processor cycles; 0 if not measured.
+    pub longest_tick_cycles: u32,
+    /// Bytes of stack never used since the start; 0 if not measured.
+    pub stack_unused_bytes: u32,
+    /// Analogue supply by the chip's reference voltage; `None` where it is not measured.
+    pub supply_v: Option<f32>,
+    /// Temperature of the chip; `None` where it is not measured.
+    pub chip_celsius: Option<f32>,
 }
 
 /// Why a payload could not be read.
@@ -455,7 +475,7 @@ impl From<FrameError> for MessageError {
 }
 
 /// A message that knows its kind.
-pub trait Message: Default + for<'a> OnWire<'a> {
+pub trait Message: Serialize + DeserializeOwned {
     /// First byte of its payload.
     const KIND: Kind;
 
@@ -474,12 +494,7 @@ pub trait Message: Default + for<'a> OnWire<'a> {
     /// # Errors
     /// As [`Self::to_wire`].
     fn encode_into(&self, wire: &mut Wire) -> Result<(), MessageError> {
-        frame::build(wire, |place| {
-            let (kind, body) = place.split_first_mut()?;
-            *kind = Self::KIND.byte();
-            Some(wire::write(self, body)? + 1)
-        })?;
-        Ok(())
+        Ok(frame::encode_value(wire, &(Self::KIND.byte(), self))?)
     }
 
     /// Reads a payload of this kind.
@@ -487,21 +502,14 @@ pub trait Message: Default + for<'a> OnWire<'a> {
     /// # Errors
     /// [`MessageError::Kind`] or [`MessageError::Content`].
     fn from_payload(payload: &[u8]) -> Result<Self, MessageError> {
-        let mut message = Self::default();
-        message.take(payload)?;
-        Ok(message)
-    }
-
-    /// As [`Self::from_payload`], over a message that is there already and means nothing after an error.
-    ///
-    /// # Errors
-    /// As [`Self::from_payload`].
-    fn take(&mut self, payload: &[u8]) -> Result<(), MessageError> {
         let (kind, body) = payload.split_first().ok_or(MessageError::Kind)?;
         if *kind != Self::KIND.byte() {
             return Err(MessageError::Kind);
         }
-        if wire::read_all(self, body) { Ok(()) } else { Err(MessageError::Content) }
+        match postcard::take_from_bytes(body) {
+            Ok((message, [])) => Ok(message),
+            _ => Err(MessageError::Content),
+        }
     }
 }
 
@@ -516,135 +524,3 @@ impl Message for ReplyFrame {
 impl Message for Telemetry {
     const KIND: Kind = Kind::Telemetry;
 }
-
-wire_enum!(Quantity {
-    0 Pressure,
-    1 Displacement,
-});
-wire_struct!(PlaybackChunk { first_index, last, values_bar });
-wire_enum!(Baseline {
-    0 Saved,
-    1 Defaults,
-});
-wire_enum!(Request {
-    0 Status,
-    1 Arm,
-    2 Disarm,
-    3 Start,
-    4 Stop,
-    5 Vent,
-    6 Acknowledge,
-    7 SetPoint { quantity, value },
-    8 Playback(chunk),
-    9 PlaybackClear,
-    10 SettingGet { number },
-    11 SettingSet { number, value },
-    12 SettingsDifference { baseline, from_number },
-    13 SettingsSave,
-    14 SettingsRevert(baseline),
-    15 ModelBegin { length, crc32 },
-    16 ModelChunk { offset, bytes },
-    17 ModelFinish,
-    18 ModelActivate { id },
-    19 Models,
-    20 FaultRecord,
-    21 PreviousFaultRecord,
-    22 ControlReport,
-    23 TraceBegin,
-    24 TraceEnd,
-    25 AdaptationReport,
-});
-wire_struct!(RequestFrame { token, session, request });
-wire_enum!(Refusal {
-    0 Blocked(blockers),
-    1 State(state),
-    2 NotUnderstood,
-    3 Busy,
-    4 Setting(error),
-    5 SettingsInconsistent(number),
-    6 WrongQuantity,
-    7 NotFinite,
-    8 PlaybackIndex(index),
-    9 PlaybackFull(free),
-    10 NoUpload,
-    11 UploadOffset(offset),
-    12 TooLong(capacity),
-    13 Checksum,
-    14 PieceLength,
-    15 NotAModel,
-    16 NoOtherModel,
-    17 Storage,
-    18 NoRecord,
-    19 LogFull,
-    20 Traced,
-    21 Uncertified(number),
-    22 ModelTooSlow,
-    23 OtherSession,
-    24 ModelInputs,
-});
-wire_struct!(SettingDifference { number, in_use, baseline });
-wire_struct!(Status {
-    state,
-    first_fault,
-    faults,
-    blockers,
-    notices,
-    time_ms,
-    late_ticks,
-    longest_tick_cycles,
-    stack_unused_bytes,
-    damaged_frames,
-    telemetry_dropped,
-    reset_cause,
-    settings_unsaved,
-    playback_next_index,
-    playback_free,
-});
-wire_struct!(FaultRecord {
-    first,
-    second,
-    all,
-    time_ms,
-    state,
-    output_ubar,
-    pressure_code,
-    laser_code,
-    pressure_bar,
-    displacement_mm,
-    estimate_mm,
-    set_point,
-    late_ticks,
-});
-wire_struct!(ControlReport { ticks, limited_ticks, outside_domain_ticks, fallback_ticks, correction_mm, blend_mm, bound_mm });
-wire_enum!(Reply {
-    0 Done,
-    1 Refused(refusal),
-    2 Status(status),
-    3 Playback { next_index, free },
-    4 Setting(value),
-    5 Differences { entries, next_number },
-    6 Uploaded(offset),
-    7 FaultRecord(record),
-    8 ControlReport(report),
-    9 AdaptationReport(report),
-    10 Models { active, other },
-});
-wire_struct!(ReplyFrame { token, reply });
-wire_struct!(Telemetry {
-    sequence,
-    time_ms,
-    dropped,
-    state,
-    first_fault,
-    notices,
-    laser_code,
-    pressure_code,
-    output_ubar,
-    command_bar,
-    set_point,
-    pressure_bar,
-    displacement_mm,
-    estimate_mm,
-    playback_index,
-    late_ticks,
-});

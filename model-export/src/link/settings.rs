@@ -7,8 +7,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::wire::{wire_enum, wire_struct};
-
 /// Value of one setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -28,15 +26,13 @@ impl Default for SettingValue {
 }
 
 /// A setting with its number, as flash keeps it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// Its number.
     pub number: u16,
     /// Its value.
     pub value: SettingValue,
 }
-
-wire_struct!(Entry { number, value });
 
 /// What there is to know about one setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,12 +53,6 @@ pub struct SettingInfo {
     pub meaning: &'static str,
 }
 
-wire_enum!(SettingValue {
-    0 Float(quantity),
-    1 Integer(number),
-    2 Flag(flag),
-});
-
 /// Why a setting was not changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -75,12 +65,6 @@ pub enum SettingError {
     /// The value is not a number or outside the setting's bounds.
     OutOfBounds,
 }
-
-wire_enum!(SettingError {
-    0 Unknown,
-    1 WrongType,
-    2 OutOfBounds,
-});
 
 /// A type a setting can have.
 trait SettingType: Copy + PartialEq {

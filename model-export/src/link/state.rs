@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::wire::wire_enum;
-
 /// State of the device. Only [`State::Armed`] and [`State::Running`] close the dump valve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -81,21 +79,3 @@ impl ResetCause {
         }
     }
 }
-
-wire_enum!(State {
-    0 Boot,
-    1 SelfTest,
-    2 Idle,
-    3 Armed,
-    4 Running,
-    5 Fault,
-});
-wire_enum!(ResetCause {
-    0 Unknown,
-    1 PowerOn,
-    2 Pin,
-    3 Software,
-    4 Watchdog,
-    5 BrownOut,
-    6 Other(number),
-});

@@ -13,7 +13,7 @@ use model_export::link::state::State;
 use super::{Bench, CEILING_BAR, Expected, Injection, Measured, Row, SET_POINT_BAR, WATCHED_MS, set_point_flash};
 use crate::hybrid;
 
-/// First addresses of the settings' and the models' first slot (`firmware/src/board/hardware.rs`).
+/// First addresses of the settings' and the models' first slot (`firmware/src/board/stm32f405/facts.rs`).
 const SETTINGS_SLOT: u32 = 0x080c_0000;
 const MODEL_SLOT: u32 = 0x0808_0000;
 /// Where static memory begins, and how much of it the sweep takes (`memory.x`: the stack is below).

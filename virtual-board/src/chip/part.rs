@@ -127,7 +127,7 @@ const CLOCKED: [[&str; 5]; 21] = [
 const TIMED: [&str; 8] = ["TIM2", "TIM3", "TIM4", "TIM5", "USART1", "IWDG", "C_ADC", "ADC1"];
 const LISTENING: [&str; 4] = ["RCC", "C_ADC", "ADC1", "EXTI"];
 
-/// The pin of the emergency stop, the dump valve and the pulse width (`firmware/src/board/hardware.rs`).
+/// The pin of the emergency stop, the dump valve and the pulse width (`firmware/src/board/stm32f405/facts.rs`).
 const PORT_A: usize = 0;
 const PORT_B: usize = 1;
 const STOP_PIN: u8 = 0;

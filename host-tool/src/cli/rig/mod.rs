@@ -1,6 +1,8 @@
 //! `catheter rig`: speaks to a board, to a model of it, to the emulator or to a rig in this process.
 
 mod adaptation;
+mod firmware;
+mod log;
 mod model;
 mod record;
 mod settings;
@@ -61,7 +63,11 @@ enum Command {
     /// The state, what is latched, what would refuse arming, counters.
     Status,
     /// What is wrong and what to do: faults with their record, blockers, notices.
-    Explain,
+    Explain(state::ExplainArguments),
+    Log(log::Arguments),
+    /// Put a new program onto a board.
+    #[command(subcommand)]
+    Firmware(firmware::Command),
     /// Go to idle with the dump valve released, and wait until the pressure is gone; exit code 1 if it is not within 1.5 s.
     Vent,
     /// Confirm that a fault was read and its cause removed; the device tests itself again.
@@ -87,6 +93,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Command::Record(record) = &arguments.command {
         record.check(which)?;
     }
+    if let Command::Firmware(firmware::Command::Update(update)) = &arguments.command {
+        return firmware::update(update, which);
+    }
     let rig = open(which)?;
     if let Command::Hello = arguments.command {
         return state::hello(rig, which);
@@ -97,9 +106,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         experiment::settle(&mut rig)?;
     }
     let outcome = match &arguments.command {
-        Command::Hello => Outcome::Success,
+        Command::Hello | Command::Firmware(_) => Outcome::Success,
+        Command::Log(log) => return log::run(log, &mut rig, which),
         Command::Status => state::status(&mut rig, which)?,
-        Command::Explain => state::explain(&mut rig, which)?,
+        Command::Explain(explain) => state::explain(explain, &mut rig, which)?,
         Command::Vent => state::vent(&mut rig, which)?,
         Command::Acknowledge => state::acknowledge(&mut rig, which)?,
         Command::Adaptation => adaptation::run(&mut rig, which)?,

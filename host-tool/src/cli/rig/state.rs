@@ -1,8 +1,9 @@
 //! `catheter rig hello|status|explain|vent|acknowledge`.
 
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use model_export::link::fault::{Blocker, Fault};
 use model_export::link::message::{FaultRecord, Reply, Request, Status};
 use model_export::link::state::{ResetCause, State};
@@ -14,10 +15,13 @@ use crate::backend::Rig;
 use crate::cli::Outcome;
 use crate::experiment;
 use crate::link::{Client, Transport, fault_in_words, in_words, state_name, version};
-use crate::say;
+use crate::{history, output, say};
 
 /// Pressure must be gone within 1 s; the rest is for the way there and back.
 const VENTED_WITHIN: Duration = Duration::from_millis(1500);
+
+/// A sample comes every 20 ms unless the settings say otherwise.
+const TELEMETRY_WITHIN: Duration = Duration::from_millis(50);
 
 /// Boot takes 200 ms, the self-test of a simulated rig a tick.
 const SELF_TESTED_AFTER: Duration = Duration::from_millis(250);
@@ -31,6 +35,9 @@ struct HelloWritten {
     model_id: Option<String>,
     reset_cause: &'static str,
     understood: bool,
+    source: Option<String>,
+    chip: Option<String>,
+    chip_number: Option<String>,
 }
 
 /// Who is there; the one command that works with every firmware.
@@ -43,24 +50,37 @@ pub fn hello(mut rig: Rig, which: &Which) -> Result<Outcome> {
     }
     let client = Client::meet(rig)?;
     let hello = client.hello().clone();
-    let hexadecimal: String = hello.model_id.iter().map(|byte| format!("{byte:02x}")).collect();
     let written = HelloWritten {
         firmware: version(hello.firmware),
         board: hello.board.to_string(),
         protocol: hello.protocol,
         schema_hash: format!("{:08x}", hello.schema_hash),
-        model_id: (hello.model_id != [0; 8]).then_some(hexadecimal),
+        model_id: in_hexadecimal(&hello.model_id),
         reset_cause: reset_name(hello.reset_cause),
         understood: hello.protocol == PROTOCOL && hello.schema_hash == SCHEMA_HASH,
+        source: in_hexadecimal(&hello.build.source),
+        chip: (hello.build.chip != 0).then(|| format!("{:#05x} revision {:#06x}", hello.build.chip & 0xfff, hello.build.chip >> 16)),
+        chip_number: in_hexadecimal(&hello.build.chip_number),
     };
     say!("board      {}", written.board);
     say!("firmware   {}", written.firmware);
+    if let Some(source) = &written.source {
+        say!("source     {source}");
+    }
+    if let Some(chip) = &written.chip {
+        say!("chip       {chip}, number {}", written.chip_number.as_deref().unwrap_or("unknown"));
+    }
     say!("protocol   {} (messages {})", written.protocol, written.schema_hash);
     say!("model      {}", written.model_id.as_deref().unwrap_or("none"));
     say!("started by {}", written.reset_cause);
     which.write(&written)?;
     client.check_protocol()?;
     Ok(Outcome::Success)
+}
+
+/// Bytes as digits; `None` where all are zero.
+fn in_hexadecimal(bytes: &[u8]) -> Option<String> {
+    bytes.iter().any(|byte| *byte != 0).then(|| bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 fn reset_name(cause: ResetCause) -> &'static str {
@@ -90,6 +110,8 @@ struct StatusWritten {
     telemetry_dropped: u32,
     reset_cause: &'static str,
     settings_unsaved: bool,
+    supply_v: Option<f32>,
+    chip_celsius: Option<f32>,
 }
 
 impl StatusWritten {
@@ -108,6 +130,8 @@ impl StatusWritten {
             telemetry_dropped: status.telemetry_dropped,
             reset_cause: reset_name(status.reset_cause),
             settings_unsaved: status.settings_unsaved,
+            supply_v: None,
+            chip_celsius: None,
         }
     }
 
@@ -126,6 +150,9 @@ impl StatusWritten {
         if self.longest_tick_cycles > 0 {
             say!("measured   longest tick {} cycles, {} bytes of stack never used", self.longest_tick_cycles, self.stack_unused_bytes);
         }
+        if let (Some(supply), Some(celsius)) = (self.supply_v, self.chip_celsius) {
+            say!("board      analogue supply {supply:.3} V, chip {celsius:.0} degrees");
+        }
         if self.settings_unsaved {
             say!("settings   changed and not saved");
         }
@@ -134,7 +161,12 @@ impl StatusWritten {
 
 /// The status.
 pub fn status(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
-    let written = StatusWritten::new(&experiment::status(rig)?);
+    let mut written = StatusWritten::new(&experiment::status(rig)?);
+    // The newest of what was heard meanwhile, or what comes next.
+    rig.listen(TELEMETRY_WITHIN)?;
+    while let Some(sample) = rig.take_telemetry() {
+        (written.supply_v, written.chip_celsius) = (sample.supply_v, sample.chip_celsius);
+    }
     written.say();
     which.write(&written)?;
     Ok(Outcome::Success)
@@ -146,6 +178,7 @@ struct ExplainWritten {
     explanations: Vec<String>,
     record: Option<RecordWritten>,
     previous_record: Option<RecordWritten>,
+    dumped_rows: Option<usize>,
 }
 
 /// A fault record in words and numbers.
@@ -200,8 +233,36 @@ impl RecordWritten {
     }
 }
 
+/// What to do with the last seconds before the fault.
+#[derive(clap::Args)]
+pub struct ExplainArguments {
+    /// Write the last two seconds before the fault, of this run or the one before the last reset, as a recording: every channel once a
+    /// millisecond. `catheter replay FILE` reads it.
+    #[arg(long, value_name = "FILE", value_parser = output::file_argument("csv"))]
+    dump: Option<PathBuf>,
+}
+
+/// Fetches the last seconds and writes them.
+fn dump(path: &Path, rig: &mut Client<Rig>) -> Result<usize> {
+    let Some(rows) = history::fetch(rig)? else {
+        bail!(
+            "the rig keeps no last seconds now: it records, or has lost its supply since; they are kept from a fault or a reset until it is armed again"
+        );
+    };
+    let settings = history::settings_in_use(rig)?;
+    let rows = history::in_units(&rows, &settings)?;
+    history::write(path, &rows)?;
+    say!(
+        "{}: {} rows, the last one {}",
+        path.display(),
+        rows.len(),
+        if history::ends_in_a_fault(&rows) { "that of the fault" } else { "before the reset" }
+    );
+    Ok(rows.len())
+}
+
 /// What is wrong and what to do.
-pub fn explain(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+pub fn explain(arguments: &ExplainArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let status = experiment::status(rig)?;
     let mut explanations: Vec<String> = status.faults.iter().map(|fault| in_words('E', &fault.explanation())).collect();
     explanations.extend(status.blockers.iter().map(|blocker| in_words('B', &blocker.explanation())));
@@ -215,6 +276,7 @@ pub fn explain(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
         explanations,
         record: experiment::fault_record(rig)?.as_ref().map(RecordWritten::new),
         previous_record: previous.as_ref().map(RecordWritten::new),
+        dumped_rows: arguments.dump.as_deref().map(|path| dump(path, rig)).transpose()?,
     };
     say!("The state is `{}`.", written.status.state);
     if written.explanations.is_empty() {

@@ -3,8 +3,8 @@
 use model_export::link::fault::Fault;
 use stm32f4::stm32f405::{EXTI, PWR, RCC};
 
-use crate::board::chip::crash;
-use crate::board::hardware::BROWN_OUT_LEVEL;
+use super::crash;
+use crate::board::stm32f405::facts::BROWN_OUT_LEVEL;
 
 /// Line of the supply monitor at the interrupt controller (RM0090 section 12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;

@@ -5,13 +5,34 @@ use core::mem::MaybeUninit;
 use model_export::link::fault::Fault;
 use stm32f4::stm32f405::{DAC, TIM3};
 
-use crate::board::chip::pins;
+use super::pins;
 use crate::board::tick_task::RecordKeeper;
+use crate::history::{HistoryMemory, HistoryWords, WORDS};
 use crate::retain::{Retained, SEALED_BYTES};
 
 /// The record in memory that start-up code neither loads nor clears.
 #[unsafe(link_section = ".uninit.retained")]
 static mut RETAINED: MaybeUninit<[u8; SEALED_BYTES]> = MaybeUninit::uninit();
+
+/// The last ticks, likewise.
+#[unsafe(link_section = ".uninit.history")]
+static mut HISTORY: MaybeUninit<[u32; WORDS]> = MaybeUninit::uninit();
+
+fn history_word(word: usize) -> Option<*mut u32> {
+    (word < WORDS).then(|| (&raw mut HISTORY).cast::<u32>().wrapping_add(word))
+}
+
+/// The last ticks, to read.
+#[derive(Clone, Copy, Debug)]
+pub struct LastTicks;
+
+impl HistoryWords for LastTicks {
+    fn read(&self, word: usize) -> u32 {
+        // SAFETY: within the array. RAM always holds something, and every word is valid; volatile, since the tick writes it meanwhile and since
+        // the compiler must not reason about where it came from.
+        history_word(word).map_or(0, |place| unsafe { place.read_volatile() })
+    }
+}
 
 /// Writes the record, byte by byte: the compiler must not think that nobody reads it.
 #[inline(never)]
@@ -35,6 +56,11 @@ fn read() -> Option<Retained> {
     Retained::open(&sealed)
 }
 
+/// The record as it is now; `None` while the tick writes it.
+pub fn peek() -> Option<Retained> {
+    read()
+}
+
 /// What the run before left; afterwards it is gone.
 pub fn take() -> Option<Retained> {
     let retained = read();
@@ -51,6 +77,21 @@ impl Keeper {
     /// One keeper for the whole program, in the tick.
     pub const unsafe fn new() -> Self {
         Self(())
+    }
+}
+
+impl HistoryWords for Keeper {
+    fn read(&self, word: usize) -> u32 {
+        LastTicks.read(word)
+    }
+}
+
+impl HistoryMemory for Keeper {
+    fn write(&mut self, word: usize, value: u32) {
+        if let Some(place) = history_word(word) {
+            // SAFETY: within the array, and only the one keeper writes; volatile, because it is read after a reset.
+            unsafe { place.write_volatile(value) };
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use stm32f4::stm32f405::IWDG;
 
-use crate::board::clock::wait;
+use crate::board::stm32f405::clock::wait;
 use crate::board::watchdog::{Watchdog, WatchdogTimer};
 
 const KEY_UNLOCK: u16 = 0x5555;

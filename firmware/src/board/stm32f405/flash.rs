@@ -1,13 +1,15 @@
-//! Internal flash behind [`Flash`]: the controller's sequences (RM0090 section 3.6), with every wait bounded.
+//! Internal flash behind embedded-storage's [`NorFlash`]: the controller's sequences (RM0090 section 3.6), with every wait bounded.
 //!
 //! While a sector is erased or a word is programmed, the processor stops at its next instruction from flash, interrupts included: two seconds
 //! for a sector at worst. That is why the link writes flash only while vented and the watchdog is long then.
 
-use core::cell::Cell;
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
 
 use super::clock::wait;
-use super::hardware::SECTOR_BYTES;
-use crate::storage::{Flash, Slot};
+use super::facts::SECTOR_BYTES;
+use crate::storage::MappedFlash;
 
 /// Bits of the status register FLASH_SR (RM0090 section 3.9.4).
 pub mod status {
@@ -36,6 +38,10 @@ pub mod control {
 /// The two words that unlock the control register (RM0090 section 3.6.1).
 pub const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
+/// Bytes of a sector, as an offset.
+#[expect(clippy::cast_possible_truncation, reason = "128 KiB")]
+const SECTOR: u32 = SECTOR_BYTES as u32;
+
 /// Polls of the status: the processor stops during an operation, so the first poll comes when it is over. The bound is for a controller
 /// that never finishes.
 const POLLS: u32 = 100_000;
@@ -62,7 +68,7 @@ pub trait FlashController {
 
 /// Why flash could not be changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum FlashError {
     /// The control register stays locked.
     Locked,
@@ -70,39 +76,43 @@ pub enum FlashError {
     Busy,
     /// The controller reports these flags.
     Flags(u32),
-    /// The slot's model is in use.
-    InUse,
-    /// Outside the slot.
-    Range,
+    /// Outside the sectors, or off their grid or that of the words.
+    Range(#[cfg_attr(target_os = "none", defmt(Debug2Format))] NorFlashErrorKind),
 }
 
-/// A pair of sectors.
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Range(kind) => *kind,
+            _ => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// A pair of sectors, as one piece of flash.
 #[derive(Debug)]
 pub struct InternalFlash<C> {
     controller: C,
     sectors: [(u32, u8); 2],
-    in_use: Cell<Option<Slot>>,
 }
 
 impl<C: FlashController> InternalFlash<C> {
     /// Over two sectors, each with its first address and its number.
     pub const fn new(controller: C, sectors: [(u32, u8); 2]) -> Self {
-        Self { controller, sectors, in_use: Cell::new(None) }
+        Self { controller, sectors }
     }
 
-    fn sector(&self, slot: Slot) -> (u32, u8) {
-        let [a, b] = self.sectors;
-        match slot {
-            Slot::A => a,
-            Slot::B => b,
+    /// First address and number of the sector at this offset, and the offset in it.
+    fn sector(&self, offset: u32) -> (u32, u8, u32) {
+        let [(first, first_number), (second, second_number)] = self.sectors;
+        match offset.checked_sub(SECTOR) {
+            None => (first, first_number, offset),
+            Some(offset) => (second, second_number, offset),
         }
     }
 
     /// Unlocks, does one operation, locks again.
-    fn operate(&mut self, slot: Slot, operation: impl FnOnce(&mut C)) -> Result<(), FlashError> {
-        if self.in_use.get() == Some(slot) {
-            return Err(FlashError::InUse);
-        }
+    fn operate(&mut self, operation: impl FnOnce(&mut C)) -> Result<(), FlashError> {
         let controller = &mut self.controller;
         if !wait(POLLS, || controller.status() & status::BUSY == 0) {
             return Err(FlashError::Busy);
@@ -128,36 +138,59 @@ impl<C: FlashController> InternalFlash<C> {
     }
 }
 
-impl<C: FlashController> Flash for InternalFlash<C> {
+impl<C> ErrorType for InternalFlash<C> {
     type Error = FlashError;
+}
 
-    fn hold(&self, slot: Option<Slot>) {
-        self.in_use.set(slot);
+impl<C: FlashController> ReadNorFlash for InternalFlash<C> {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        check_read(self, offset, bytes.len()).map_err(FlashError::Range)?;
+        let offset = usize::try_from(offset).unwrap_or(usize::MAX);
+        let pieces = (0..2).flat_map(|sector| self.mapped(sector)).skip(offset);
+        bytes.iter_mut().zip(pieces).for_each(|(byte, found)| *byte = *found);
+        Ok(())
     }
 
-    fn contents(&self, slot: Slot) -> &[u8] {
-        self.controller.mapped(self.sector(slot).0, SECTOR_BYTES)
+    fn capacity(&self) -> usize {
+        2 * SECTOR_BYTES
     }
+}
 
-    fn erase(&mut self, slot: Slot) -> Result<(), FlashError> {
-        let sector = u32::from(self.sector(slot).1) << control::SECTOR_SHIFT;
-        self.operate(slot, |controller| {
-            let bits = control::BY_WORDS | control::SECTOR_ERASE | sector;
-            controller.set_control(bits);
-            controller.set_control(bits | control::START);
-        })
-    }
+impl<C: FlashController> NorFlash for InternalFlash<C> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
 
-    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashError> {
-        let within = usize::try_from(offset).is_ok_and(|offset| offset < SECTOR_BYTES) && offset.is_multiple_of(4);
-        if !within {
-            return Err(FlashError::Range);
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        check_erase(self, from, to).map_err(FlashError::Range)?;
+        for offset in (from..to).step_by(SECTOR_BYTES) {
+            let sector = u32::from(self.sector(offset).1) << control::SECTOR_SHIFT;
+            self.operate(|controller| {
+                let bits = control::BY_WORDS | control::SECTOR_ERASE | sector;
+                controller.set_control(bits);
+                controller.set_control(bits | control::START);
+            })?;
         }
-        let address = self.sector(slot).0 + offset;
-        self.operate(slot, |controller| {
-            controller.set_control(control::BY_WORDS | control::PROGRAM);
-            controller.write_word(address, word);
-        })
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        check_write(self, offset, bytes.len()).map_err(FlashError::Range)?;
+        for (offset, word) in (offset..).step_by(4).zip(bytes.as_chunks::<4>().0) {
+            let (first, _, within) = self.sector(offset);
+            self.operate(|controller| {
+                controller.set_control(control::BY_WORDS | control::PROGRAM);
+                controller.write_word(first + within, u32::from_le_bytes(*word));
+            })?;
+        }
+        Ok(())
+    }
+}
+
+impl<C: FlashController> MappedFlash for InternalFlash<C> {
+    fn mapped(&self, sector: usize) -> &[u8] {
+        self.sectors.get(sector).map_or(&[], |(first, _)| self.controller.mapped(*first, SECTOR_BYTES))
     }
 }
 
@@ -169,9 +202,9 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::storage::Store;
+    use crate::storage::{Flash as _, SectorError, Sectors, Slot, Store};
 
-    const SECTORS: [(u32, u8); 2] = super::super::hardware::SETTINGS_SECTORS;
+    const SECTORS: [(u32, u8); 2] = super::super::facts::SETTINGS_SECTORS;
 
     /// The controller of RM0090 section 3.6 over two sectors of memory.
     struct Controller {
@@ -242,34 +275,51 @@ mod tests {
 
     #[test]
     fn a_store_over_the_controller_keeps_what_it_saved_and_leaves_it_locked() {
-        let mut store = Store::new(InternalFlash::new(Controller::new(), SECTORS), 1, 1);
+        let mut store = Store::new(Sectors::new(InternalFlash::new(Controller::new(), SECTORS)), 1, 1);
         for payload in [&b"the first"[..], b"the second one", b"a third"] {
             store.save(payload).unwrap();
             assert_eq!(store.active_payload(), Some(payload));
         }
-        assert_eq!(store.flash().controller.control & control::LOCK, control::LOCK);
+        assert_eq!(store.release().release().controller.control & control::LOCK, control::LOCK);
     }
 
     #[test]
     fn a_controller_that_never_finishes_or_reports_an_error_is_an_error() {
         let mut flash = InternalFlash::new(Controller { never_finishes: true, ..Controller::new() }, SECTORS);
-        assert_eq!(flash.erase(Slot::A), Err(FlashError::Busy));
+        assert_eq!(flash.erase(0, SECTOR), Err(FlashError::Busy));
         let mut flash = InternalFlash::new(Controller { wear: 1 << 4, ..Controller::new() }, SECTORS);
-        assert_eq!(flash.program(Slot::B, 8, 7), Err(FlashError::Flags(1 << 4)));
+        assert_eq!(flash.write(SECTOR + 8, &[7; 4]), Err(FlashError::Flags(1 << 4)));
         // The flag does not stop the next operation.
-        assert_eq!(flash.erase(Slot::B), Ok(()));
+        assert_eq!(flash.erase(SECTOR, 2 * SECTOR), Ok(()));
     }
 
     #[test]
     fn what_is_in_use_cannot_be_changed_and_nothing_outside_a_slot_can() {
-        let mut flash = InternalFlash::new(Controller::new(), SECTORS);
+        let mut flash = Sectors::new(InternalFlash::new(Controller::new(), SECTORS));
         flash.hold(Some(Slot::B));
-        assert_eq!((flash.erase(Slot::B), flash.program(Slot::B, 0, 0)), (Err(FlashError::InUse), Err(FlashError::InUse)));
+        assert_eq!((flash.erase(Slot::B), flash.program(Slot::B, 0, 0)), (Err(SectorError::InUse), Err(SectorError::InUse)));
         assert_eq!(flash.erase(Slot::A), Ok(()));
+        assert!(flash.contents(Slot::A).iter().all(|byte| *byte == 0xff) && flash.contents(Slot::B).iter().all(|byte| *byte == 0));
         flash.hold(None);
         assert_eq!(flash.erase(Slot::B), Ok(()));
-        for offset in [u32::try_from(SECTOR_BYTES).unwrap(), u32::MAX - 3, 2] {
-            assert_eq!(flash.program(Slot::A, offset, 0), Err(FlashError::Range), "{offset}");
+        for offset in [SECTOR, u32::MAX - 3, 2] {
+            assert!(matches!(flash.program(Slot::A, offset, 0), Err(SectorError::Flash(FlashError::Range(_)))), "{offset}");
         }
+        assert_eq!(flash.program(Slot::B, SECTOR - 4, 0), Ok(()));
+        assert!(flash.contents(Slot::A).iter().all(|byte| *byte == 0xff));
+        assert_eq!(flash.contents(Slot::B).last_chunk(), Some(&[0; 4]));
+    }
+
+    #[test]
+    fn words_and_reads_run_from_one_sector_into_the_other_and_not_beyond() {
+        let mut flash = InternalFlash::new(Controller::new(), SECTORS);
+        flash.erase(0, 2 * SECTOR).unwrap();
+        flash.write(SECTOR - 4, &[1, 2, 3, 4, 5, 6, 7, 8]).unwrap();
+        let mut bytes = [0; 10];
+        flash.read(SECTOR - 5, &mut bytes).unwrap();
+        assert_eq!(bytes, [0xff, 1, 2, 3, 4, 5, 6, 7, 8, 0xff]);
+        assert_eq!(flash.erase(4, SECTOR), Err(FlashError::Range(NorFlashErrorKind::NotAligned)));
+        assert_eq!(flash.erase(SECTOR, 3 * SECTOR), Err(FlashError::Range(NorFlashErrorKind::OutOfBounds)));
+        assert_eq!(flash.read(2 * SECTOR - 1, &mut bytes), Err(FlashError::Range(NorFlashErrorKind::OutOfBounds)));
     }
 }

@@ -16,7 +16,7 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::hardware::{INTERNAL_HZ, INTERNAL_TOLERANCE_PER_MILLE, Pll, Rates, rounded};
+use super::facts::{INTERNAL_HZ, INTERNAL_TOLERANCE_PER_MILLE, Pll, Rates, rounded};
 use crate::self_test::ClockCheck;
 
 /// Polls to wait for the crystal: each takes at least four cycles of 16 MHz, so 50 ms at least; typical is 2 ms (DS8626 table 38).
@@ -137,7 +137,7 @@ pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::hardware::{CORE_HZ, CRYSTAL_HZ, PLL_CORE_DIVIDER};
+    use super::super::facts::{CORE_HZ, CRYSTAL_HZ, PLL_CORE_DIVIDER};
     use super::*;
 
     /// With the board's own crystal.

@@ -4,10 +4,10 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
-use crate::board::chip::pins;
-use crate::board::clock::wait;
-use crate::board::hardware::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
-use crate::board::read_back::ReadBack;
+use super::pins;
+use crate::board::read_back::{ChipThermometer, ReadBack};
+use crate::board::stm32f405::clock::wait;
+use crate::board::stm32f405::facts::{CHIP_CALIBRATION, CHIP_CHANNEL, READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
 use crate::board::tick_task::CycleCounter;
 use crate::seam::{RawSample, SampleSource};
 
@@ -22,7 +22,8 @@ const SAMPLING_84_CYCLES: u8 = 0b100;
 pub struct Sampler {
     converter: ADC1,
     timer: TIM2,
-    reads_drive: bool,
+    /// Which conversion is under way; the first of 256 is that of the temperature.
+    reads: u8,
 }
 
 impl Sampler {
@@ -34,8 +35,8 @@ impl Sampler {
         let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|channel| channel as u8);
         // SAFETY: channel numbers and codes of the manual, in fields of their width.
         unsafe {
-            // The reference needs 10 us (DS8626 table 76), the drive's pin as long as the others.
-            converter.smpr1().modify(|_, w| w.smp17().bits(SAMPLING_480_CYCLES));
+            // The reference and the temperature need 10 us (DS8626 tables 73 and 76), the drive's pin as long as the others.
+            converter.smpr1().modify(|_, w| w.smp17().bits(SAMPLING_480_CYCLES).smp16().bits(SAMPLING_480_CYCLES));
             converter.smpr2().modify(|_, w| w.smp4().bits(SAMPLING_84_CYCLES));
             converter.sqr1().write(|w| w.l().bits(0));
             converter.smpr2().modify(|_, w| w.smp0().bits(SAMPLING_84_CYCLES).smp1().bits(SAMPLING_84_CYCLES));
@@ -53,13 +54,22 @@ impl Sampler {
         #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
         timer.arr().write(|w| unsafe { w.bits(rates.timer_counts_per_tick() - 1) });
         timer.cr2().modify(|_, w| w.mms().update());
-        Self { converter, timer, reads_drive: false }
+        Self { converter, timer, reads: 1 }
     }
 
     /// Begins: the first tick comes a period later, when the converter has been on for long enough (3 us, DS8626 table 67).
     pub fn begin(&mut self) {
         self.timer.cnt().reset();
         self.timer.cr1().modify(|_, w| w.cen().set_bit());
+    }
+}
+
+fn read_in_turn(turn: u8) -> u8 {
+    let [reference, drive] = READ_BACK_CHANNELS;
+    match turn {
+        0 => CHIP_CHANNEL,
+        turn if turn % 2 == 0 => reference,
+        _ => drive,
     }
 }
 
@@ -85,13 +95,14 @@ impl SampleSource for Sampler {
         // The conversion that the last tick started is over long ago. Reading the data clears its flag.
         let converted = self.converter.sr().read().eoc().bit_is_set();
         let code = converted.then(|| self.converter.dr().read().data().bits() & 0xfff);
-        let (reference_code, drive_code) = if self.reads_drive { (None, code) } else { (code, None) };
-        self.reads_drive = !self.reads_drive;
         let [reference, drive] = READ_BACK_CHANNELS;
+        let of = |channel: u8| code.filter(|_| read_in_turn(self.reads) == channel);
+        let (reference_code, drive_code, chip_code) = (of(reference), of(drive), of(CHIP_CHANNEL));
+        self.reads = self.reads.wrapping_add(1);
         // SAFETY: a channel's number.
-        self.converter.sqr3().write(|w| unsafe { w.sq1().bits(if self.reads_drive { drive } else { reference }) });
+        self.converter.sqr3().write(|w| unsafe { w.sq1().bits(read_in_turn(self.reads)) });
         self.converter.cr2().modify(|_, w| w.swstart().set_bit());
-        Some(ReadBack { reference_code, drive_code, dump_is_high: pins::dump_is_high() })
+        Some(ReadBack { reference_code, drive_code, chip_code, dump_is_high: pins::dump_is_high() })
     }
 }
 
@@ -102,6 +113,16 @@ impl SampleSource for Sampler {
 pub unsafe fn reference_calibration() -> u16 {
     // SAFETY: system memory of the chip, readable for ever.
     unsafe { core::ptr::with_exposed_provenance::<u16>(REFERENCE_CALIBRATION).read_volatile() }
+}
+
+/// The factory's two points of the chip's temperature sensor, if they are there.
+///
+/// # Safety
+/// As [`reference_calibration`].
+pub unsafe fn chip_calibration() -> Option<ChipThermometer> {
+    // SAFETY: system memory of the chip, readable for ever.
+    let [code_30, code_110] = CHIP_CALIBRATION.map(|place| unsafe { core::ptr::with_exposed_provenance::<u16>(place).read_volatile() });
+    ChipThermometer::new(code_30, code_110)
 }
 
 /// Starts the guard: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.

@@ -4,11 +4,11 @@ use core::ptr;
 
 use stm32f4::stm32f405::FLASH;
 
-use crate::board::brown_out::OptionBytes;
-use crate::board::chip::protection;
-use crate::board::chip::sampling::Milliseconds;
+use super::protection;
+use super::sampling::Milliseconds;
 use crate::board::exchange::Exchange;
-use crate::board::flash::{FlashController, control};
+use crate::board::stm32f405::brown_out::OptionBytes;
+use crate::board::stm32f405::flash::{FlashController, control};
 
 /// The controller. Both pairs of slots have one; they run in the background only, one operation at a time.
 #[derive(Debug)]
@@ -63,7 +63,7 @@ impl FlashController for Controller {
     }
 
     fn write_word(&mut self, address: u32, word: u32) {
-        // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::program`; no reference into that sector is
+        // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::write`; no reference into that sector is
         // alive, since the driver is borrowed mutably and what is lent out is held.
         // The controller runs in the background alone, by the contract of `new`.
         unsafe { protection::while_writable(|| ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word)) };
@@ -86,7 +86,7 @@ impl FlashController for Controller {
 
 fn while_busy(registers: &stm32f4::stm32f405::flash::RegisterBlock) {
     // The processor stops at an instruction from flash anyway; the bound is for a controller that never finishes.
-    crate::board::clock::wait(1_000_000, || registers.sr().read().bsy().bit_is_clear());
+    crate::board::stm32f405::clock::wait(1_000_000, || registers.sr().read().bsy().bit_is_clear());
 }
 
 impl OptionBytes for &FLASH {

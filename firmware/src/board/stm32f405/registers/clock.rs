@@ -2,8 +2,8 @@
 
 use stm32f4::stm32f405::{FLASH, RCC, TIM11};
 
-use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
-use crate::board::hardware::{FLASH_WAIT_STATES, PLL_48_MHZ_DIVIDER, Pll};
+use crate::board::stm32f405::clock::{COUNTED_PERIODS, ClockTree, wait};
+use crate::board::stm32f405::facts::{FLASH_WAIT_STATES, PLL_48_MHZ_DIVIDER, Pll};
 
 /// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
 const CRYSTAL_DIVIDER: u8 = 31;

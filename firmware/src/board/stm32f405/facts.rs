@@ -165,6 +165,10 @@ pub const SAMPLING_SEQUENCE: [Channel; 4] = [Channel::Laser, Channel::Pressure, 
 /// Channel of the chip's own reference voltage (RM0090 section 13.3.3), and of PA4, where the analogue drive can be read back. A regular
 /// conversion a tick reads them in turn, behind the injected ones.
 pub const READ_BACK_CHANNELS: [u8; 2] = [17, 4];
+/// Channel of the chip's temperature sensor (RM0090 section 13.10), read four times a second in between.
+pub const CHIP_CHANNEL: u8 = 16;
+/// Where the factory left the temperature sensor's codes at 30 and 110 degrees and 3.3 V (DS8626 table 74).
+pub const CHIP_CALIBRATION: [usize; 2] = [0x1fff_7a2c, 0x1fff_7a2e];
 /// Where the factory left the reference voltage's code at 3.3 V and 30 degrees (DS8626 table 77).
 pub const REFERENCE_CALIBRATION: usize = 0x1fff_7a2a;
 /// Conversions of each channel in a tick, summed.

@@ -82,7 +82,7 @@ impl Region {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::hardware::{MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
+    use crate::board::stm32f405::facts::{MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
 
     /// What the unit does with an access, by the manual: the highest-numbered region that holds the address decides, and without one the
     /// privileged background region.

@@ -6,8 +6,8 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use model_export::link::settings::Settings;
 use stm32f4::stm32f405::{DAC, RCC, TIM3};
 
-use crate::board::hardware::Rates;
 use crate::board::pulse::PulseTiming;
+use crate::board::stm32f405::facts::Rates;
 use crate::seam::{PulseFrequency, PwmValve, ValveDrive};
 
 /// PA4.

@@ -3,12 +3,14 @@
 //! The interrupt stands above the tick: a byte comes every 11 us, and the receiver holds two. It moves one byte and is gone after half a
 //! microsecond; at the full rate of the line that is 5 % of the tick's time each way, and no host can make it more.
 
+use core::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{Interrupt, RCC, USART1};
 
-use crate::board::background_task::Line;
 use crate::board::exchange;
-use crate::board::hardware::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
+use crate::board::stm32f405::facts::{RECEIVE_QUEUE, Rates, TRANSMIT_QUEUE};
 
 /// Bytes from the line.
 pub type ReceiveQueue = Queue<u8, RECEIVE_QUEUE>;
@@ -64,21 +66,41 @@ impl Port {
     }
 }
 
-impl Line for SerialLine {
-    fn receive(&mut self) -> Option<u8> {
-        self.received.dequeue()
-    }
+impl ErrorType for SerialLine {
+    type Error = Infallible;
+}
 
-    fn room(&self) -> usize {
-        self.to_send.capacity() - self.to_send.len()
+impl ReadReady for SerialLine {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.received.ready())
     }
+}
 
-    fn send(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            // The caller has looked at the room.
-            let _ = self.to_send.enqueue(*byte);
-        }
+impl Read for SerialLine {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !self.received.ready() {}
+        let received = core::iter::from_fn(|| self.received.dequeue());
+        Ok(bytes.iter_mut().zip(received).map(|(byte, new)| *byte = new).count())
+    }
+}
+
+impl WriteReady for SerialLine {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.to_send.ready())
+    }
+}
+
+impl Write for SerialLine {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        while !bytes.is_empty() && !self.to_send.ready() {}
+        let taken = bytes.iter().take_while(|byte| self.to_send.enqueue(**byte).is_ok()).count();
         // The interrupt begins to send, and goes on by itself.
         cortex_m::peripheral::NVIC::pend(Interrupt::USART1);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        while !self.to_send.is_empty() {}
+        Ok(())
     }
 }

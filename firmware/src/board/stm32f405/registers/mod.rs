@@ -14,11 +14,13 @@ macro_rules! enable_clock {
     }};
 }
 
+pub mod bootloader;
 pub mod clock;
 pub mod crash;
 pub mod drives;
 pub mod entry;
 pub mod flash;
+pub mod identity;
 pub mod memory;
 pub mod models;
 pub mod pins;

@@ -8,7 +8,7 @@ use model_export::schema::Model;
 use rtic::Mutex;
 
 use crate::background::ModelPlace;
-use crate::board::hardware::{MODEL_SECTORS, SECTOR_BYTES};
+use crate::board::stm32f405::facts::{MODEL_SECTORS, SECTOR_BYTES};
 use crate::control::Compensator;
 use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed, StepBudget, StepTimer};
 use crate::model::{ModelFacts, RunningModel, STEP_SHARE_PERCENT};

@@ -40,12 +40,12 @@ macro_rules! board_entry {
             "msr msp, r0",
             "b hard_fault_on_fresh_stack",
             ".ltorg",
-            clock_register = const $crate::board::hardware::RCC_AHB1ENR,
-            clock_bit = const $crate::board::hardware::PORT_B_CLOCK,
-            port = const $crate::board::hardware::PORT_B,
-            reset_bit = const 1u32 << (16 + $crate::board::hardware::DUMP_VALVE_PIN),
-            mode_mask = const 3u32 << (2 * $crate::board::hardware::DUMP_VALVE_PIN),
-            mode_output = const 1u32 << (2 * $crate::board::hardware::DUMP_VALVE_PIN),
+            clock_register = const $crate::board::stm32f405::facts::RCC_AHB1ENR,
+            clock_bit = const $crate::board::stm32f405::facts::PORT_B_CLOCK,
+            port = const $crate::board::stm32f405::facts::PORT_B,
+            reset_bit = const 1u32 << (16 + $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
+            mode_mask = const 3u32 << (2 * $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
+            mode_output = const 1u32 << (2 * $crate::board::stm32f405::facts::DUMP_VALVE_PIN),
         );
     };
 }

@@ -5,7 +5,7 @@ use core::convert::Infallible;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use stm32f4::stm32f405::{GPIOA, GPIOB, RCC};
 
-use crate::board::hardware::{DUMP_VALVE_PIN, EMERGENCY_STOP_PIN};
+use crate::board::stm32f405::facts::{DUMP_VALVE_PIN, EMERGENCY_STOP_PIN};
 use crate::seam::DumpValve;
 
 /// Sets the mode of every pin in use; the dump valve's was set before there was RAM.

@@ -3,7 +3,7 @@
 use cortex_m::peripheral::MPU;
 use cortex_m::peripheral::mpu::RegisterBlock;
 
-use crate::board::memory_map::{DATA_FLASH, DATA_FLASH_CLOSED, DATA_FLASH_PROGRAMMING, REGIONS, Region};
+use crate::board::stm32f405::memory_map::{DATA_FLASH, DATA_FLASH_CLOSED, DATA_FLASH_PROGRAMMING, REGIONS, Region};
 
 /// On, with the architecture's map where no region is; off in hard faults, whose way down must not meet another.
 const ENABLE: u32 = 0b101;
