@@ -61,6 +61,10 @@ struct Companion {
 impl Companion {
     #[inline(never)]
     fn rebuild(&mut self, model: &Model<'_>) -> Result<(), Fault> {
+        // The tick measures one pressure, and what the others are is not guessed.
+        if !model.more_inputs.is_empty() {
+            return Err(Fault::ModelInputs);
+        }
         self.direction = match (model.input.unit, model.output.unit) {
             ("bar", "mm") => Direction::Estimator,
             ("mm", "bar") => Direction::Inverse,

@@ -20,14 +20,17 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::Deserialize;
 
 use crate::schema::{Model, Network};
+use crate::several_inputs::SeveralInputs;
 use crate::validate::Invalid;
 use crate::version_2::LstmNetwork;
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
-/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs; a model without them is written in
-/// version 2, so that firmware of before runs it.
-pub const SCHEMA_VERSION: u16 = 3;
+/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs, version 4 several inputs; a model is
+/// written in the oldest version that has room for it, so that firmware of before runs it.
+pub const SCHEMA_VERSION: u16 = 4;
+/// Version from which on a model may have several inputs.
+const SEVERAL_INPUTS_VERSION: u16 = 4;
 /// Oldest version that is read.
 pub const OLDEST_SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.
@@ -209,7 +212,21 @@ pub fn decode_into<'a>(bytes: &'a [u8], model: &mut Model<'a>) -> Result<Header,
 /// whole would stand on the microcontroller's stack as often as serde passes it up.
 fn take_model<'a>(payload: &'a [u8], version: u16, model: &mut Model<'a>) -> postcard::Result<&'a [u8]> {
     // Every field by name, so that a new one cannot be forgotten; a test holds the order.
-    let Model { sample_period_s, mode, input, output, front_end, network, provenance, metrics, envelope, golden, extension: _ } = model;
+    let Model {
+        sample_period_s,
+        mode,
+        input,
+        output,
+        front_end,
+        network,
+        provenance,
+        metrics,
+        envelope,
+        golden,
+        more_inputs,
+        extension: _,
+    } = model;
+    more_inputs.clear();
     let rest = take(payload, sample_period_s)?;
     let rest = take(rest, mode)?;
     let rest = take(rest, input)?;
@@ -219,7 +236,14 @@ fn take_model<'a>(payload: &'a [u8], version: u16, model: &mut Model<'a>) -> pos
     let rest = take(rest, provenance)?;
     let rest = take(rest, metrics)?;
     let rest = take(rest, envelope)?;
-    take(rest, golden)
+    let rest = take(rest, golden)?;
+    if version < SEVERAL_INPUTS_VERSION {
+        return Ok(rest);
+    }
+    let mut several = SeveralInputs::default();
+    let rest = take(rest, &mut several)?;
+    several.put_into(model);
+    Ok(rest)
 }
 
 #[inline(never)]
@@ -271,11 +295,16 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
 /// The model on the wire.
 #[cfg(feature = "std")]
 fn payload(model: &Model<'_>, version: u16) -> postcard::Result<std::vec::Vec<u8>> {
+    if version >= SEVERAL_INPUTS_VERSION {
+        let mut payload = postcard::to_allocvec(model)?;
+        payload.extend(postcard::to_allocvec(&SeveralInputs::of(model))?);
+        return Ok(payload);
+    }
     if version != OLDEST_SCHEMA_VERSION {
         return postcard::to_allocvec(model);
     }
     let network = model.network.as_ref().map(LstmNetwork::from);
-    let Model { sample_period_s, mode, input, output, front_end, network: _, provenance, metrics, envelope, golden, extension: _ } = model;
+    let Model { sample_period_s, mode, input, output, front_end, network: _, provenance, metrics, envelope, golden, .. } = model;
     postcard::to_allocvec(&(sample_period_s, mode, input, output, front_end, network, provenance, metrics, envelope, golden))
 }
 

@@ -25,5 +25,6 @@ pub mod link;
 #[cfg(feature = "std")]
 pub mod quantise;
 pub mod schema;
+mod several_inputs;
 pub mod validate;
 mod version_2;

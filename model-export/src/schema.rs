@@ -21,6 +21,10 @@
 //!
 //! `S` is the stick band: its output stays until its input is more than `stick_band` away, then jumps to it.
 //!
+//! With several inputs each has a channel and an input path of its own, with the same dead time and lag. Every play operator follows one
+//! of them, every feature that is made of `u` or `v` sees one of them, and the linear sum becomes
+//! `p = bias + input_weight * v + s + sum_i more_input_weights_i * v_i + sum_j creep_weights_j * C_j`. From schema version 4 on.
+//!
 //! Every state starts at the first sample's equilibrium: `v = u(0)`, plays by the second line of eq. (2), `C_j = s(0)`.
 //!
 //! The network's hidden and cell states start at zero. In *streaming* mode they are carried from sample to sample. In *window* mode
@@ -33,6 +37,10 @@ use serde::{Deserialize, Serialize};
 use crate::compensation::Extension;
 use crate::validate::Invalid;
 
+/// Most inputs a model may have.
+pub const MAX_INPUTS: usize = 4;
+/// The same without the first.
+pub const MAX_MORE_INPUTS: usize = MAX_INPUTS - 1;
 /// Most play operators a front end may have.
 pub const MAX_PLAY: usize = 24;
 /// Most creep filters a front end may have.
@@ -148,6 +156,35 @@ pub struct FrontEnd {
     pub stick_band: f32,
     /// What the network sees, in order.
     pub features: Vec<Feature, MAX_FEATURES>,
+    /// Weights of the other inputs' paths, one each: as many as there are inputs beside the first.
+    #[serde(skip)]
+    pub more_input_weights: Vec<f32, MAX_MORE_INPUTS>,
+    /// Which input each play operator follows, counted from 0; empty where all follow the first.
+    #[serde(skip)]
+    pub play_inputs: Vec<u8, MAX_PLAY>,
+    /// Which input each feature sees, where its signal is one of an input; empty where all see the first.
+    #[serde(skip)]
+    pub feature_inputs: Vec<u8, MAX_FEATURES>,
+}
+
+impl FrontEnd {
+    /// Number of inputs.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        1 + self.more_input_weights.len()
+    }
+
+    /// The input that a play operator follows, counted from 0.
+    #[must_use]
+    pub fn play_input(&self, operator: usize) -> usize {
+        self.play_inputs.get(operator).map_or(0, |input| usize::from(*input))
+    }
+
+    /// The input that a feature sees, counted from 0.
+    #[must_use]
+    pub fn feature_input(&self, feature: usize) -> usize {
+        self.feature_inputs.get(feature).map_or(0, |input| usize::from(*input))
+    }
 }
 
 impl Clone for FrontEnd {
@@ -172,6 +209,9 @@ impl Clone for FrontEnd {
             curve,
             stick_band,
             features,
+            more_input_weights,
+            play_inputs,
+            feature_inputs,
         } = source;
         self.dead_time_samples = *dead_time_samples;
         self.lag_coefficient = *lag_coefficient;
@@ -184,6 +224,9 @@ impl Clone for FrontEnd {
         self.curve.clone_from(curve);
         self.stick_band = *stick_band;
         copy(&mut self.features, features);
+        copy(&mut self.more_input_weights, more_input_weights);
+        copy(&mut self.play_inputs, play_inputs);
+        copy(&mut self.feature_inputs, feature_inputs);
     }
 }
 
@@ -424,7 +467,8 @@ pub struct Metrics {
     pub calibration_samples: u32,
 }
 
-/// What the training data covered, in input units: outside of it nothing is known about the model.
+/// What the training data covered of the first input, in its unit: outside of it nothing is known about the model. The ranges of the
+/// other inputs stand in their channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
     /// Smallest input.
@@ -441,7 +485,7 @@ pub struct Envelope {
 /// must be met within the tolerance. The digest is that of the estimator's own output bits on the desktop and must be met exactly.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Golden<'a> {
-    /// `f32`, little-endian, in input units; the replay starts from the reset state.
+    /// `f32`, little-endian, in input units, all inputs of a sample one after another; the replay starts from the reset state.
     pub input: &'a [u8],
     /// `f32`, little-endian, in output units.
     pub output: &'a [u8],
@@ -479,6 +523,10 @@ pub struct Model<'a> {
     /// How to check it.
     #[serde(borrow)]
     pub golden: Golden<'a>,
+    /// The channels of the inputs beside the first. On the wire, from schema version 4 on, they and what the front end has for them stand
+    /// behind everything else.
+    #[serde(skip)]
+    pub more_inputs: Vec<Channel<'a>, MAX_MORE_INPUTS>,
     /// What stands behind the model in the payload: an [`Extension`], or nothing.
     #[serde(skip)]
     pub extension: &'a [u8],
@@ -489,6 +537,9 @@ impl Model<'_> {
     #[must_use]
     pub fn schema_version(&self) -> u16 {
         let has_other_cells = |network: &Network<'_>| network.layers.iter().any(|layer| layer.cell != Cell::Lstm);
+        if !self.more_inputs.is_empty() {
+            return 4;
+        }
         let sees_past = self.front_end.features.iter().any(|feature| matches!(feature.source, FeatureSource::Past(_)));
         if sees_past || self.network.as_ref().is_some_and(has_other_cells) { 3 } else { 2 }
     }

@@ -116,6 +116,17 @@ impl FrontEnd {
         for (index, &value) in self.creep_coefficients.iter().enumerate() {
             require(coefficient(value), "front_end.creep_coefficients", index, "above 0 and at most 1")?;
         }
+        bounded(&self.more_input_weights, "front_end.more_input_weights")?;
+        let lists = [
+            (&self.play_inputs[..], plays, "front_end.play_inputs"), //
+            (&self.feature_inputs[..], self.features.len(), "front_end.feature_inputs"),
+        ];
+        for (list, length, field) in lists {
+            require(list.is_empty() || list.len() == length, field, 0, "empty, or as many as there are operators or features")?;
+            for (index, &input) in list.iter().enumerate() {
+                require(usize::from(input) < self.inputs(), field, index, "an existing input")?;
+            }
+        }
         for (index, feature) in self.features.iter().enumerate() {
             bounded(&[feature.offset, feature.gain], "front_end.features")?;
             match feature.source {
@@ -207,10 +218,10 @@ impl Network<'_> {
 }
 
 impl Golden<'_> {
-    fn validate(&self) -> Result<(), Invalid> {
-        let (samples, rest) = self.input.as_chunks::<4>();
-        require(rest.is_empty() && samples.len() <= MAX_GOLDEN, "golden.input", 0, "at most 512 samples of 4 bytes")?;
-        require(self.output.len() == self.input.len(), "golden.output", 0, "as long as the golden input")?;
+    fn validate(&self, inputs: usize) -> Result<(), Invalid> {
+        let (samples, rest) = self.output.as_chunks::<4>();
+        require(rest.is_empty() && samples.len() <= MAX_GOLDEN, "golden.output", 0, "at most 512 samples of 4 bytes")?;
+        require(self.input.len() == inputs * self.output.len(), "golden.input", 0, "as long as the golden output, for each input")?;
         for (field, bytes) in [("golden.input", self.input), ("golden.output", self.output)] {
             for (index, sample) in bytes.as_chunks::<4>().0.iter().enumerate() {
                 require(f32::from_le_bytes(*sample).is_finite(), field, index, "finite")?;
@@ -230,7 +241,10 @@ impl Model<'_> {
         require(period.is_finite() && period > 0.0, "sample_period_s", 0, "finite and positive")?;
         self.input.validate()?;
         self.output.validate()?;
+        self.more_inputs.iter().try_for_each(Channel::validate)?;
         self.front_end.validate()?;
+        let weights = self.front_end.more_input_weights.len();
+        require(weights == self.more_inputs.len(), "front_end.more_input_weights", 0, "as many as there are inputs beside the first")?;
         let features = self.front_end.features.len();
         if let Some(network) = &self.network {
             network.validate(features)?;
@@ -249,6 +263,6 @@ impl Model<'_> {
             require(value.is_finite(), "envelope", index, "finite")?;
         }
         Extension::default().decode_into(self.extension)?;
-        self.golden.validate()
+        self.golden.validate(self.front_end.inputs())
     }
 }

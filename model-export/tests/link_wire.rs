@@ -76,6 +76,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused Uncertified", "0a11070115053a09684000"),
     ("reply Refused ModelTooSlow", "0911070116737d612100"),
     ("reply Refused OtherSession", "0911070117e54d665600"),
+    ("reply Refused ModelInputs", "09110701187450d9c600"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -171,6 +172,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::Uncertified(5),
         Refusal::ModelTooSlow,
         Refusal::OtherSession,
+        Refusal::ModelInputs,
     ];
     let status = Status {
         state: State::Armed,

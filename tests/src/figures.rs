@@ -187,7 +187,7 @@ pub fn quantisation_error(seed: u32, gain: f32) -> QuantisationError {
     for sample in smooth_input(seed.wrapping_add(2_000_000), SAMPLES, -1.0, 1.0) {
         let value = f64::from(estimator.step(&mut state, sample as f32).value);
         // Both see the same f32 sample.
-        error.output += (value - reference.step(f64::from(sample as f32), &mut |_| {})).powi(2);
+        error.output += (value - reference.step(&[f64::from(sample as f32)], &mut |_| {})).powi(2);
         let expected = &reference.layers()[1].hidden;
         for (unit, (found, expected)) in state.network().layers()[1].hidden.iter().zip(expected).enumerate() {
             error.hidden += (f64::from(*found) * step - expected).powi(2);

@@ -29,6 +29,7 @@ fn trained(units: &[usize]) -> TrainedModel {
     }
     network.dense_weights.iter_mut().for_each(|entry| *entry = 0.1 * weight());
     TrainedModel {
+        more_inputs: Vec::new(),
         input: channel("pressure", "bar", 3.0),
         output: channel("displacement", "mm", 15.0),
         sample_period_s: 0.02,

@@ -60,6 +60,7 @@ pub fn model(front_end: FrontEnd, network: Option<Network>, mode: Mode) -> Train
         maximum: offset + scale,
     };
     TrainedModel {
+        more_inputs: Vec::new(),
         input: channel("pressure", "bar", 1.0, 1.0),
         output: channel("displacement", "mm", 7.5, 7.5),
         sample_period_s: PERIOD_S,
@@ -110,6 +111,7 @@ pub fn physics_front_end(seed: u32, plays: u8, creeps: u8) -> FrontEnd {
             bends: (0..4).map(|_| share() - 0.5).collect(),
         }),
         features,
+        ..FrontEnd::default()
     }
 }
 

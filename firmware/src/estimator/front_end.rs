@@ -8,9 +8,13 @@
 //! bits. A sample that is not finite, or lies more than [`MAX_NORMALISED`] spans from the channel's centre, is no measurement: the
 //! last good one is held in its place and the event counted. Play operators never forget, so one such sample let through would spoil
 //! the memory for good.
+//!
+//! With several inputs a sample is one value of each. They start together, with the first sample in which all are good; after that each
+//! holds its own last good value.
 
+use heapless::Vec;
 use hysteresis::play;
-use model_export::schema::{self, Channel, Curve, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+use model_export::schema::{self, Channel, Curve, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_INPUTS, MAX_PLAY};
 use model_export::validate::Invalid;
 
 use super::arithmetic::quantise_feature;
@@ -25,22 +29,36 @@ const DELAY_LINE: usize = MAX_DEAD_TIME_SAMPLES + 2;
 #[derive(Clone, Debug, Default)]
 pub struct FrontEnd {
     config: schema::FrontEnd,
-    input_offset: f32,
-    input_scale: f32,
-    /// Normalised input at the low end of the range: stands in until the first good sample.
-    rest: f32,
+    inputs: Vec<Normalisation, MAX_INPUTS>,
     delay_whole: usize,
     delay_fraction: f32,
+}
+
+/// The map of an input channel to its normalised form.
+#[derive(Clone, Copy, Debug, Default)]
+struct Normalisation {
+    offset: f32,
+    scale: f32,
+    /// Normalised input at the low end of the range: stands in until the first good sample.
+    rest: f32,
+}
+
+/// The memory of an input path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct PathState {
+    delay_line: [f32; DELAY_LINE],
+    input: f32,
+    path: f32,
+    /// `u` and `v` of the sample before.
+    last: (f32, f32),
 }
 
 /// The memory of a [`FrontEnd`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrontEndState {
     started: bool,
-    delay_line: [f32; DELAY_LINE],
     newest: usize,
-    input: f32,
-    path: f32,
+    paths: [PathState; MAX_INPUTS],
     plays: [f32; MAX_PLAY],
     creeps: [f32; MAX_CREEP],
     held_samples: u32,
@@ -68,9 +86,9 @@ impl FromFeature for i16 {
 /// What one step of the front end gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrontEndOutput {
-    /// `u`, the normalised input that was used.
+    /// `u`, the normalised first input that was used.
     pub input: f32,
-    /// `v`, the output of the input path.
+    /// `v`, the output of the first input's path.
     pub path: f32,
     /// `L`, the readout in normalised output.
     pub readout: f32,
@@ -90,10 +108,8 @@ impl FrontEndState {
     pub const fn new() -> Self {
         Self {
             started: false,
-            delay_line: [0.0; DELAY_LINE],
             newest: 0,
-            input: 0.0,
-            path: 0.0,
+            paths: [PathState::NEW; MAX_INPUTS],
             plays: [0.0; MAX_PLAY],
             creeps: [0.0; MAX_CREEP],
             held_samples: 0,
@@ -106,31 +122,40 @@ impl FrontEndState {
         self.held_samples
     }
 
-    /// The normalised input so many samples ago, less than [`DELAY_LINE`].
-    fn past(&self, age: usize) -> f32 {
-        let index = self.newest + age;
-        let index = if index >= DELAY_LINE { index - DELAY_LINE } else { index };
-        self.delay_line.get(index).copied().unwrap_or(self.input)
+    /// The path of an input; validation has put every number inside the list.
+    fn path_of(&self, input: usize) -> &PathState {
+        self.paths.get(input).unwrap_or(&PathState::NEW)
     }
 
     /// Forgets everything: the next good sample starts from its equilibrium.
     pub fn reset(&mut self) {
         // In place: a fresh one would be built on the stack of the tick first. What the first step sets itself is left to it.
-        (self.started, self.newest, self.input, self.path, self.held_samples) = (false, 0, 0.0, 0.0, 0);
-        self.delay_line.fill(0.0);
+        (self.started, self.newest, self.held_samples) = (false, 0, 0);
+        self.paths.fill(PathState::NEW);
         self.plays.fill(0.0);
         self.creeps.fill(0.0);
     }
 }
 
+impl PathState {
+    const NEW: Self = Self { delay_line: [0.0; DELAY_LINE], input: 0.0, path: 0.0, last: (0.0, 0.0) };
+
+    /// The normalised input so many samples ago, less than [`DELAY_LINE`], where `newest` is the slot of the newest.
+    fn past(&self, newest: usize, age: usize) -> f32 {
+        let index = newest + age;
+        let index = if index >= DELAY_LINE { index - DELAY_LINE } else { index };
+        self.delay_line.get(index).copied().unwrap_or(self.input)
+    }
+}
+
 impl FrontEnd {
-    /// Builds the front end of a model.
+    /// Builds the front end of a model; `more_inputs` are the channels of the inputs beside the first.
     ///
     /// # Errors
-    /// When a field of `config` or of `input` is out of its domain.
-    pub fn new(config: &schema::FrontEnd, input: &Channel<'_>) -> Result<Self, Invalid> {
+    /// When a field of `config` or of a channel is out of its domain, or the channels are not as many as `config` has weights for.
+    pub fn new(config: &schema::FrontEnd, input: &Channel<'_>, more_inputs: &[Channel<'_>]) -> Result<Self, Invalid> {
         let mut front_end = Self::default();
-        front_end.rebuild(config, input)?;
+        front_end.rebuild(config, input, more_inputs)?;
         Ok(front_end)
     }
 
@@ -138,19 +163,26 @@ impl FrontEnd {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn rebuild(&mut self, config: &schema::FrontEnd, input: &Channel<'_>) -> Result<(), Invalid> {
+    pub fn rebuild(&mut self, config: &schema::FrontEnd, input: &Channel<'_>, more_inputs: &[Channel<'_>]) -> Result<(), Invalid> {
         config.validate()?;
-        input.validate()?;
+        if config.more_input_weights.len() != more_inputs.len() {
+            let must = "as many as there are inputs beside the first";
+            return Err(Invalid { field: "front_end.more_input_weights", index: 0, must });
+        }
+        self.inputs.clear();
+        for channel in core::iter::once(input).chain(more_inputs) {
+            channel.validate()?;
+            let rest = ((channel.minimum - channel.offset) / channel.scale).clamp(-MAX_NORMALISED, MAX_NORMALISED);
+            // There are no more than there is room for: the weights' list is as long.
+            let _ = self.inputs.push(Normalisation { offset: channel.offset, scale: channel.scale, rest });
+        }
         // The dead time is at most 32 samples, so counting up is exact and needs no float-to-integer cast.
         (self.delay_whole, self.delay_fraction) = (0, config.dead_time_samples);
         while self.delay_fraction >= 1.0 {
             self.delay_whole += 1;
             self.delay_fraction -= 1.0;
         }
-        let rest = (input.minimum - input.offset) / input.scale;
         self.config.clone_from(config);
-        (self.input_offset, self.input_scale) = (input.offset, input.scale);
-        self.rest = rest.clamp(-MAX_NORMALISED, MAX_NORMALISED);
         Ok(())
     }
 
@@ -166,44 +198,49 @@ impl FrontEnd {
         self.config.features.len()
     }
 
-    /// One sample: `raw` in the input channel's unit; `features` receives the network's inputs, before quantisation about -1 to 1, in the
-    /// schema's order (features beyond the slice's end are not computed).
+    /// Number of inputs.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// One sample: `raw` has a value of each input in its channel's unit, and a missing one is no measurement; `features` receives the
+    /// network's inputs, before quantisation about -1 to 1, in the schema's order (features beyond the slice's end are not computed).
     ///
     /// # Deadline
     /// Runs in the control tick: about 15 instructions a play operator and 10 a feature.
-    pub fn step<T: FromFeature>(&self, state: &mut FrontEndState, raw: f32, features: &mut [T]) -> FrontEndOutput {
-        let measured = (raw - self.input_offset) / self.input_scale;
-        // Also true for what is not a number.
-        let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
+    pub fn step<T: FromFeature>(&self, state: &mut FrontEndState, raw: &[f32], features: &mut [T]) -> FrontEndOutput {
+        let first = !state.started;
+        let held = self.take(state, raw);
         if held {
             state.held_samples = state.held_samples.saturating_add(1);
         }
-        let input = match (held, state.started) {
-            (false, _) => measured,
-            (true, true) => state.input,
-            (true, false) => self.rest,
-        };
-        let first = !state.started;
-        let (last_input, last_path) = if first { (input, input) } else { (state.input, state.path) };
         if first {
-            state.delay_line = [input; DELAY_LINE];
             state.plays = [0.0; MAX_PLAY];
             // A stand-in is no start: the first good sample shall find its own equilibrium.
             state.started = !held;
         }
-
-        let delayed = self.delay(state, input);
-        let lag = self.config.lag_coefficient;
-        let path = if first || lag >= 1.0 { delayed } else { last_path + lag * (delayed - last_path) };
+        let &PathState { input, path, .. } = state.path_of(0);
 
         let mut sum = 0.0;
-        let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights);
-        for ((threshold, weight), memory) in operators.zip(&mut state.plays) {
-            *memory = play::step(*threshold, path, *memory);
-            sum += weight * *memory;
+        let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights).zip(&mut state.plays);
+        if self.config.play_inputs.is_empty() {
+            for ((threshold, weight), memory) in operators {
+                *memory = play::step(*threshold, path, *memory);
+                sum += weight * *memory;
+            }
+        } else {
+            for (((threshold, weight), memory), input) in operators.zip(&self.config.play_inputs) {
+                let path = state.paths.get(usize::from(*input)).map_or(0.0, |path| path.path);
+                *memory = play::step(*threshold, path, *memory);
+                sum += weight * *memory;
+            }
         }
 
         let mut linear = self.config.bias + self.config.input_weight * path + sum;
+        for (weight, other) in self.config.more_input_weights.iter().zip(state.paths.iter().skip(1)) {
+            linear += weight * other.path;
+        }
         let filters = self.config.creep_coefficients.iter().zip(&self.config.creep_weights);
         for ((coefficient, weight), memory) in filters.zip(&mut state.creeps) {
             *memory = if first { sum } else { *memory + coefficient * (sum - *memory) };
@@ -211,33 +248,60 @@ impl FrontEnd {
         }
         let readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
 
-        state.input = input;
-        state.path = path;
-        for (feature, value) in self.config.features.iter().zip(features) {
+        // Found once: a model of one input, whose lists are empty, shall not pay for those of several.
+        let first_path = state.path_of(0);
+        let of_input = |input: Option<&u8>| input.map_or(first_path, |input| state.path_of(usize::from(*input)));
+        for (index, (feature, value)) in self.config.features.iter().zip(features).enumerate() {
+            let seen = of_input(self.config.feature_inputs.get(index));
             let signal = match feature.source {
-                FeatureSource::Input => input,
-                FeatureSource::InputDifference => input - last_input,
-                FeatureSource::Path => path,
-                FeatureSource::PathDifference => path - last_path,
+                FeatureSource::Input => seen.input,
+                FeatureSource::InputDifference => seen.input - seen.last.0,
+                FeatureSource::Path => seen.path,
+                FeatureSource::PathDifference => seen.path - seen.last.1,
                 FeatureSource::Play(index) => element(&state.plays, index),
-                FeatureSource::Stop(index) => (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index),
+                FeatureSource::Stop(index) => {
+                    let path = of_input(self.config.play_inputs.get(usize::from(index))).path;
+                    (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index)
+                }
                 FeatureSource::Readout => readout,
                 FeatureSource::Creep(index) => element(&state.creeps, index),
-                FeatureSource::Past(age) => state.past(usize::from(age)),
+                FeatureSource::Past(age) => seen.past(state.newest, usize::from(age)),
             };
             *value = T::from_feature((signal - feature.offset) * feature.gain);
         }
         FrontEndOutput { input, path, readout, held }
     }
 
-    /// Dead time by linear interpolation between the two samples around it.
-    fn delay(&self, state: &mut FrontEndState, input: f32) -> f32 {
-        state.newest = if state.newest == 0 { DELAY_LINE - 1 } else { state.newest - 1 };
-        if let Some(slot) = state.delay_line.get_mut(state.newest) {
-            *slot = input;
+    /// Takes a sample through every input path; whether any of its values was no measurement.
+    fn take(&self, state: &mut FrontEndState, raw: &[f32]) -> bool {
+        let FrontEndState { started, newest, paths, .. } = state;
+        *newest = if *newest == 0 { DELAY_LINE - 1 } else { *newest - 1 };
+        let (newest, first) = (*newest, !*started);
+        let lag = self.config.lag_coefficient;
+        let mut any_held = false;
+        for (index, (normalisation, state)) in self.inputs.iter().zip(paths).enumerate() {
+            let measured = (raw.get(index).copied().unwrap_or(f32::NAN) - normalisation.offset) / normalisation.scale;
+            // Also true for what is not a number.
+            let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
+            any_held |= held;
+            let input = match (held, first) {
+                (false, _) => measured,
+                (true, false) => state.input,
+                (true, true) => normalisation.rest,
+            };
+            if first {
+                state.delay_line = [input; DELAY_LINE];
+            } else if let Some(slot) = state.delay_line.get_mut(newest) {
+                *slot = input;
+            }
+            state.last = if first { (input, input) } else { (state.input, state.path) };
+            state.input = input;
+            // Dead time by linear interpolation between the two samples around it.
+            let (younger, older) = (state.past(newest, self.delay_whole), state.past(newest, self.delay_whole + 1));
+            let delayed = younger + self.delay_fraction * (older - younger);
+            state.path = if first || lag >= 1.0 { delayed } else { state.last.1 + lag * (delayed - state.last.1) };
         }
-        let (younger, older) = (state.past(self.delay_whole), state.past(self.delay_whole + 1));
-        younger + self.delay_fraction * (older - younger)
+        any_held
     }
 }
 
@@ -281,23 +345,23 @@ mod tests {
 
     #[test]
     fn follows_the_play_equation_by_hand() {
-        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
         // u = -0.5, 0.5, 0.25, -0.5: the second operator goes -0.25, 0.25, 0.25, -0.25. All values are exact in binary.
         let expected = [(0.0, -0.3125), (2.0, 0.3125), (1.5, 0.1875), (0.0, -0.3125)];
         for (raw, readout) in expected {
-            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).readout, readout);
+            assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]).readout, readout);
         }
     }
 
     #[test]
     fn delays_by_fractions_of_a_sample_and_lags() {
         let config = schema::FrontEnd { dead_time_samples: 1.25, lag_coefficient: 0.5, input_weight: 1.0, ..schema::FrontEnd::default() };
-        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
-        front_end.step(&mut state, 1.0, &mut [0.0; 0]);
+        front_end.step(&mut state, &[1.0], &mut [0.0; 0]);
         // A unit step in u, delayed: 0, 0.75, 1, 1; lagged by halves: 0, 0.375, 0.6875, 0.84375.
-        let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, 3.0, &mut [0.0; 0]).path, expected));
+        let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, &[3.0], &mut [0.0; 0]).path, expected));
         for (path, expected) in paths {
             assert_eq!(path, expected);
         }
@@ -306,10 +370,10 @@ mod tests {
     #[test]
     fn the_longest_dead_time_is_exact() {
         let config = schema::FrontEnd { dead_time_samples: 32.0, lag_coefficient: 1.0, input_weight: 1.0, ..schema::FrontEnd::default() };
-        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
         for sample in 0..100u8 {
-            let path = front_end.step(&mut state, f32::from(sample), &mut [0.0; 0]).path;
+            let path = front_end.step(&mut state, &[f32::from(sample)], &mut [0.0; 0]).path;
             assert_eq!(path, (f32::from(sample.saturating_sub(32)) - 1.0) / 2.0);
         }
     }
@@ -319,10 +383,10 @@ mod tests {
         let mut config = config();
         config.creep_coefficients.push(0.25).unwrap();
         config.creep_weights.push(2.0).unwrap();
-        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
-        assert_eq!(front_end.step(&mut state, 0.0, &mut [0.0; 0]).readout, -0.3125 * 3.0);
-        assert_eq!(front_end.step(&mut state, 2.0, &mut [0.0; 0]).readout, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+        assert_eq!(front_end.step(&mut state, &[0.0], &mut [0.0; 0]).readout, -0.3125 * 3.0);
+        assert_eq!(front_end.step(&mut state, &[2.0], &mut [0.0; 0]).readout, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
     }
 
     #[test]
@@ -334,12 +398,12 @@ mod tests {
             bends: Vec::from_slice(&[1.0, 1.0, -2.0]).unwrap(),
         };
         let config = schema::FrontEnd { lag_coefficient: 1.0, input_weight: 1.0, curve: Some(curve), ..schema::FrontEnd::default() };
-        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
         // u = -1, -0.5, -0.25, 0, 0.25, 0.5, 1: flat, then slope 1, then slope 2, then flat again.
         let expected = [(-1.0, 0.25), (0.0, 0.25), (0.5, 0.5), (1.0, 0.75), (1.5, 1.25), (2.0, 1.75), (3.0, 1.75)];
         for (raw, readout) in expected {
-            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]).readout, readout);
+            assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]).readout, readout);
         }
     }
 
@@ -358,39 +422,39 @@ mod tests {
         ];
         config.features.extend(sources.map(feature));
         config.features.push(Feature { source: FeatureSource::Input, offset: 0.5, gain: 2.0 }).unwrap();
-        let front_end = FrontEnd::new(&config, &channel()).unwrap();
+        let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
         let mut state = FrontEndState::default();
         let mut features = [f32::NAN; 8];
-        front_end.step(&mut state, 0.0, &mut features);
+        front_end.step(&mut state, &[0.0], &mut features);
         assert_eq!(features, [-0.5, 0.0, -0.5, 0.0, -0.25, -1.0, -0.3125, -2.0]);
-        front_end.step(&mut state, 2.0, &mut features);
+        front_end.step(&mut state, &[2.0], &mut features);
         assert_eq!(features, [0.5, 1.0, -0.5, 0.0, -0.25, -1.0, -0.3125, 0.0]);
-        front_end.step(&mut state, 2.0, &mut features);
+        front_end.step(&mut state, &[2.0], &mut features);
         assert_eq!(features, [0.5, 0.0, 0.5, 1.0, 0.25, 1.0, 0.3125, 0.0]);
     }
 
     #[test]
     fn a_sample_that_is_no_measurement_is_held_and_counted() {
-        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1.0e5] {
             let (mut state, mut reference) = (FrontEndState::default(), FrontEndState::default());
-            front_end.step(&mut state, 2.0, &mut [0.0; 0]);
-            front_end.step(&mut reference, 2.0, &mut [0.0; 0]);
-            let output = front_end.step(&mut state, bad, &mut [0.0; 0]);
+            front_end.step(&mut state, &[2.0], &mut [0.0; 0]);
+            front_end.step(&mut reference, &[2.0], &mut [0.0; 0]);
+            let output = front_end.step(&mut state, &[bad], &mut [0.0; 0]);
             assert!(output.held);
-            assert_eq!(output.readout, front_end.step(&mut reference, 2.0, &mut [0.0; 0]).readout);
+            assert_eq!(output.readout, front_end.step(&mut reference, &[2.0], &mut [0.0; 0]).readout);
             assert_eq!(state.held_samples(), 1);
         }
     }
 
     #[test]
     fn a_bad_first_sample_leaves_the_start_to_the_first_good_one() {
-        let front_end = FrontEnd::new(&config(), &channel()).unwrap();
+        let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
         let (mut state, mut fresh) = (FrontEndState::default(), FrontEndState::default());
         // At rest: u = -0.5, as in the hand calculation.
-        assert_eq!(front_end.step(&mut state, f32::NAN, &mut [0.0; 0]).readout, -0.3125);
+        assert_eq!(front_end.step(&mut state, &[f32::NAN], &mut [0.0; 0]).readout, -0.3125);
         for raw in [2.5, 1.0, 1.7] {
-            assert_eq!(front_end.step(&mut state, raw, &mut [0.0; 0]), front_end.step(&mut fresh, raw, &mut [0.0; 0]));
+            assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]), front_end.step(&mut fresh, &[raw], &mut [0.0; 0]));
         }
     }
 
@@ -399,7 +463,7 @@ mod tests {
         let refused = |change: fn(&mut schema::FrontEnd)| {
             let mut config = config();
             change(&mut config);
-            FrontEnd::new(&config, &channel()).unwrap_err().field
+            FrontEnd::new(&config, &channel(), &[]).unwrap_err().field
         };
         assert_eq!(refused(|config| config.dead_time_samples = 32.5), "front_end.dead_time_samples");
         assert_eq!(refused(|config| config.dead_time_samples = f32::NAN), "front_end.dead_time_samples");
@@ -414,7 +478,8 @@ mod tests {
                 ..Curve::default()
             })
         };
-        let refused_curve = |curve: Option<Curve>| FrontEnd::new(&schema::FrontEnd { curve, ..config() }, &channel()).unwrap_err().field;
+        let refused_curve =
+            |curve: Option<Curve>| FrontEnd::new(&schema::FrontEnd { curve, ..config() }, &channel(), &[]).unwrap_err().field;
         assert_eq!(refused_curve(curve(&[0.5, 0.5], &[1.0, 1.0])), "front_end.curve.bend_points");
         assert_eq!(refused_curve(curve(&[0.5], &[])), "front_end.curve.bends");
         assert_eq!(refused_curve(curve(&[0.5], &[f32::NAN])), "front_end.curve.bends");

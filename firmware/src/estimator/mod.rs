@@ -1,4 +1,4 @@
-//! The estimator: pressure in, displacement out, one sample at a time.
+//! The estimator: pressure in, displacement out, one sample at a time; or several inputs, one value of each at a time.
 //!
 //! [`FrontEnd`] is the physics in `f32`, [`Network`] the fixed-point LSTM that corrects it, [`Estimator`] both together as a blob
 //! describes them. Parameters are immutable and borrow the blob; [`EstimatorState`] is all that changes, so a copy of it is a snapshot.
@@ -17,7 +17,7 @@ mod smlad;
 
 use hysteresis::stick_band;
 use model_export::blob::crc32;
-use model_export::schema::{self, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
+use model_export::schema::{self, MAX_INPUTS, MAX_WIDTH, MAX_WINDOW_VALUES, Mode, Model};
 use model_export::validate::Invalid;
 
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
@@ -197,7 +197,7 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     pub fn rebuild(&mut self, model: &Model<'a>, source: impl KernelSource<Kernel = K>) -> Result<(), Invalid> {
         self.network = None;
         model.validate()?;
-        self.front_end.rebuild(&model.front_end, &model.input)?;
+        self.front_end.rebuild(&model.front_end, &model.input, &model.more_inputs)?;
         if let Some(wire) = &model.network {
             self.rebuild_network(wire, source)?;
         }
@@ -214,6 +214,12 @@ impl<'a, K: Kernel> Estimator<'a, K> {
         Ok(())
     }
 
+    /// Number of inputs.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.front_end.inputs().max(1)
+    }
+
     /// The network, when there is one.
     #[must_use]
     pub fn network(&self) -> Option<&Network<'a>> {
@@ -227,6 +233,14 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     /// # Deadline
     /// Runs in the control tick. In window mode the network runs once per sample of the window.
     pub fn step(&self, state: &mut EstimatorState, raw: f32) -> Estimate {
+        self.step_all(state, &[raw])
+    }
+
+    /// As [`Self::step`], with a value of each input; a missing one is no measurement.
+    ///
+    /// # Deadline
+    /// As [`Self::step`].
+    pub fn step_all(&self, state: &mut EstimatorState, raw: &[f32]) -> Estimate {
         let mut features = [0; MAX_WIDTH];
         // Without a network nobody sees the features.
         let wanted = if self.network.is_some() { &mut features[..] } else { &mut [] };
@@ -306,9 +320,12 @@ impl<'a, K: Kernel> Estimator<'a, K> {
         state.reset();
         let (mut worst, mut digest, mut samples) = (0.0f32, 0, 0);
         let (mut over_budget, mut too_slow) = (0, false);
-        for (input, expected) in golden.input.as_chunks().0.iter().zip(golden.output.as_chunks().0) {
+        let inputs = self.inputs();
+        for (input, expected) in golden.input.as_chunks::<4>().0.chunks(inputs).zip(golden.output.as_chunks().0) {
+            let mut raw = [0.0; MAX_INPUTS];
+            raw.iter_mut().zip(input).for_each(|(value, bytes)| *value = f32::from_le_bytes(*bytes));
             let began = budget.timer.cycles();
-            let value = self.step(state, f32::from_le_bytes(*input)).value;
+            let value = self.step_all(state, raw.get(..inputs).unwrap_or(&raw)).value;
             let cycles = budget.timer.cycles().wrapping_sub(began);
             over_budget = if cycles > budget.cycles { over_budget + 1 } else { 0 };
             if over_budget >= OVER_BUDGET_STEPS {

@@ -35,7 +35,11 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
 
     pub(super) fn finish_upload(&mut self, checked: Result<(), Fault>) -> Result<(), Refusal> {
         let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
-        checked.map_err(|fault| if fault == Fault::ModelTooSlow { Refusal::ModelTooSlow } else { Refusal::NotAModel })?;
+        checked.map_err(|fault| match fault {
+            Fault::ModelTooSlow => Refusal::ModelTooSlow,
+            Fault::ModelInputs => Refusal::ModelInputs,
+            _ => Refusal::NotAModel,
+        })?;
         self.model_store.finish(upload).map_err(refusal).map(|_| ())
     }
 

@@ -15,7 +15,7 @@ use crate::fit::nuisance::Nuisance;
 use crate::identify::{ChannelRange, PhysicsModel};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
-use crate::{output, report, say};
+use crate::{network, output, report, say};
 
 /// Judge a model on recordings, free running.
 #[derive(clap::Args)]
@@ -268,6 +268,15 @@ impl Promise {
             model::Format::Physics => {
                 let model = PhysicsModel::read(path)?;
                 Self { ranges: vec![model.input], expected: model.expected, nuisances: model.nuisances }
+            }
+            model::Format::Network => {
+                let range = |channel: &network::Channel| ChannelRange {
+                    quantity: channel.quantity.clone(),
+                    unit: channel.unit.clone(),
+                    minimum: f64::from(channel.minimum),
+                    maximum: f64::from(channel.maximum),
+                };
+                Self { ranges: network::load(path)?.inputs().map(range).collect(), expected: None, nuisances: Vec::new() }
             }
             _ => {
                 let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());

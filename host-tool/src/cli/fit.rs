@@ -160,6 +160,16 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
+/// What a blob of several inputs is for.
+fn print_inputs(blob: &BlobFile) {
+    if blob.inputs > 1 {
+        say!(
+            "a blob of {} inputs runs on a computer and as C (`catheter export --c`); the firmware measures one pressure and refuses it",
+            blob.inputs
+        );
+    }
+}
+
 fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
     let output = &fitted.prepared.output;
     let (unit, range) = (&output.unit, output.maximum - output.minimum);
@@ -228,18 +238,19 @@ fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
             calibrated.rmse
         );
     }
+    blob.into_iter().for_each(print_inputs);
     match blob {
         Some(blob) if blob.rung == chosen.name => {
             say!("blob: {}, {} bytes, {} instructions a step", blob.file, blob.bytes, blob.step_instructions)
         }
         Some(blob) => {
-            say!("blob: {} holds `{}`, the best that the microcontroller can; {} does not fit it", blob.file, blob.rung, chosen.name);
+            say!("blob: {} holds `{}`, the best that has this form; {} does not fit it", blob.file, blob.rung, chosen.name);
             say!(
                 "expect {:.4} {unit} of the blob on the next recording, {:.2} times that of the model",
                 blob.cv_rmse,
                 blob.cv_rmse / chosen.cv_rmse
             )
         }
-        None => say!("no blob: the microcontroller holds none of these rungs"),
+        None => say!("no blob: the microcontroller's format holds none of these rungs"),
     }
 }

@@ -10,6 +10,7 @@ use super::{Common, Outcome};
 use crate::backend::BOARD_MODEL;
 use crate::journal::Tracing;
 use crate::link::{Client, FlashMemory, InProcess, Processor, Serial};
+use crate::track::beyond::{Beyond, beyond};
 use crate::track::compare::{self, Run};
 use crate::track::rig::{self, Truth};
 use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, run, setting};
@@ -105,6 +106,8 @@ enum Preset {
 #[derive(Serialize)]
 struct Summary<'a> {
     controllers: Vec<&'a Figures>,
+    /// Models that the reference asks for more than they were made from.
+    beyond_range: &'a [Beyond],
 }
 
 /// The blob of a model: the file itself, or the one that `catheter fit` left beside it.
@@ -145,10 +148,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         _ => None,
     };
     let seed = arguments.common.seed;
-    let (reference, runs) = match arguments.backend {
+    let (reference, beyond, runs) = match arguments.backend {
         Backend::Serial => {
             let Some(control) = given else { bail!("a board needs --settings and --model; `catheter tune` makes both from a recording") };
             let reference = the_reference(arguments, None)?;
+            let beyond = what_is_beyond(&control, &chosen, inverse.as_deref(), &reference);
             let port = arguments.port.as_deref().context("--port is needed")?;
             let mut client = Client::connect(Serial::open(&port.to_string_lossy())?)?;
             let mut loaded: Option<&[u8]> = None;
@@ -170,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 Ok(run?)
             };
             let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
-            (reference, runs)
+            (reference, beyond, runs)
         }
         // Every controller gets a rig of its own that begins at rest.
         simulated => {
@@ -188,7 +192,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 }
             };
             let reference = the_reference(arguments, control.reach())?;
-            note_what_is_out_of_reach(&reference, control.reach());
+            let beyond = what_is_beyond(&control, &chosen, inverse.as_deref(), &reference);
+            if beyond.is_empty() {
+                note_what_is_out_of_reach(&reference, control.reach());
+            }
             let one = |controller: &Controller| -> Result<Run> {
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
@@ -201,13 +208,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 }
             };
             let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
-            (reference, runs)
+            (reference, beyond, runs)
         }
     };
     let name = reference.name;
     print(&name, &runs);
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect() })?;
+        output::write_json(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect(), beyond_range: &beyond })?;
     }
     if let Some(folder) = &arguments.csv {
         for run in &runs {
@@ -216,13 +223,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         }
     }
     if let Some(path) = &arguments.report {
+        let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).collect();
         let rig = match arguments.backend {
             Backend::Virtual => "the all-effects rig",
             Backend::Qemu => "the all-effects rig around QEMU",
             Backend::BoardModel => "the all-effects rig around the board's model",
             Backend::Serial => "a board",
         };
-        output::write_atomic(path, report::track::page(&name, rig, &runs).as_bytes())?;
+        output::write_atomic(path, report::track::page(&name, rig, &runs, &warnings).as_bytes())?;
     }
     Ok(Outcome::Success)
 }
@@ -345,6 +353,18 @@ fn note_what_is_out_of_reach(reference: &Reference, reach: Option<Reach>) {
     {
         say!("The reference goes from {low:.2} to {high:.2} mm; the recordings show that {low_mm:.2} to {high_mm:.2} mm can be followed.");
     }
+}
+
+/// Tells, before anything moves, which of the models that the controllers run with the reference asks for more than they were made from.
+fn what_is_beyond(control: &Control, chosen: &[Controller], inverse: Option<&[u8]>, reference: &Reference) -> Vec<Beyond> {
+    let has = |learned: bool| chosen.iter().any(|controller| (controller.name == LEARNED) == learned);
+    let models = [
+        ("the model", has(false).then(|| control.blob())), //
+        ("the inverse model", inverse.filter(|_| has(true))),
+    ];
+    let found: Vec<Beyond> = models.into_iter().filter_map(|(name, bytes)| beyond(name, bytes?, reference)).collect();
+    found.iter().for_each(|one| say!("warning: {}", one.sentence()));
+    found
 }
 
 /// Settings by name from a file.

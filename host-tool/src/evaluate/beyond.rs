@@ -15,12 +15,30 @@ pub struct Beyond {
     pub recording: String,
     /// The input's column.
     pub input: String,
+    /// How much of it, and how far.
+    #[serde(flatten)]
+    pub outside: Outside,
+}
+
+/// Values that leave a range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Outside {
     /// Share of samples beyond the range.
     pub share: f64,
-    /// Farthest beyond it, in the input's unit.
+    /// Farthest beyond it, in the values' unit.
     pub by: f64,
     /// The same over the width of the range.
     pub of_range: f64,
+}
+
+/// How far values leave the range from `low` to `high`; nothing when they hardly do, or it is no range.
+#[must_use]
+pub fn outside((low, high): (f64, f64), values: &[f64]) -> Option<Outside> {
+    let width = high - low;
+    let distance = |value: &f64| (value - high).max(low - value);
+    let by = values.iter().map(distance).fold(0.0, f64::max);
+    let count = values.iter().filter(|&value| distance(value) > 0.0).count();
+    (width > 0.0 && by > NEWS * width).then(|| Outside { share: count as f64 / values.len().max(1) as f64, by, of_range: by / width })
 }
 
 /// The inputs of some recordings that leave a model's ranges, one range an input.
@@ -29,19 +47,11 @@ pub fn beyond(ranges: &[ChannelRange], recordings: &[Recording]) -> Vec<Beyond> 
     let mut found = Vec::new();
     for recording in recordings {
         for (range, values) in ranges.iter().zip(recording.inputs()) {
-            let width = range.maximum - range.minimum;
-            let distance = |value: &f64| (value - range.maximum).max(range.minimum - value);
-            let by = values.iter().map(distance).fold(0.0, f64::max);
-            if !(width > 0.0 && by > NEWS * width) {
-                continue;
-            }
-            let outside = values.iter().filter(|&value| distance(value) > 0.0).count();
+            let Some(outside) = outside((range.minimum, range.maximum), values) else { continue };
             found.push(Beyond {
                 recording: recording.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
                 input: format!("{}_{}", range.quantity, range.unit),
-                share: outside as f64 / values.len().max(1) as f64,
-                by,
-                of_range: by / width,
+                outside,
             });
         }
     }
@@ -57,8 +67,8 @@ impl Beyond {
              is known there",
             self.recording,
             self.input,
-            100.0 * self.share,
-            100.0 * self.of_range
+            100.0 * self.outside.share,
+            100.0 * self.outside.of_range
         )
     }
 }
@@ -80,7 +90,7 @@ mod tests {
         };
         assert_eq!(beyond(std::slice::from_ref(&range), &[recording(2.0)]), []);
         let found = beyond(&[range], &[recording(2.0), recording(3.0)]);
-        let [one] = &found[..] else { panic!("{found:?}") };
+        let [Beyond { outside: one, .. }] = &found[..] else { panic!("{found:?}") };
         assert!((one.by - 1.0).abs() < 1e-12 && (one.share - 1.0 / 3.0).abs() < 0.01 && (one.of_range - 0.5).abs() < 1e-12, "{one:?}");
     }
 }

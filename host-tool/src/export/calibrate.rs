@@ -29,10 +29,12 @@ impl Calibration {
     pub fn of(model: &TrainedModel, data: &[Recording]) -> Self {
         let mut gather = Gather { layers: Vec::new(), counted: 0, steps: 0 };
         for recording in data {
+            let inputs = recording.inputs();
             for segment in recording.segments() {
                 let mut reference = Reference::new(model);
-                for input in &recording.input[segment] {
-                    reference.step(*input, &mut |layers| gather.step(layers));
+                for sample in segment {
+                    let raw: Vec<f64> = inputs.iter().map(|values| values[sample]).collect();
+                    reference.step(&raw, &mut |layers| gather.step(layers));
                 }
             }
         }

@@ -26,7 +26,7 @@ use crate::fit::chip;
 use crate::fit::file::FittedModel;
 use crate::identify::{self, PhysicsModel};
 use crate::model::PERIOD_TOLERANCE;
-use crate::network::{Channel, Mode, Network, Provenance, TrainedModel};
+use crate::network::{Channel, Mode, Network, Provenance, TrainedModel, narrowed};
 use crate::recording::{Recording, RecordingError};
 
 pub use calibrate::Calibration;
@@ -53,6 +53,16 @@ pub enum ExportError {
         found: String,
         /// What the model has.
         expected: String,
+    },
+    /// A recording with fewer inputs than the model has.
+    #[error("{path}: has {found} input(s), the model has {expected}; name the others with `input2=`, `input3=` in --columns")]
+    Inputs {
+        /// The recording.
+        path: String,
+        /// Inputs of the recording.
+        found: usize,
+        /// Inputs of the model.
+        expected: usize,
     },
     /// A recording at another rate than the model's.
     #[error("{path}: sample period {found} s, the model's is {expected} s; resample the recording")]
@@ -148,6 +158,7 @@ pub fn from_physics(physics: &PhysicsModel) -> Result<TrainedModel, identify::Mo
         ..Provenance::default()
     };
     Ok(TrainedModel {
+        more_inputs: Vec::new(),
         input: channel(input),
         output: channel(output),
         sample_period_s: physics.sample_period_s,
@@ -274,10 +285,14 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
 
 fn check(model: &TrainedModel, recording: &Recording) -> Result<(), ExportError> {
     let path = || recording.path.display().to_string();
-    let channels = [
+    let mut channels = vec![
         ("input", &recording.input_signal, &model.input), //
         ("output", &recording.output_signal, &model.output),
     ];
+    if recording.more_inputs.len() < model.more_inputs.len() {
+        return Err(ExportError::Inputs { path: path(), found: recording.inputs().len(), expected: model.inputs().count() });
+    }
+    channels.extend(recording.more_inputs.iter().zip(&model.more_inputs).map(|(found, expected)| ("input", &found.signal, expected)));
     for (channel, signal, expected) in channels {
         if signal.quantity != expected.quantity || signal.unit != expected.unit {
             return Err(ExportError::Signal {
@@ -296,14 +311,23 @@ fn check(model: &TrainedModel, recording: &Recording) -> Result<(), ExportError>
 
 /// Input as the device gets it, in `f32`, and the reference's output, of the recording that spans the most.
 fn golden(model: &TrainedModel, data: &[Recording]) -> (Vec<u8>, Vec<f32>) {
-    let span = |recording: &Recording| {
-        let part = recording.input.iter().take(GOLDEN_SAMPLES);
-        part.clone().copied().fold(f64::MIN, f64::max) - part.copied().fold(f64::MAX, f64::min)
+    let span = |recording: &Recording| -> f64 {
+        let one = |(values, channel): (&[f64], &Channel)| {
+            let part = values.iter().take(GOLDEN_SAMPLES);
+            (part.clone().copied().fold(f64::MIN, f64::max) - part.copied().fold(f64::MAX, f64::min)) / f64::from(channel.scale)
+        };
+        recording.inputs().into_iter().zip(model.inputs()).map(one).sum()
     };
     let widest = data.iter().filter(|recording| !recording.is_empty()).max_by(|a, b| span(a).total_cmp(&span(b)));
     let mut reference = Reference::new(model);
-    let input: Vec<f32> = widest.iter().flat_map(|recording| recording.input.iter().take(GOLDEN_SAMPLES).map(|x| *x as f32)).collect();
-    let output = input.iter().map(|x| reference.step(f64::from(*x), &mut |_| {}) as f32).collect();
+    let count = model.inputs().count();
+    let mut input: Vec<f32> = Vec::new();
+    if let Some(recording) = widest {
+        let inputs = recording.inputs();
+        (0..recording.len().min(GOLDEN_SAMPLES)).for_each(|sample| input.extend(narrowed(&inputs[..count], sample)));
+    }
+    let wide = |sample: &[f32]| sample.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+    let output = input.chunks(count).map(|sample| reference.step(&wide(sample), &mut |_| {}) as f32).collect();
     (input.iter().flat_map(|x| x.to_le_bytes()).collect(), output)
 }
 
@@ -312,8 +336,9 @@ fn replay(model: &schema::Model<'_>, golden_output: &[f32]) -> Result<(f32, u32)
     let estimator = Estimator::new(model).map_err(BlobError::from)?;
     let mut state = EstimatorState::default();
     let (mut worst, mut digest) = (0.0f32, 0);
-    for (bytes, expected) in model.golden.input.as_chunks::<4>().0.iter().zip(golden_output) {
-        let value = estimator.step(&mut state, f32::from_le_bytes(*bytes)).value;
+    for (bytes, expected) in model.golden.input.as_chunks::<4>().0.chunks(estimator.inputs()).zip(golden_output) {
+        let raw: Vec<f32> = bytes.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        let value = estimator.step_all(&mut state, &raw).value;
         worst = worst.max((value - expected).abs());
         digest = crc32(digest, &value.to_le_bytes());
     }
@@ -342,6 +367,7 @@ impl<'a> Parts<'a> {
         };
         let provenance = &model.provenance;
         Ok(schema::Model {
+            more_inputs: model.more_inputs.iter().map(Channel::as_wire).collect(),
             sample_period_s: model.sample_period_s as f32,
             mode,
             input: model.input.as_wire(),

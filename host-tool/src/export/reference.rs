@@ -26,8 +26,9 @@ pub struct LayerSignals {
 /// A model that runs in `f64`.
 pub struct Reference<'a> {
     model: &'a TrainedModel,
-    inputs: Vec<f64>,
-    last_path: f64,
+    /// `[sample][input]`, normalised.
+    inputs: Vec<Vec<f64>>,
+    last_paths: Vec<f64>,
     /// Where the stick band rests, in normalised output.
     stuck: Option<f64>,
     plays: Vec<f64>,
@@ -51,7 +52,7 @@ impl<'a> Reference<'a> {
         Self {
             model,
             inputs: Vec::new(),
-            last_path: 0.0,
+            last_paths: Vec::new(),
             plays: vec![0.0; model.front_end.play_thresholds.len()],
             creeps: vec![0.0; model.front_end.creep_coefficients.len()],
             window: Vec::new(),
@@ -72,12 +73,12 @@ impl<'a> Reference<'a> {
         self.window.clear();
     }
 
-    /// One sample in the input's unit gives the output in its unit; `on_network_step` sees the layers after each network step, of which
-    /// a window has many.
-    pub fn step(&mut self, raw: f64, on_network_step: &mut dyn FnMut(&[LayerSignals])) -> f64 {
-        let (input, output) = (&self.model.input, &self.model.output);
-        let normalised = (raw - f64::from(input.offset)) / f64::from(input.scale);
-        let (readout, features) = self.front_end(normalised);
+    /// One sample, a value of each input in its unit, gives the output in its unit; `on_network_step` sees the layers after each network
+    /// step, of which a window has many.
+    pub fn step(&mut self, raw: &[f64], on_network_step: &mut dyn FnMut(&[LayerSignals])) -> f64 {
+        let output = &self.model.output;
+        let normalised = self.model.inputs().zip(raw).map(|(channel, raw)| (raw - f64::from(channel.offset)) / f64::from(channel.scale));
+        let (readout, features) = self.front_end(normalised.collect());
         let correction = self.correction(features, on_network_step);
         let free = readout + correction;
         let band = f64::from(self.model.front_end.stick_band);
@@ -89,24 +90,28 @@ impl<'a> Reference<'a> {
         f64::from(output.offset) + f64::from(output.scale) * stuck
     }
 
-    fn front_end(&mut self, u: f64) -> (f64, Vec<f64>) {
+    fn front_end(&mut self, u: Vec<f64>) -> (f64, Vec<f64>) {
         let config = &self.model.front_end;
         let first = self.inputs.is_empty();
-        let last_input = self.inputs.last().copied().unwrap_or(u);
         self.inputs.push(u);
         let dead_time = f64::from(config.dead_time_samples);
         let newest = self.inputs.len() - 1;
-        let at = |age: f64| self.inputs[newest.saturating_sub(age as usize)];
+        let at = |input: usize, age: f64| self.inputs[newest.saturating_sub(age as usize)][input];
         let fraction = dead_time.fract();
-        let delayed = (1.0 - fraction) * at(dead_time.floor()) + fraction * at(dead_time.floor() + 1.0);
-        let last_path = if first { delayed } else { self.last_path };
-        let path = last_path + f64::from(config.lag_coefficient) * (delayed - last_path);
+        let delayed = |input| (1.0 - fraction) * at(input, dead_time.floor()) + fraction * at(input, dead_time.floor() + 1.0);
+        let delayed: Vec<f64> = (0..config.inputs()).map(delayed).collect();
+        let last_paths = if first { delayed.clone() } else { std::mem::take(&mut self.last_paths) };
+        let lag = f64::from(config.lag_coefficient);
+        let paths: Vec<f64> = last_paths.iter().zip(&delayed).map(|(last, delayed)| last + lag * (delayed - last)).collect();
         let mut sum = 0.0;
-        for ((play, r), w) in self.plays.iter_mut().zip(wide(&config.play_thresholds)).zip(wide(&config.play_weights)) {
+        for (operator, (play, r)) in self.plays.iter_mut().zip(wide(&config.play_thresholds)).enumerate() {
+            let path = paths[config.play_input(operator)];
             *play = (path - r).max((path + r).min(*play));
-            sum += w * *play;
+            sum += f64::from(config.play_weights[operator]) * *play;
         }
-        let mut linear = f64::from(config.bias) + f64::from(config.input_weight) * path + sum;
+        let weights = std::iter::once(&config.input_weight).chain(&config.more_input_weights);
+        let straight: f64 = weights.zip(&paths).map(|(weight, path)| f64::from(*weight) * path).sum();
+        let mut linear = f64::from(config.bias) + straight + sum;
         for ((creep, a), w) in self.creeps.iter_mut().zip(wide(&config.creep_coefficients)).zip(wide(&config.creep_weights)) {
             *creep = if first { sum } else { *creep + a * (sum - *creep) };
             linear += w * *creep;
@@ -119,22 +124,27 @@ impl<'a> Reference<'a> {
                 f64::from(curve.offset) + f64::from(curve.slope) * linear + bends
             }
         };
-        self.last_path = path;
-        let features = config.features.iter().map(|feature| {
+        let features = config.features.iter().enumerate().map(|(index, feature)| {
+            let input = config.feature_input(index);
             let signal = match feature.source {
-                FeatureSource::Input => u,
-                FeatureSource::InputDifference => u - last_input,
-                FeatureSource::Path => path,
-                FeatureSource::PathDifference => path - last_path,
+                FeatureSource::Input => at(input, 0.0),
+                FeatureSource::InputDifference => at(input, 0.0) - at(input, 1.0),
+                FeatureSource::Path => paths[input],
+                FeatureSource::PathDifference => paths[input] - last_paths[input],
                 FeatureSource::Play(i) => self.plays[usize::from(i)],
-                FeatureSource::Stop(i) => (path - self.plays[usize::from(i)]) / f64::from(config.play_thresholds[usize::from(i)]),
+                FeatureSource::Stop(i) => {
+                    let path = paths[config.play_input(usize::from(i))];
+                    (path - self.plays[usize::from(i)]) / f64::from(config.play_thresholds[usize::from(i)])
+                }
                 FeatureSource::Readout => readout,
                 FeatureSource::Creep(j) => self.creeps[usize::from(j)],
-                FeatureSource::Past(age) => at(f64::from(age)),
+                FeatureSource::Past(age) => at(input, f64::from(age)),
             };
             (signal - f64::from(feature.offset)) * f64::from(feature.gain)
         });
-        (readout, features.collect())
+        let features = features.collect();
+        self.last_paths = paths;
+        (readout, features)
     }
 
     fn correction(&mut self, features: Vec<f64>, on_network_step: &mut dyn FnMut(&[LayerSignals])) -> f64 {

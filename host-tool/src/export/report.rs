@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::reference::{LayerSignals, Reference};
 use super::single::Single;
-use crate::network::{Cell, TrainedModel};
+use crate::network::{Cell, TrainedModel, narrowed};
 use crate::recording::Recording;
 
 /// One inner signal of a layer, fixed point against the `f64` reference, over all units.
@@ -161,13 +161,14 @@ pub fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Re
     let mut samples = 0usize;
     let (mut squares, mut counts) = ([0.0; PARTS], [0.0f64; PARTS]);
     for recording in data {
+        let inputs = recording.inputs();
         for segment in recording.segments() {
             let length = segment.len();
             let mut single = Single::new(model)?;
             let mut state = EstimatorState::default();
-            for (index, input) in recording.input[segment].iter().enumerate() {
-                let input = *input as f32;
-                let difference = f64::from(estimator.step(&mut state, input).value) - f64::from(single.step(input));
+            for (index, sample) in segment.enumerate() {
+                let raw = narrowed(&inputs, sample);
+                let difference = f64::from(estimator.step_all(&mut state, &raw).value) - f64::from(single.step(&raw));
                 sum += difference * difference;
                 max_abs = max_abs.max(difference.abs());
                 squares[index * PARTS / length] += difference * difference;
@@ -192,7 +193,7 @@ pub fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Re
 /// The inside of the network, streamed: a window's steps are those of a stream that starts anew, so the stream shows its gates too.
 fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<(Vec<LayerReport>, u64), Invalid> {
     let Some(network) = &wire.network else { return Ok((Vec::new(), 0)) };
-    let front_end = FrontEnd::new(&wire.front_end, &wire.input)?;
+    let front_end = FrontEnd::new(&wire.front_end, &wire.input, &wire.more_inputs)?;
     let network = Network::new(network, front_end.features())?;
     let mut powers: Vec<LayerPower> = network.layers().iter().map(|layer| LayerPower::new(layer.cell())).collect();
     let mut saturations = 0;
@@ -200,24 +201,26 @@ fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<(
     // A window starts from zero state every `length` samples, so no longer stream than that is compared.
     let restart = if let Mode::Window { length } = wire.mode { usize::from(length) } else { usize::MAX };
     for recording in data {
+        let inputs = recording.inputs();
         for segment in recording.segments() {
             let length = segment.len();
             let mut reference = Reference::new(&streamed);
             let (mut physics, mut state, mut collect) = (FrontEndState::default(), NetworkState::default(), Collect::default());
-            for (index, input) in recording.input[segment].iter().enumerate() {
+            for (index, sample) in segment.enumerate() {
                 if index > 0 && index.is_multiple_of(restart) {
                     reference.reset_network();
                     state.reset();
                 }
                 let mut features = [0.0; MAX_FEATURES];
-                front_end.step(&mut physics, *input as f32, &mut features);
+                front_end.step(&mut physics, &narrowed(&inputs, sample), &mut features);
                 let mut integers = [0; MAX_WIDTH];
                 for (integer, feature) in integers.iter_mut().zip(features.iter().take(front_end.features())) {
                     *integer = quantise_feature(*feature);
                     saturations += u64::from(*integer == i16::MAX || *integer == i16::MIN);
                 }
                 network.step_traced(&mut state, &integers, &mut collect);
-                reference.step(*input, &mut |_| {});
+                let raw: Vec<f64> = inputs.iter().map(|values| values[sample]).collect();
+                reference.step(&raw, &mut |_| {});
                 for ((power, signals), fixed) in powers.iter_mut().zip(reference.layers()).zip(&collect.layers) {
                     power.add(index * PARTS / length, signals, fixed);
                 }

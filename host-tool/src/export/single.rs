@@ -21,14 +21,14 @@ impl<'a> Single<'a> {
     /// # Errors
     /// When a field of the front end is out of its domain.
     pub fn new(model: &'a TrainedModel) -> Result<Self, Invalid> {
-        let front_end = FrontEnd::new(&model.front_end, &model.input.as_wire())?;
+        let front_end = model.built_front_end()?;
         let features = vec![0.0; front_end.features()];
         let network = model.network.as_ref().map(NetworkState::new);
         Ok(Self { model, front_end, physics: FrontEndState::default(), network, features, window: Vec::new() })
     }
 
-    /// One sample in the input's unit gives the output in its unit.
-    pub fn step(&mut self, raw: f32) -> f32 {
+    /// One sample, a value of each input in its unit, gives the output in its unit.
+    pub fn step(&mut self, raw: &[f32]) -> f32 {
         let readout = self.front_end.step(&mut self.physics, raw, &mut self.features).readout;
         let mut correction = 0.0;
         if let (Some(network), Some(state)) = (&self.model.network, &mut self.network) {

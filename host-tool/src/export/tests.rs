@@ -40,6 +40,7 @@ fn random_network(random: &mut ChaCha8Rng, features: usize, units: &[usize], act
 fn model(network: Option<Network>, front_end: FrontEnd, mode: Mode) -> TrainedModel {
     let provenance = Provenance { preset: "test".into(), tool_version: "0".into(), ..Provenance::default() };
     TrainedModel {
+        more_inputs: Vec::new(),
         input: channel("pressure", "bar", 1.0),
         output: channel("displacement", "mm", 1.0),
         sample_period_s: 0.02,
@@ -88,7 +89,7 @@ fn run(bytes: &[u8], input: &[f64]) -> Vec<f64> {
 
 fn mean_square_against_reference(model: &TrainedModel, bytes: &[u8], input: &[f64]) -> f64 {
     let mut reference = Reference::new(model);
-    let errors = run(bytes, input).into_iter().zip(input).map(|(value, x)| (value - reference.step(*x, &mut |_| {})).powi(2));
+    let errors = run(bytes, input).into_iter().zip(input).map(|(value, x)| (value - reference.step(&[*x], &mut |_| {})).powi(2));
     errors.sum::<f64>() / input.len() as f64
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::{Outcome, RungModel, chip};
+use super::{LadderRung, Outcome, RungModel, chip};
 use crate::evaluate::{Errors, FileErrors, Judged};
 use crate::identify::PhysicsModel;
 use crate::{export, network, output, report};
@@ -25,6 +25,8 @@ pub struct BlobFile {
     pub rung: String,
     /// That rung's mean error on recordings that took no part, in the output's unit.
     pub cv_rmse: f64,
+    /// Inputs that it takes; the firmware admits one.
+    pub inputs: usize,
     /// Its size.
     pub bytes: usize,
     /// Instructions of one step on the Cortex-M4F.
@@ -47,8 +49,11 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
     let examples = report::examples("left out", &fitted.prepared.recordings, &left_out(fitted));
     output::write_atomic(&folder.join(REPORT), report::fit::page(fitted, &examples).as_bytes())?;
     // The chosen rung, or else the best that the microcontroller can hold: one whose numbers fit its formats too.
+    // A blob of several inputs is for computers and for C: the firmware measures one pressure.
+    let inputs = fitted.prepared.inputs.len();
+    let has_form = |rung: &LadderRung| rung.on_chip || inputs > 1;
     let mut able: Vec<usize> =
-        (0..fitted.ladder.len()).filter(|&index| fitted.ladder[index].on_chip && fitted.ladder[index].eligible).collect();
+        (0..fitted.ladder.len()).filter(|&index| has_form(&fitted.ladder[index]) && fitted.ladder[index].eligible).collect();
     able.sort_by(|&a, &b| fitted.ladder[a].shape_rmse.total_cmp(&fitted.ladder[b].shape_rmse));
     able.sort_by_key(|&index| index != fitted.chosen);
     let Some((index, bytes)) = able.into_iter().find_map(|index| blob(fitted, index).ok().map(|bytes| (index, bytes))) else {
@@ -61,6 +66,7 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
         file: path.display().to_string(),
         rung: fitted.ladder[index].name.clone(),
         cv_rmse: fitted.ladder[index].cv_rmse,
+        inputs,
         bytes: bytes.len(),
         step_instructions: firmware::estimator::step_instructions(&decoded.model),
     }))

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use identification::SplitKind;
+use model_export::schema::MAX_INPUTS;
 
 use super::judging::Judging;
 use super::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings, nuisance};
@@ -35,8 +36,8 @@ fn reason_against(ladder: &[LadderRung], judging: &Judging, repeatability: &Repe
     let samples: usize = prepared.series.iter().map(identification::Series::len).sum();
     let range = prepared.output.maximum - prepared.output.minimum;
     let physics = ladder.iter().filter(|rung| rung.eligible).map(|rung| rung.shape_rmse).fold(f64::INFINITY, f64::min);
-    if prepared.inputs.len() > 1 {
-        return Some("the networks take one input; the sums of columns take several".to_owned());
+    if prepared.inputs.len() > MAX_INPUTS {
+        return Some(format!("the networks take at most {MAX_INPUTS} inputs; the sums of columns take more"));
     }
     if partition.kind() == SplitKind::Blocks {
         return Some("fewer than three recordings: a network could only be judged on copies of what it learned".to_owned());
@@ -95,7 +96,8 @@ pub(super) fn add(
                     let model = NetworkModel::new(model, Path::new(name))?;
                     for (index, _) in fold_of.iter().enumerate().filter(|(_, other)| **other == fold) {
                         let one = &prepared.series[index];
-                        predictions[index] = model.predict(&one.inputs[0], &one.gaps)?;
+                        let inputs: Vec<&[f64]> = one.inputs.iter().map(Vec::as_slice).collect();
+                        predictions[index] = model.simulate(&inputs, &one.gaps)?;
                     }
                 }
                 Err(problem) => refused = Some(problem),
@@ -115,7 +117,7 @@ pub(super) fn add(
         let rung = LadderRung {
             parameters: description.parameters,
             step_instructions: description.macs_per_step * PER_TEN_MACS / 10,
-            on_chip: true,
+            on_chip: prepared.inputs.len() == 1,
             seconds: clock.elapsed().as_secs_f64(),
             ..LadderRung::new(name, what, judging, predictions, RungModel::Network(Box::new(model)))
         };

@@ -204,9 +204,9 @@ fn offsets_between_recordings_do_not_bend_the_weights() {
 fn assert_front_end_is(model: &PhysicsModel, input: &[f64]) {
     let (channel, output, front_end) = model.front_end().expect("representable");
     let mut state = firmware::estimator::FrontEndState::default();
-    let estimator = firmware::estimator::FrontEnd::new(&front_end, &channel).expect("front end");
+    let estimator = firmware::estimator::FrontEnd::new(&front_end, &channel, &[]).expect("front end");
     for (sample, wanted) in input.iter().zip(model.simulate(input)) {
-        let readout = estimator.step(&mut state, *sample as f32, &mut [0.0; 0]).readout;
+        let readout = estimator.step(&mut state, &[*sample as f32], &mut [0.0; 0]).readout;
         let got = f64::from(output.offset) + f64::from(output.scale) * f64::from(readout);
         // Single precision: a dozen operations on numbers of about one.
         assert!((got - wanted).abs() < 2e-5, "{got} {wanted}");

@@ -126,6 +126,7 @@ pub fn assemble(
     let framework = options.framework.as_deref().unwrap_or(source.kind);
     let model = TrainedModel {
         input,
+        more_inputs: Vec::new(),
         output,
         sample_period_s,
         mode,

@@ -123,7 +123,7 @@ impl CheckVectors {
     /// When the model is out of its domain.
     pub fn compare(&self, model: &TrainedModel) -> Result<Parity, ImportError> {
         let computed = model
-            .predict(&self.input, &self.starts)
+            .predict(&[&self.input], &self.starts)
             .map_err(|invalid| ImportError::Value { name: "the network".to_owned(), problem: invalid.to_string() })?;
         let range = self.output_range().map_or(f64::NAN, |[low, high]| high - low);
         let mut worst = Parity {

@@ -72,6 +72,11 @@ pub fn refusal_in_words(refusal: &Refusal) -> String {
              vectors must come out right"
                 .to_owned()
         }
+        Refusal::ModelInputs => {
+            "the model takes several inputs, and the firmware measures one pressure; fit a model of one input, or run this one on a computer \
+             or by `catheter export --c`"
+                .to_owned()
+        }
         Refusal::ModelTooSlow => {
             "a step of the model takes more than 60 % of a millisecond on the device; train a smaller model, or one that streams instead of \
              running a window (`catheter inspect` tells the instructions of a step)"

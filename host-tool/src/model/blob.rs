@@ -6,7 +6,8 @@ use firmware::estimator::{Estimator, EstimatorState, GoldenReplay};
 use model_export::blob;
 use model_export::schema::{Activation, Cell, Mode, Model};
 
-use super::{Arithmetic, Description, ModelError, Predictor};
+use super::{Arithmetic, Description, ModelError, Predictor, enough};
+use crate::network::narrowed;
 use crate::recording::Signal;
 
 /// A blob, checked.
@@ -81,7 +82,7 @@ fn describe(model: &Model<'_>, path: &Path) -> Description {
         kind: format!("{}, fixed point", super::trained::kind(&model.front_end, &cells, activation, window)),
         arithmetic: Arithmetic::FixedPoint,
         input: signal(&model.input),
-        more_inputs: Vec::new(),
+        more_inputs: model.more_inputs.iter().map(signal).collect(),
         output: signal(&model.output),
         input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
         sample_period_s: Some(f64::from(model.sample_period_s)),
@@ -96,18 +97,21 @@ impl Predictor for BlobModel {
     }
 
     fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.simulate(&[input], gaps)
+    }
+
+    fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        enough(&self.description, inputs)?;
         with(&self.bytes, &self.description.path, |_, estimator| {
             let mut state = EstimatorState::default();
             let mut gaps = gaps.iter().peekable();
-            let step = |(index, &raw): (usize, &f64)| {
+            let step = |index| {
                 if gaps.next_if(|&&gap| gap == index).is_some() {
                     state.reset();
                 }
-                #[expect(clippy::cast_possible_truncation, reason = "the estimator takes f32")]
-                let value = estimator.step(&mut state, raw as f32).value;
-                f64::from(value)
+                f64::from(estimator.step_all(&mut state, &narrowed(inputs, index)).value)
             };
-            input.iter().enumerate().map(step).collect()
+            (0..inputs[0].len()).map(step).collect()
         })
     }
 }

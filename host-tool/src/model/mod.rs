@@ -225,6 +225,16 @@ pub fn check(model: &Description, recording: &Recording, resample: bool) -> Resu
     }
 }
 
+/// Whether there are as many inputs as a model has.
+fn enough(model: &Description, inputs: &[&[f64]]) -> Result<(), ModelError> {
+    let wanted = 1 + model.more_inputs.len();
+    if inputs.len() < wanted {
+        let problem = format!("it has {wanted} inputs and was given {}", inputs.len());
+        return Err(ModelError::Invalid { path: model.path.clone(), problem });
+    }
+    Ok(())
+}
+
 fn differs(model_s: f64, recording_s: f64) -> bool {
     // In this order a period that is not a number differs.
     let same = (recording_s - model_s).abs() <= PERIOD_TOLERANCE * model_s;

@@ -14,6 +14,7 @@ fn backlash() -> TrainedModel {
         maximum: 2.0,
     };
     TrainedModel {
+        more_inputs: Vec::new(),
         input: channel("pressure", "bar"),
         output: channel("displacement", "mm"),
         sample_period_s: 0.02,
@@ -83,6 +84,7 @@ fn files_are_told_apart_by_their_ending_and_agree() {
     let float = folder.path().join("model.safetensors");
     network::save(&float, &trained).unwrap();
     let wire = schema::Model {
+        more_inputs: heapless::Vec::new(),
         sample_period_s: 0.02,
         mode: schema::Mode::Streaming,
         input: trained.input.as_wire(),

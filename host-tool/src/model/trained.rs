@@ -4,7 +4,7 @@ use std::path::Path;
 
 use model_export::schema::FrontEnd;
 
-use super::{Arithmetic, Description, ModelError, Predictor};
+use super::{Arithmetic, Description, ModelError, Predictor, enough};
 use crate::network::{self, Activation, Cell, Channel, Mode, TrainedModel, described};
 use crate::recording::Signal;
 
@@ -89,7 +89,7 @@ fn describe(model: &TrainedModel, path: &Path) -> Description {
         ),
         arithmetic: Arithmetic::Float,
         input: signal(&model.input),
-        more_inputs: Vec::new(),
+        more_inputs: model.more_inputs.iter().map(signal).collect(),
         output: signal(&model.output),
         input_range: Some((f64::from(model.input.minimum), f64::from(model.input.maximum))),
         sample_period_s: Some(model.sample_period_s),
@@ -104,10 +104,15 @@ impl Predictor for NetworkModel {
     }
 
     fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.simulate(&[input], gaps)
+    }
+
+    fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        enough(&self.description, inputs)?;
         let invalid = |invalid: model_export::validate::Invalid| ModelError::Invalid {
             path: self.description.path.clone(),
             problem: invalid.to_string(),
         };
-        self.model.predict(input, gaps).map_err(invalid)
+        self.model.predict(inputs, gaps).map_err(invalid)
     }
 }

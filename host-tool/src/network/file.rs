@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::{Activation, Cell, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use crate::output;
 
-/// Newest version of the metadata and tensor names. Version 2 added layers other than LSTM and features of past inputs; a model without
-/// them is written in version 1.
-pub const FORMAT_VERSION: u32 = 2;
+/// Newest version of the metadata and tensor names. Version 2 added layers other than LSTM and features of past inputs, version 3 several
+/// inputs; a model is written in the oldest version that has room for it.
+pub const FORMAT_VERSION: u32 = 3;
 
 const METADATA_KEY: &str = "catheter-model";
 
@@ -82,6 +82,9 @@ struct Architecture {
 struct Metadata {
     format_version: u32,
     input: Channel,
+    /// Inputs beside the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    more_inputs: Vec<Channel>,
     output: Channel,
     sample_period_s: f64,
     mode: Mode,
@@ -102,8 +105,13 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
     let has_other_cells = model.network.as_ref().is_some_and(|network| !network.is_lstm());
     let sees_past = model.front_end.features.iter().any(|feature| matches!(feature.source, schema::FeatureSource::Past(_)));
     let metadata = Metadata {
-        format_version: if has_other_cells || sees_past { 2 } else { 1 },
+        format_version: match (model.more_inputs.is_empty(), has_other_cells || sees_past) {
+            (false, _) => 3,
+            (true, true) => 2,
+            (true, false) => 1,
+        },
         input: model.input.clone(),
+        more_inputs: model.more_inputs.clone(),
         output: model.output.clone(),
         sample_period_s: model.sample_period_s,
         mode: model.mode,
@@ -182,6 +190,7 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
     let checks = [
         ("sample_period_s", positive(metadata.sample_period_s)),
         ("input.scale", positive(f64::from(metadata.input.scale))),
+        ("more_inputs.scale", metadata.more_inputs.iter().all(|channel| positive(f64::from(channel.scale)))),
         ("output.scale", positive(f64::from(metadata.output.scale))),
         ("state_limit", metadata.network.as_ref().is_none_or(|network| positive(f64::from(network.state_limit)))),
         ("units", metadata.network.as_ref().is_none_or(|network| !network.units.is_empty() && !network.units.contains(&0))),
@@ -207,6 +216,7 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
     }
     Ok(TrainedModel {
         input: metadata.input,
+        more_inputs: metadata.more_inputs,
         output: metadata.output,
         sample_period_s: metadata.sample_period_s,
         mode: metadata.mode,

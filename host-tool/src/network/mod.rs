@@ -22,7 +22,9 @@ mod run;
 mod sequence;
 mod step;
 
+use firmware::estimator::FrontEnd;
 use model_export::schema;
+use model_export::validate::Invalid;
 use serde::{Deserialize, Serialize};
 
 pub use model_export::schema::{Activation, Cell};
@@ -215,6 +217,8 @@ pub struct Provenance {
 pub struct TrainedModel {
     /// The input channel.
     pub input: Channel,
+    /// The channels of the inputs beside the first.
+    pub more_inputs: Vec<Channel>,
     /// The output channel.
     pub output: Channel,
     /// Time between samples in s.
@@ -227,6 +231,37 @@ pub struct TrainedModel {
     pub network: Option<Network>,
     /// Where the model came from.
     pub provenance: Provenance,
+}
+
+impl TrainedModel {
+    /// The channels of all inputs.
+    pub fn inputs(&self) -> impl Iterator<Item = &Channel> {
+        std::iter::once(&self.input).chain(&self.more_inputs)
+    }
+
+    /// The front end, ready to run.
+    ///
+    /// # Errors
+    /// When it is out of its domain.
+    pub fn built_front_end(&self) -> Result<FrontEnd, Invalid> {
+        built(&self.front_end, &self.input, &self.more_inputs)
+    }
+}
+
+/// A front end between channels, ready to run.
+///
+/// # Errors
+/// When it is out of its domain.
+pub fn built(front_end: &schema::FrontEnd, input: &Channel, more_inputs: &[Channel]) -> Result<FrontEnd, Invalid> {
+    let more: Vec<_> = more_inputs.iter().map(Channel::as_wire).collect();
+    FrontEnd::new(front_end, &input.as_wire(), &more)
+}
+
+/// One sample of several inputs as the estimator takes it.
+#[must_use]
+pub fn narrowed(inputs: &[&[f64]], sample: usize) -> Vec<f32> {
+    #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
+    inputs.iter().map(|values| values[sample] as f32).collect()
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use firmware::estimator::{FrontEnd, FrontEndState};
 use model_export::validate::Invalid;
 
-use super::{Mode, Network, NetworkState, Sequence, TrainedModel};
+use super::{Mode, Network, NetworkState, Sequence, TrainedModel, narrowed};
 
 /// Windows that [`TrainedModel::predict`] runs side by side.
 const WINDOW_LANES: usize = 32;
@@ -45,7 +45,7 @@ impl TrainedModel {
     /// # Errors
     /// When the front end is out of its domain.
     pub fn runner(&self) -> Result<Runner<'_>, Invalid> {
-        let front_end = FrontEnd::new(&self.front_end, &self.input.as_wire())?;
+        let front_end = self.built_front_end()?;
         Ok(Runner {
             model: self,
             features: vec![0.0; front_end.features()],
@@ -57,44 +57,45 @@ impl TrainedModel {
         })
     }
 
-    /// Output in output units for every input sample, free running from the start; each index in `gaps` starts afresh.
+    /// Output in output units for every sample of `inputs`, one list each, free running from the start; each index in `gaps` starts
+    /// afresh. Inputs beyond the model's are not looked at, and one that is missing is taken to rest.
     ///
     /// # Errors
     /// When the front end is out of its domain.
-    pub fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+    pub fn predict(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+        let samples = inputs.first().map_or(0, |values| values.len());
         if let (Mode::Window { length }, Some(network)) = (self.mode, &self.network)
             && network.is_lstm()
         {
-            return self.predict_windows(network, length, input, gaps);
+            return self.predict_windows(network, length, inputs, gaps);
         }
         let mut runner = self.runner()?;
         let mut gaps = gaps.iter().peekable();
-        Ok(input
-            .iter()
-            .enumerate()
-            .map(|(index, &raw)| {
+        Ok((0..samples)
+            .map(|index| {
                 if gaps.next_if(|&&gap| gap == index).is_some() {
                     runner.reset();
                 }
-                runner.step(raw)
+                runner.step(&narrowed(inputs, index))
             })
             .collect())
     }
 
     /// The same in window mode, many windows at a time: one by one they would take ten times as long.
-    fn predict_windows(&self, network: &Network, length: usize, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+    fn predict_windows(&self, network: &Network, length: usize, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
+        let samples = inputs.first().map_or(0, |values| values.len());
         let mut runner = self.runner()?;
         let parameters = network.to_flat();
         let mut sequence = Sequence::new(&network.architecture(), WINDOW_LANES, length);
         let width = runner.features.len();
-        let mut predicted = Vec::with_capacity(input.len());
+        let mut predicted = Vec::with_capacity(samples);
         let starts = std::iter::once(0).chain(gaps.iter().copied());
-        let ends = gaps.iter().copied().chain(std::iter::once(input.len()));
-        for stretch in starts.zip(ends).map(|(start, end)| &input[start..end]) {
+        let ends = gaps.iter().copied().chain(std::iter::once(samples));
+        for stretch in starts.zip(ends).map(|(start, end)| start..end) {
             runner.reset();
             let (mut linear, mut features) = (Vec::new(), Vec::new());
-            for &raw in stretch {
-                linear.push(runner.prepare(raw));
+            for sample in stretch.clone() {
+                linear.push(runner.prepare(&narrowed(inputs, sample)));
                 features.extend_from_slice(&runner.features);
             }
             for first in (0..stretch.len()).step_by(WINDOW_LANES) {
@@ -126,8 +127,8 @@ impl Runner<'_> {
         }
     }
 
-    /// One sample in input units; gives the output in output units.
-    pub fn step(&mut self, raw: f64) -> f64 {
+    /// One sample, a value of each input in its units; gives the output in output units.
+    pub fn step(&mut self, raw: &[f32]) -> f64 {
         let mut normalised = self.prepare(raw);
         if let (Some(network), Some(state)) = (&self.model.network, &mut self.network_state) {
             normalised += match self.model.mode {
@@ -152,9 +153,8 @@ impl Runner<'_> {
     }
 
     /// Runs the front end: the features are ready, its readout in normalised output is the result.
-    fn prepare(&mut self, raw: f64) -> f32 {
-        #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
-        let output = self.front_end.step(&mut self.front_end_state, raw as f32, &mut self.features);
+    fn prepare(&mut self, raw: &[f32]) -> f32 {
+        let output = self.front_end.step(&mut self.front_end_state, raw, &mut self.features);
         self.features.iter_mut().for_each(|feature| *feature = limit_feature(*feature));
         output.readout
     }

@@ -255,6 +255,7 @@ fn model() -> TrainedModel {
     front_end.features.push(feature(schema::FeatureSource::Input)).unwrap();
     front_end.features.push(feature(schema::FeatureSource::Play(0))).unwrap();
     TrainedModel {
+        more_inputs: Vec::new(),
         input: channel("pressure", "bar"),
         output: channel("displacement", "mm"),
         sample_period_s: 0.02,
@@ -326,7 +327,7 @@ fn a_window_model_sees_the_last_samples_only_and_rests_before_the_first() {
     let tail = [0.3, 1.4, 0.9, 0.2, 1.1];
     let run = |before: &[f64]| {
         let input: Vec<f64> = before.iter().chain(&tail).copied().collect();
-        *model.predict(&input, &[]).unwrap().last().unwrap()
+        *model.predict(&[&input], &[]).unwrap().last().unwrap()
     };
     // Six samples before the window cannot be seen, but for the difference into the first one.
     assert_eq!(run(&[1.0, 0.0, 2.0, 0.3]), run(&[0.5, 0.3]));
@@ -339,15 +340,15 @@ fn a_window_model_sees_the_last_samples_only_and_rests_before_the_first() {
             if index == 70 {
                 runner.reset();
             }
-            runner.step(input[index])
+            runner.step(&[input[index] as f32])
         })
         .collect();
-    let batched = model.predict(&input, &[70]).unwrap();
+    let batched = model.predict(&[&input], &[70]).unwrap();
     assert_eq!(batched.len(), single.len());
     // Rounding of sums in another order.
     assert!(batched.iter().zip(&single).all(|(batched, single)| (batched - single).abs() < 1e-5), "{batched:?} {single:?}");
     // At the start the window is filled with the first sample at rest.
-    let rested = model.predict(&[0.6; 9], &[]).unwrap();
+    let rested = model.predict(&[&[0.6; 9]], &[]).unwrap();
     assert!(rested.iter().all(|&value| value == rested[0]), "{rested:?}");
 }
 
@@ -355,7 +356,7 @@ fn a_window_model_sees_the_last_samples_only_and_rests_before_the_first() {
 fn a_gap_starts_the_model_afresh() {
     let model = model();
     let input: Vec<f64> = (0..40).map(|sample| (f64::from(sample) * 0.3).sin() + 1.0).collect();
-    let whole = model.predict(&input, &[25]).unwrap();
-    assert_eq!(whole[25..], model.predict(&input[25..], &[]).unwrap());
-    assert_ne!(whole[25..], model.predict(&input, &[]).unwrap()[25..]);
+    let whole = model.predict(&[&input], &[25]).unwrap();
+    assert_eq!(whole[25..], model.predict(&[&input[25..]], &[]).unwrap());
+    assert_ne!(whole[25..], model.predict(&[&input], &[]).unwrap()[25..]);
 }

@@ -8,14 +8,15 @@ use crate::track::compare::Run;
 /// Styles of the lines, in the order of the controllers.
 const CLASSES: [&str; 4] = ["model", "one", "two", "three"];
 
-/// The whole document.
+/// The whole document; `warnings` stand above the figures.
 #[must_use]
-pub fn page(reference: &str, rig: &str, runs: &[Run]) -> String {
+pub fn page(reference: &str, rig: &str, runs: &[Run], warnings: &[String]) -> String {
     let lead = format!(
         "The reference {reference} on {rig}, with one controller after the other. Errors are those of the tip itself, in mm; the first second is not counted."
     );
     let mut page = Page::new("Tracking a displacement", &lead);
     page.section("Side by side");
+    warnings.iter().for_each(|warning| page.paragraph(warning));
     let rows: Vec<Vec<Cell>> = runs
         .iter()
         .map(|run| {

@@ -1,6 +1,7 @@
 //! Tracking: a reference run on a rig with one controller after the other, and how well each did.
 
 pub mod bench;
+pub mod beyond;
 pub mod compare;
 pub mod figures;
 pub mod learn;
@@ -10,6 +11,7 @@ pub mod run;
 
 use model_export::link::settings::{SettingValue, by_name};
 
+pub use beyond::Beyond;
 pub use figures::{Figures, Sample};
 pub use reference::{Reach, Reference};
 pub use run::{RunError, SettingValues};

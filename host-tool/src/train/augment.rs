@@ -43,7 +43,9 @@ pub fn synthetic(recordings: &[Recording], parts: &[Vec<bool>], count: usize, li
         matching.map(|(recording, _)| recording.clone()).collect()
     };
     let (training, validation) = (whole(true), whole(false));
-    if count == 0 || training.is_empty() || validation.is_empty() {
+    // The excitations are of one input.
+    let several = recordings.iter().any(|recording| !recording.more_inputs.is_empty());
+    if count == 0 || several || training.is_empty() || validation.is_empty() {
         return Vec::new();
     }
     // What cannot be identified cannot be simulated either; the network is then trained on what was recorded.

@@ -12,7 +12,7 @@ use super::augment;
 use super::blocks::{Block, shares};
 use super::checkpoint::{Checkpoint, CheckpointPlan};
 use super::config::{FrontEndKind, TrainConfig};
-use super::front_end;
+use super::front_end::{self, Channels};
 use super::optimizer::Method;
 use super::quantised;
 use super::split::split;
@@ -21,7 +21,8 @@ use super::team::Team;
 use super::tracks::{Purpose, Track, Walk, Windows, beyond, stream, tracks as prepare};
 use super::validation::Validation;
 use crate::network::{Architecture, Layout, Mode, Network, Provenance, TrainedModel};
-use crate::recording::Recording;
+use crate::recording::{Recording, Signal};
+use model_export::schema::MAX_INPUTS;
 
 /// Why training did not happen.
 #[derive(Debug, thiserror::Error)]
@@ -231,7 +232,7 @@ fn data_hash(recordings: &[Recording]) -> String {
     let mut hash = Sha256::new();
     for recording in recordings {
         hash.update((recording.len() as u64).to_le_bytes());
-        for values in [&recording.time_s, &recording.input, &recording.output] {
+        for values in std::iter::once(&recording.time_s[..]).chain(recording.inputs()).chain([&recording.output[..]]) {
             values.iter().for_each(|value| hash.update(value.to_le_bytes()));
         }
     }
@@ -244,10 +245,14 @@ fn check(recordings: &[Recording]) -> Result<f64, TrainError> {
     };
     for recording in recordings {
         let path = recording.path.display();
-        if !recording.more_inputs.is_empty() {
-            return Err(TrainError::Data(format!("{path}: has several inputs, a network takes one; `catheter fit` takes them all")));
+        if recording.inputs().len() > MAX_INPUTS {
+            return Err(TrainError::Data(format!("{path}: has {} inputs, a network takes {MAX_INPUTS}", recording.inputs().len())));
         }
-        if (&recording.input_signal, &recording.output_signal) != (&first.input_signal, &first.output_signal) {
+        let signals = |one: &Recording| {
+            let more: Vec<Signal> = one.more_inputs.iter().map(|channel| channel.signal.clone()).collect();
+            (one.input_signal.clone(), more, one.output_signal.clone())
+        };
+        if signals(recording) != signals(first) {
             return Err(TrainError::Data(format!(
                 "{path}: its channels are not those of {}; train on recordings of one rig",
                 first.path.display()
@@ -302,22 +307,24 @@ pub fn train(
     config.validate().map_err(TrainError::Config)?;
     let sample_period_s = check(recordings)?;
     let parts = split(recordings, config.validation_fraction, seed);
-    let (input, output) = front_end::channels(recordings, &parts);
+    let channels = front_end::channels(recordings, &parts);
     let mut front_end = match config.front_end {
-        FrontEndKind::Input => front_end::plain(false),
-        FrontEndKind::InputAndDifference => front_end::plain(true),
-        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &input, &output, sample_period_s, config.stick_band)?,
+        FrontEndKind::Input => front_end::plain(false, channels.inputs()),
+        FrontEndKind::InputAndDifference => front_end::plain(true, channels.inputs()),
+        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &channels, sample_period_s, config.stick_band)?,
     };
-    front_end::scale_features(&mut front_end, &input, recordings, &parts)?;
+    front_end::scale_features(&mut front_end, &channels, recordings, &parts)?;
     let synthetic = augment::synthetic(recordings, &parts, config.synthetic.saturating_sub(recordings.len()), config.synthetic_limit, seed);
     let synthetic_parts: Vec<Vec<bool>> = synthetic.iter().map(|recording| vec![true; recording.len()]).collect();
-    let mut tracks = prepare(recordings, &parts, &front_end, &input, &output)?;
-    tracks.extend(prepare(&synthetic, &synthetic_parts, &front_end, &input, &output)?);
+    let mut tracks = prepare(recordings, &parts, &front_end, &channels)?;
+    tracks.extend(prepare(&synthetic, &synthetic_parts, &front_end, &channels)?);
 
     let samples = tracks.iter().flat_map(|track| &track.training).filter(|&&training| training).count();
     let residual = residual_scale(&tracks);
+    let Channels { input, more_inputs, output } = channels;
     let mut model = TrainedModel {
         input,
+        more_inputs,
         output,
         sample_period_s,
         mode: config.mode,
@@ -451,7 +458,7 @@ fn validation_rmse(model: &TrainedModel, recordings: &[Recording], parts: &[Vec<
     let (mut total, mut samples) = (0.0, 0u64);
     let mut each = Vec::new();
     for (recording, part) in recordings.iter().zip(parts).filter(|(_, part)| part.contains(&false)) {
-        let predicted = model.predict(&recording.input, &recording.gaps)?;
+        let predicted = model.predict(&recording.inputs(), &recording.gaps)?;
         let (mut sum, mut count) = (0.0, 0u64);
         for ((predicted, measured), _) in predicted.iter().zip(&recording.output).zip(part).filter(|(_, training)| !**training) {
             sum += (predicted - measured).powi(2);

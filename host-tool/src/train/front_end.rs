@@ -1,10 +1,10 @@
 //! The front end of a new model: channels scaled to the training data, features scaled to what the network takes well.
 
-use firmware::estimator::{FrontEnd, FrontEndState};
+use firmware::estimator::FrontEndState;
 use model_export::schema::{self, Feature, FeatureSource};
 use model_export::validate::Invalid;
 
-use crate::network::Channel;
+use crate::network::{Channel, built, narrowed};
 use crate::recording::{Recording, Signal};
 
 /// Standard deviations of a difference that a feature of 1 stands for. Differences have rare large values (steps) and a working range
@@ -45,22 +45,71 @@ fn channel(signal: &Signal, values: impl Iterator<Item = f64>, keep_zero: bool) 
     }
 }
 
-/// Input and output channel for the training samples.
-#[must_use]
-pub fn channels(recordings: &[Recording], parts: &[Vec<bool>]) -> (Channel, Channel) {
-    let input = channel(&recordings[0].input_signal, training(recordings, parts, |recording| &recording.input), true);
-    let output = channel(&recordings[0].output_signal, training(recordings, parts, |recording| &recording.output), false);
-    (input, output)
+/// What goes into a model and what comes out.
+#[derive(Clone, Debug)]
+pub struct Channels {
+    /// The first input.
+    pub input: Channel,
+    /// The other inputs.
+    pub more_inputs: Vec<Channel>,
+    /// The output.
+    pub output: Channel,
 }
 
-/// A front end that only normalises.
+impl Channels {
+    /// Number of inputs.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        1 + self.more_inputs.len()
+    }
+
+    /// An input, counted from 0.
+    #[must_use]
+    pub fn input(&self, number: usize) -> &Channel {
+        number.checked_sub(1).map_or(&self.input, |other| &self.more_inputs[other])
+    }
+}
+
+/// The channels for the training samples.
 #[must_use]
-pub fn plain(difference: bool) -> schema::FrontEnd {
-    let mut front_end = schema::FrontEnd { lag_coefficient: 1.0, ..schema::FrontEnd::default() };
+pub fn channels(recordings: &[Recording], parts: &[Vec<bool>]) -> Channels {
+    let first = &recordings[0];
+    let more_inputs = (0..first.more_inputs.len()).map(|index| {
+        let values = training(recordings, parts, move |recording| &recording.more_inputs[index].values);
+        channel(&first.more_inputs[index].signal, values, true)
+    });
+    Channels {
+        input: channel(&first.input_signal, training(recordings, parts, |recording| &recording.input), true),
+        more_inputs: more_inputs.collect(),
+        output: channel(&first.output_signal, training(recordings, parts, |recording| &recording.output), false),
+    }
+}
+
+/// A front end that only normalises `inputs` inputs.
+#[must_use]
+pub fn plain(difference: bool, inputs: usize) -> schema::FrontEnd {
     let sources = [FeatureSource::Input, FeatureSource::InputDifference];
     let count = if difference { 2 } else { 1 };
-    front_end.features = sources.into_iter().take(count).map(|source| Feature { source, offset: 0.0, gain: 1.0 }).collect();
+    let signals = (0..inputs).flat_map(|input| sources.into_iter().take(count).map(move |source| (source, input)));
+    let mut front_end = schema::FrontEnd { lag_coefficient: 1.0, ..schema::FrontEnd::default() };
+    see(&mut front_end, signals);
+    front_end.more_input_weights.extend((1..inputs).map(|_| 0.0));
     front_end
+}
+
+/// Makes signals the features of a front end, each with the input that it is one of; offset and gain are set from the data afterwards.
+pub(super) fn see(front_end: &mut schema::FrontEnd, signals: impl IntoIterator<Item = (FeatureSource, usize)>) {
+    front_end.features.clear();
+    front_end.feature_inputs.clear();
+    for (source, input) in signals {
+        // Whoever names them keeps to the number that fits.
+        let _ = front_end.features.push(Feature { source, offset: 0.0, gain: 1.0 });
+        let _ = front_end.feature_inputs.push(u8::try_from(input).unwrap_or(u8::MAX));
+    }
+    // Where nobody sees another input the list says nothing.
+    if front_end.feature_inputs.iter().all(|&input| input == 0) {
+        front_end.feature_inputs.clear();
+    }
 }
 
 /// Sets every feature's offset and gain from the training samples: the range to -1 to 1, differences by their spread.
@@ -69,25 +118,25 @@ pub fn plain(difference: bool) -> schema::FrontEnd {
 /// When the front end is out of its domain.
 pub fn scale_features(
     front_end: &mut schema::FrontEnd,
-    input: &Channel,
+    channels: &Channels,
     recordings: &[Recording],
     parts: &[Vec<bool>],
 ) -> Result<(), Invalid> {
     for feature in &mut front_end.features {
         (feature.offset, feature.gain) = (0.0, 1.0);
     }
-    let built = FrontEnd::new(front_end, &input.as_wire())?;
+    let built = built(front_end, &channels.input, &channels.more_inputs)?;
     let width = built.features();
     let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
     let mut squares = vec![0.0; width];
     let mut count = 0.0;
     let mut features = vec![0.0; width];
     for (recording, part) in recordings.iter().zip(parts) {
+        let inputs = recording.inputs();
         for segment in recording.segments() {
             let mut state = FrontEndState::default();
             for index in segment {
-                #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
-                built.step(&mut state, recording.input[index] as f32, &mut features);
+                built.step(&mut state, &narrowed(&inputs, index), &mut features);
                 if part[index] {
                     count += 1.0;
                     for (feature, value) in features.iter().enumerate() {

@@ -147,9 +147,9 @@ impl WithSimd for Moments<'_> {
     }
 }
 
-/// No parameter grows beyond this. For signals within -1 to 1 fixed point scales weights up to 31.75 (see [`model_export::quantise`]), and a
-/// larger one would leave its row's others few bits; a gate is saturated long before.
-const LARGEST_WEIGHT: f32 = 16.0;
+/// No parameter grows beyond this. Fixed point scales a weight of a feature, in Q1.14, up to 15.875, and those of hidden states further (see
+/// [`model_export::quantise`]); a larger one would leave its row's others few bits, and a gate is saturated long before.
+const LARGEST_WEIGHT: f32 = 15.75;
 
 /// One step of all parameters of a shard.
 struct Move<'a> {

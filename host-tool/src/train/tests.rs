@@ -62,7 +62,7 @@ fn a_small_network_learns_a_play_operator() {
     // The loop is 1.2 mm wide: without memory no function of the input gets below about 0.3 mm.
     assert!(report.val_rmse < 0.12, "{}", report.val_rmse);
     let unseen = play_recording(999, 400);
-    let predicted = model.predict(&unseen.input, &unseen.gaps).unwrap();
+    let predicted = model.predict(&unseen.inputs(), &unseen.gaps).unwrap();
     let square: f64 = predicted.iter().zip(&unseen.output).map(|(a, b)| (a - b).powi(2)).sum();
     assert!((square / 400.0).sqrt() < 0.15, "{}", (square / 400.0).sqrt());
     assert_eq!(report.parameters, model.network.unwrap().parameters());

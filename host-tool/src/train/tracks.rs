@@ -4,7 +4,7 @@
 //! network state is zero at its start. Which visit a lane makes depends only on the seed, the lane and the visit's number, so a resumed
 //! run goes on with the same visits.
 
-use firmware::estimator::{FrontEnd, FrontEndState};
+use firmware::estimator::FrontEndState;
 use model_export::schema;
 use model_export::validate::Invalid;
 use rand::seq::SliceRandom as _;
@@ -12,8 +12,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use super::config::TrainConfig;
+use super::front_end::Channels;
 use super::team::Batch;
-use crate::network::{Channel, limit_feature, window_sample};
+use crate::network::{built, limit_feature, narrowed, window_sample};
 use crate::recording::Recording;
 
 /// One gap-free stretch, normalised.
@@ -53,13 +54,14 @@ pub fn tracks(
     recordings: &[Recording],
     parts: &[Vec<bool>],
     front_end: &schema::FrontEnd,
-    input: &Channel,
-    output: &Channel,
+    channels: &Channels,
 ) -> Result<Vec<Track>, Invalid> {
-    let built = FrontEnd::new(front_end, &input.as_wire())?;
+    let built = built(front_end, &channels.input, &channels.more_inputs)?;
+    let output = &channels.output;
     let width = built.features();
     let mut tracks = Vec::new();
     for (recording, part) in recordings.iter().zip(parts) {
+        let inputs = recording.inputs();
         for segment in recording.segments() {
             let mut state = FrontEndState::default();
             let mut track =
@@ -68,8 +70,8 @@ pub fn tracks(
             track.training.extend_from_slice(&part[segment.clone()]);
             for index in segment {
                 #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]
-                let (raw, measured) = (recording.input[index] as f32, recording.output[index] as f32);
-                let step = built.step(&mut state, raw, &mut features);
+                let measured = recording.output[index] as f32;
+                let step = built.step(&mut state, &narrowed(&inputs, index), &mut features);
                 track.features.extend(features.iter().map(|&value| limit_feature(value)));
                 let normalised = (measured - output.offset) / output.scale;
                 let band = front_end.stick_band;

@@ -231,6 +231,9 @@ explained! {
         37 OutputMismatch "output-mismatch"
             "The voltage at the valve's drive or the level at the dump valve's pin is not what the device put out."
             "Close the supply by hand, and look for a short circuit or a broken driver at PA4 and PB1."
+        38 ModelInputs "model-inputs"
+            "The active model takes several inputs, and this firmware measures one pressure."
+            "Upload a model of one input; one of several runs on a computer, or as the C of `catheter export --c` in other firmware."
     }
 }
 

@@ -251,6 +251,8 @@ pub enum Refusal {
     ModelTooSlow,
     /// The request belongs to no session or to another one: somebody has said Hello since.
     OtherSession,
+    /// The blob is a sound model of several inputs, of which this firmware measures one.
+    ModelInputs,
 }
 
 /// Entry of a settings page.

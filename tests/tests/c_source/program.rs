@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Reads pairs of words, whether to reset first and the bits of a sample; writes pairs, held samples and the bits of the estimate. A state
+/// Reads words, whether to reset first and the bits of a sample's values; writes pairs, held samples and the bits of the estimate. A state
 /// is full of rubbish before each reset but the first, where it is all zeros.
 const PROGRAM: &str = r#"
 #include <stdio.h>
@@ -15,7 +15,9 @@ static model_state state;
 
 int main(void)
 {
-    uint32_t record[2];
+    uint32_t record[1 + MODEL_INPUTS];
+    uint32_t answer[2];
+    float inputs[MODEL_INPUTS];
     union {
         float value;
         uint32_t bits;
@@ -31,11 +33,15 @@ int main(void)
             memset(&state, 0xA5, sizeof state);
             model_reset(&state);
         }
-        number.bits = record[1];
-        number.value = model_step(&state, number.value);
-        record[0] = state.held_samples;
-        record[1] = number.bits;
-        if (fwrite(record, sizeof record, 1, stdout) != 1) {
+        memcpy(inputs, record + 1, sizeof inputs);
+#if MODEL_INPUTS == 1
+        number.value = model_step(&state, inputs[0]);
+#else
+        number.value = model_step(&state, inputs);
+#endif
+        answer[0] = state.held_samples;
+        answer[1] = number.bits;
+        if (fwrite(answer, sizeof answer, 1, stdout) != 1) {
             return 2;
         }
     }

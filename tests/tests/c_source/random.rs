@@ -4,7 +4,8 @@ use firmware::estimator::{Estimator, EstimatorState};
 use firmware::parity::{Noise, RandomNetwork};
 use model_export::blob::crc32;
 use model_export::schema::{
-    Activation, Cell, Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_PLAY, Mode, Model,
+    Activation, Cell, Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_INPUTS, MAX_PLAY,
+    Mode, Model,
 };
 
 /// Most units of a layer, so that thousands of samples are run soon.
@@ -37,6 +38,7 @@ impl RandomModel {
             Channel { quantity, unit, offset, scale, minimum, maximum: offset + scale }
         };
         let input = channel(&mut noise, "a \"quantity\" */ of ??/", "µm/s²\\");
+        let more_inputs = (0..front_end.more_input_weights.len()).map(|_| channel(&mut noise, "other", "bar")).collect();
         let output = channel(&mut noise, "", "");
         let has_network = !seed.is_multiple_of(6);
         if has_network {
@@ -51,6 +53,7 @@ impl RandomModel {
                 Mode::Streaming
             },
             input,
+            more_inputs,
             output,
             front_end,
             network: has_network.then(|| self.network.wire()),
@@ -75,8 +78,11 @@ fn cell(noise: &mut Noise) -> Cell {
 fn golden(model: &Model<'_>, noise: &mut Noise) -> (Vec<u8>, Vec<u8>, u32) {
     let estimator = Estimator::new(model).expect("a valid model");
     let mut state = EstimatorState::default();
-    let input: Vec<f32> = (0..GOLDEN_SAMPLES).map(|_| model.input.offset + model.input.scale * noise.symmetric()).collect();
-    let output: Vec<u8> = input.iter().flat_map(|input| estimator.step(&mut state, *input).value.to_le_bytes()).collect();
+    let channels = || std::iter::once(&model.input).chain(&model.more_inputs);
+    let input: Vec<f32> =
+        (0..GOLDEN_SAMPLES).flat_map(|_| channels()).map(|channel| channel.offset + channel.scale * noise.symmetric()).collect();
+    let samples = input.chunks(channels().count());
+    let output: Vec<u8> = samples.flat_map(|sample| estimator.step_all(&mut state, sample).value.to_le_bytes()).collect();
     (input.iter().flat_map(|input| input.to_le_bytes()).collect(), output.clone(), crc32(0, &output))
 }
 
@@ -102,8 +108,15 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
     });
     let features = 0..count(noise, u32::try_from(MAX_FEATURES).expect("a few"));
     let features = features.map(|_| Feature { source: source(noise, &thresholds, creeps), offset: wild(noise, 2), gain: wild(noise, 3) });
-    let features = features.collect();
+    let features: heapless::Vec<Feature, MAX_FEATURES> = features.collect();
+    // Half of them of one input.
+    let inputs = if noise.below(2) == 0 { 1 } else { 1 + count(noise, u32::try_from(MAX_INPUTS - 1).expect("a few")) };
+    let mut of_inputs = |count: usize| (0..count).filter(|_| inputs > 1).map(|_| index(noise, inputs)).collect::<Vec<u8>>();
+    let (play_inputs, feature_inputs) = (of_inputs(plays), of_inputs(features.len()));
     FrontEnd {
+        more_input_weights: (1..inputs).map(|_| wild(noise, 2)).collect(),
+        play_inputs: play_inputs.into_iter().collect(),
+        feature_inputs: feature_inputs.into_iter().collect(),
         dead_time_samples: [0.0, 1.0, 32.0, 0.75, 31.5, 7.0 + 0.999_999_5, 4.1, 0.0][usize::try_from(noise.below(8)).expect("small")],
         lag_coefficient: lag,
         play_thresholds: thresholds.into_iter().collect(),
@@ -118,8 +131,11 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
     }
 }
 
+fn index(noise: &mut Noise, count: usize) -> u8 {
+    noise.below(u32::try_from(count).expect("a few")).to_le_bytes()[0]
+}
+
 fn source(noise: &mut Noise, thresholds: &[f32], creeps: usize) -> FeatureSource {
-    let index = |noise: &mut Noise, count: usize| noise.below(u32::try_from(count).expect("a few")).to_le_bytes()[0];
     match noise.below(8) {
         0 => FeatureSource::InputDifference,
         1 => FeatureSource::Path,

@@ -7,14 +7,22 @@ use model_export::schema::{Channel, Model};
 /// Samples with resets.
 #[derive(Clone, Debug)]
 pub struct Script {
-    /// Whether to reset first, and the sample.
-    samples: Vec<(bool, f32)>,
+    /// Whether to reset first, and a value of each input.
+    samples: Vec<(bool, Vec<f32>)>,
 }
 
 impl Script {
     /// Mostly a wandering signal with rests, jumps and samples that are no number; between that whatever 32 bits can be, the bounds of what
     /// is believed, and stretches far outside the range. The first sample after a reset is of any kind, too.
-    pub fn new(input: &Channel<'_>, seed: u32, samples: usize) -> Self {
+    pub fn new(model: &Model<'_>, seed: u32, samples: usize) -> Self {
+        let channels = std::iter::once(&model.input).chain(&model.more_inputs).zip(seed..);
+        let inputs: Vec<Vec<(bool, f32)>> = channels.map(|(channel, seed)| Self::of_input(channel, seed, samples)).collect();
+        // The resets of the first input.
+        let sample = |index: usize| (inputs[0][index].0, inputs.iter().map(|input| input[index].1).collect());
+        Self { samples: (0..samples).map(sample).collect() }
+    }
+
+    fn of_input(input: &Channel<'_>, seed: u32, samples: usize) -> Vec<(bool, f32)> {
         let mut noise = Noise::new(seed ^ 0x00c0_ffee);
         let mut excitation = Excitation::new(input.minimum, input.maximum, seed);
         let bounds = [1.0, -1.0].map(|sign| input.offset + sign * MAX_NORMALISED * input.scale);
@@ -31,7 +39,7 @@ impl Script {
             };
             (noise.below(400) == 0, sample)
         };
-        Self { samples: (0..samples).map(one).collect() }
+        (0..samples).map(one).collect()
     }
 
     /// Samples in it.
@@ -39,10 +47,12 @@ impl Script {
         self.samples.len()
     }
 
-    /// As the programs read it.
-    pub fn bytes(&self) -> Vec<u8> {
-        let words = self.samples.iter().flat_map(|(reset, sample)| [u32::from(*reset), sample.to_bits()]);
-        words.flat_map(u32::to_ne_bytes).collect()
+    /// The first `length` samples as the programs read them.
+    pub fn bytes(&self, length: usize) -> Vec<u8> {
+        let sample = |(reset, sample): &(bool, Vec<f32>)| -> Vec<u32> {
+            std::iter::once(u32::from(*reset)).chain(sample.iter().map(|value| value.to_bits())).collect()
+        };
+        self.samples[..length].iter().flat_map(sample).flat_map(u32::to_ne_bytes).collect()
     }
 }
 
@@ -55,11 +65,11 @@ fn pick<'a, T>(noise: &mut Noise, values: &'a [T]) -> &'a T {
 pub fn expected(model: &Model<'_>, script: &Script) -> Vec<(u32, u32)> {
     let estimator = Estimator::new(model).expect("a valid model");
     let mut state = EstimatorState::default();
-    let step = |(reset, sample): &(bool, f32)| {
+    let step = |(reset, sample): &(bool, Vec<f32>)| {
         if *reset {
             state.reset();
         }
-        let value = estimator.step(&mut state, *sample).value;
+        let value = estimator.step_all(&mut state, sample).value;
         (state.front_end().held_samples(), value.to_bits())
     };
     script.samples.iter().map(step).collect()

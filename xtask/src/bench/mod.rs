@@ -11,6 +11,7 @@ mod firmware;
 mod jumps;
 mod measured;
 mod table;
+mod time_to_error;
 mod training;
 
 use std::path::{Path, PathBuf};
@@ -51,7 +52,8 @@ pub struct Arguments {
     /// --maps development or all.
     #[arg(long)]
     checks: bool,
-    /// Of `measured`, the Python (3.11 or newer, with numpy, scipy and scikit-learn) that fits the baselines.
+    /// Of `measured`, the Python (3.11 or newer, with numpy, scipy and scikit-learn) that fits the baselines; of `time-to-error`, the one with
+    /// torch and numpy.
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: String,
     /// Record the firmware's instruction counts as those that the tests compare with.
@@ -71,6 +73,8 @@ enum What {
     Control,
     /// Training throughput, beside PyTorch where python3 has it.
     Training,
+    /// Time of training to an error, beside PyTorch where --python has it.
+    TimeToError,
     /// Instructions per step and tick counted in the emulator, flash, RAM and stack; error of the quantised networks.
     Firmware,
     /// The flashable image on the model of its chip: closed loop for ten virtual minutes, registers, faults.
@@ -93,11 +97,28 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
         let figures = firmware::measure(arguments.bless)?;
         return arguments.json.as_ref().map_or(Ok(()), |path| write_json(path, &figures));
     }
-    run("build", cargo().args(["build", "--release", "--package", "host-tool", "--bin", "catheter", "--example", "training_throughput"]))?;
+    run(
+        "build",
+        cargo().args([
+            "build",
+            "--release",
+            "--package",
+            "host-tool",
+            "--bin",
+            "catheter",
+            "--example",
+            "training_throughput",
+            "--example",
+            "time_to_error",
+        ]),
+    )?;
     let mut results = Map::new();
     results.insert("machine".to_owned(), machine());
     if wanted(What::Training) {
         results.insert("training".to_owned(), training::measure()?);
+    }
+    if wanted(What::TimeToError) {
+        results.insert("time_to_error".to_owned(), time_to_error::measure(arguments)?);
     }
     if wanted(What::Control) {
         results.insert("control".to_owned(), control::measure(arguments)?);

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use firmware::estimator::MAX_NORMALISED;
-use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
+use model_export::schema::{Channel, Curve, Feature, FeatureSource, FrontEnd};
 
 use super::literal::{constant, float, floats, operand};
 use super::{Context, fill};
@@ -52,12 +52,18 @@ fn plays(front_end: &FrontEnd) -> String {
     if front_end.play_thresholds.is_empty() {
         return String::new();
     }
+    let list: String = front_end.play_inputs.iter().map(|input| format!("    {input}u,\n")).collect();
+    let inputs = match front_end.play_inputs.is_empty() {
+        true => String::new(),
+        false => format!("/* Which input each of them follows. */\nstatic const uint32_t PLAY_INPUTS[PLAYS] = {{\n{list}}};\n"),
+    };
     fill(
         include_str!("template/play.c"),
         &[
             ("plays", &front_end.play_thresholds.len().to_string()),
             ("thresholds", &floats(&front_end.play_thresholds)),
             ("weights", &floats(&front_end.play_weights)),
+            ("inputs", &inputs),
         ],
     )
 }
@@ -108,35 +114,45 @@ fn step(context: &Context<'_>) -> String {
     let features: &[Feature] = if model.network.is_some() { &front_end.features } else { &[] };
     let sees = |source| features.iter().any(|feature| feature.source == source);
     let lags = front_end.lag_coefficient < 1.0;
-    let rest = ((model.input.minimum - model.input.offset) / model.input.scale).clamp(-MAX_NORMALISED, MAX_NORMALISED);
+    let channels = || std::iter::once(&model.input).chain(&model.more_inputs);
+    let of_channels = |value: fn(&Channel<'_>) -> f32| floats(&channels().map(value).collect::<Vec<f32>>());
+    let rest = |channel: &Channel<'_>| ((channel.minimum - channel.offset) / channel.scale).clamp(-MAX_NORMALISED, MAX_NORMALISED);
+    let weights: Vec<f32> = std::iter::once(front_end.input_weight).chain(front_end.more_input_weights.iter().copied()).collect();
 
-    let mut last_values = String::new();
+    let (mut last_values, mut keep_last) = (String::new(), String::new());
     if sees(FeatureSource::InputDifference) {
-        last_values.push_str("    const float last_input = first ? input : state->input;\n");
+        last_values.push_str("    float last_inputs[INPUTS];\n");
+        keep_last.push_str("        last_inputs[input] = first ? value : state->inputs[input];\n");
     }
     if lags || sees(FeatureSource::PathDifference) {
-        last_values.push_str("    const float last_path = first ? input : state->path;\n");
+        last_values.push_str("    float last_paths[INPUTS];\n");
+        keep_last.push_str("        last_paths[input] = first ? value : state->paths[input];\n");
     }
-    let feature_lines: String = features.iter().enumerate().map(|(index, feature)| feature_line(index, feature)).collect();
+    let feature_lines: String = features.iter().enumerate().map(|(index, feature)| feature_line(front_end, index, feature)).collect();
+    let play_input = if front_end.play_inputs.is_empty() { "0" } else { "PLAY_INPUTS[index]" };
+    let plays = fill(include_str!("template/step_plays.c"), &[("play_input", play_input)]);
     fill(
         include_str!("template/front_end.c"),
         &[
-            ("input_offset", &constant(model.input.offset)),
-            ("input_scale", &constant(model.input.scale)),
+            ("inputs", &weights.len().to_string()),
+            ("input_offsets", &of_channels(|channel| channel.offset)),
+            ("input_scales", &of_channels(|channel| channel.scale)),
             ("most_normalised", &constant(MAX_NORMALISED)),
-            ("rest", &constant(rest)),
+            ("rests", &of_channels(rest)),
             (
                 "lag_constant",
                 &if lags { format!("static const float LAG = {}\n", constant(front_end.lag_coefficient)) } else { String::new() },
             ),
             ("bias", &constant(front_end.bias)),
-            ("input_weight", &constant(front_end.input_weight)),
+            ("input_weights", &floats(&weights)),
             ("and_features", if features.is_empty() { "" } else { ", and the network's features" }),
             ("features_argument", if features.is_empty() { "" } else { ", int16_t *features" }),
             ("last_values", &last_values),
-            ("path", if lags { "first ? delayed : (last_path + product(LAG, delayed - last_path))" } else { "delayed" }),
+            ("keep_last", &keep_last),
+            ("more_paths", if weights.len() > 1 { include_str!("template/more_paths.c") } else { "" }),
+            ("path", if lags { "first ? delayed : (last_paths[input] + product(LAG, delayed - last_paths[input]))" } else { "delayed" }),
             ("start_plays", if front_end.play_thresholds.is_empty() { "" } else { include_str!("template/start_plays.c") }),
-            ("plays", if front_end.play_thresholds.is_empty() { "" } else { include_str!("template/step_plays.c") }),
+            ("plays", if front_end.play_thresholds.is_empty() { "" } else { &plays }),
             ("creeps", if front_end.creep_coefficients.is_empty() { "" } else { include_str!("template/step_creeps.c") }),
             ("readout", if front_end.curve.is_some() { "bend(linear)" } else { "linear" }),
             ("features", &feature_lines),
@@ -146,19 +162,25 @@ fn step(context: &Context<'_>) -> String {
 }
 
 /// `feature = (signal - offset) * gain`.
-fn feature_line(index: usize, feature: &Feature) -> String {
+fn feature_line(front_end: &FrontEnd, index: usize, feature: &Feature) -> String {
+    let input = front_end.feature_input(index);
+    // Counted from one, as the columns of recordings are; a single one needs no number.
+    let of = if front_end.inputs() > 1 { format!(" of input {}", input + 1) } else { String::new() };
     let (signal, meaning) = match feature.source {
-        FeatureSource::Input => ("input".to_owned(), "u".to_owned()),
-        FeatureSource::InputDifference => ("(input - last_input)".to_owned(), "change of u".to_owned()),
-        FeatureSource::Path => ("path".to_owned(), "v".to_owned()),
-        FeatureSource::PathDifference => ("(path - last_path)".to_owned(), "change of v".to_owned()),
+        FeatureSource::Input => (format!("state->inputs[{input}]"), format!("u{of}")),
+        FeatureSource::InputDifference => (format!("(state->inputs[{input}] - last_inputs[{input}])"), format!("change of u{of}")),
+        FeatureSource::Path => (format!("state->paths[{input}]"), format!("v{of}")),
+        FeatureSource::PathDifference => (format!("(state->paths[{input}] - last_paths[{input}])"), format!("change of v{of}")),
         FeatureSource::Play(play) => (format!("state->plays[{play}]"), format!("play {play}")),
         FeatureSource::Stop(play) => {
-            (format!("((path - state->plays[{play}]) / PLAY_THRESHOLDS[{play}])"), format!("stop {play}: (v - H) / r"))
+            let path = front_end.play_input(usize::from(play));
+            (format!("((state->paths[{path}] - state->plays[{play}]) / PLAY_THRESHOLDS[{play}])"), format!("stop {play}: (v - H) / r"))
         }
         FeatureSource::Readout => ("readout".to_owned(), "L".to_owned()),
         FeatureSource::Creep(creep) => (format!("state->creeps[{creep}]"), format!("creep filter {creep}")),
-        FeatureSource::Past(age) => (format!("state->delay_line[(state->newest + {age}u) % DELAY_LINE]"), format!("u, {age} samples ago")),
+        FeatureSource::Past(age) => {
+            (format!("state->delay_line[{input}][(state->newest + {age}u) % DELAY_LINE]"), format!("u{of}, {age} samples ago"))
+        }
     };
     let (offset, gain) = (operand(feature.offset), float(feature.gain));
     format!("    features[{index}] = quantise(product({signal} - {offset}, {gain})); /* {meaning} */\n")

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use model_export::blob::Blob;
-use model_export::schema::{Activation, Mode};
+use model_export::schema::{Activation, Mode, Model};
 
 use super::literal::{decimal, plain};
 use super::{Context, fill, front_end};
@@ -18,8 +18,13 @@ pub fn sha256(blob: &Blob<'_>) -> String {
 pub fn summary(context: &Context<'_>) -> String {
     let model = context.model();
     let channel = |quantity: &str, unit: &str| format!("{} in {}", plain(quantity), plain(unit));
-    let (input, output) = (channel(model.input.quantity, model.input.unit), channel(model.output.quantity, model.output.unit));
-    format!("{input} gives {output}, one sample at a time")
+    let inputs = std::iter::once(&model.input).chain(&model.more_inputs);
+    let inputs: Vec<String> = inputs.map(|input| channel(input.quantity, input.unit)).collect();
+    let output = channel(model.output.quantity, model.output.unit);
+    match &inputs[..] {
+        [input] => format!("{input} gives {output}, one sample at a time"),
+        _ => format!("{} give {output}, one sample of each at a time", inputs.join(", ")),
+    }
 }
 
 /// The header's text.
@@ -44,12 +49,50 @@ pub fn header(context: &Context<'_>) -> String {
             ("output_unit", &plain(output.unit)),
             ("output_minimum", &decimal(output.minimum)),
             ("output_maximum", &decimal(output.maximum)),
+            ("inputs", &model.front_end.inputs().to_string()),
+            ("more_inputs", &more_inputs(context)),
+            ("first_of", if model.more_inputs.is_empty() { "" } else { "first " }),
+            ("input_list", &input_list(model)),
+            ("input_argument", &input_argument(model)),
             ("delay_line", &front_end::delay_line(&model.front_end).to_string()),
             ("fields", &fields(context)),
             ("name", context.name.identifier()),
             ("NAME", &context.name.upper()),
         ],
     )
+}
+
+/// What a step takes.
+pub fn input_argument(model: &Model<'_>) -> String {
+    match model.front_end.inputs() {
+        1 => "float input".to_owned(),
+        inputs => format!("const float inputs[{inputs}]"),
+    }
+}
+
+/// What one sample is, as it stands behind the word.
+fn input_list(model: &Model<'_>) -> String {
+    let first = plain(model.input.unit);
+    match model.more_inputs.is_empty() {
+        true => format!(" in {first}"),
+        false => {
+            let units = model.more_inputs.iter().map(|channel| plain(channel.unit));
+            format!(" of each input, in the order above, in {}", std::iter::once(first).chain(units).collect::<Vec<_>>().join(", "))
+        }
+    }
+}
+
+/// The channels of the inputs beside the first.
+fn more_inputs(context: &Context<'_>) -> String {
+    let mut text = String::new();
+    for (index, channel) in context.model().more_inputs.iter().enumerate() {
+        let name = format!("{}_INPUT{}", context.name.upper(), index + 2);
+        let _ = writeln!(text, "#define {name}_QUANTITY \"{}\"", plain(channel.quantity));
+        let _ = writeln!(text, "#define {name}_UNIT \"{}\"", plain(channel.unit));
+        let _ = writeln!(text, "#define {name}_MINIMUM {}", decimal(channel.minimum));
+        let _ = writeln!(text, "#define {name}_MAXIMUM {}", decimal(channel.maximum));
+    }
+    text
 }
 
 /// Where the model came from and how good it is, as lines of a comment.

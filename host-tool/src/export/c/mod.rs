@@ -58,6 +58,7 @@ impl Context<'_> {
 /// When the model does not meet its own golden vectors.
 pub fn generate(blob: &Blob<'_>, name: &Name) -> Result<CSource, Error> {
     let (input, output) = golden(&blob.model)?;
+    let is_single = blob.model.more_inputs.is_empty();
     let context = Context { name, blob };
     let sha256 = header::sha256(blob);
     let opening = fill(
@@ -73,7 +74,8 @@ pub fn generate(blob: &Blob<'_>, name: &Name) -> Result<CSource, Error> {
     let self_test = fill(
         include_str!("template/self_test.c"),
         &[
-            ("samples", &input.len().to_string()),
+            ("samples", &output.len().to_string()),
+            ("input_of_sample", if is_single { "SELF_TEST_INPUT[sample]" } else { "&SELF_TEST_INPUT[sample * INPUTS]" }),
             ("input", &literal::dense_floats(&input)),
             ("output", &literal::dense_floats(&output)),
             ("name", name.identifier()),
@@ -97,6 +99,8 @@ fn step(context: &Context<'_>) -> String {
             ("features_argument", if model.network.is_some() { ", features" } else { "" }),
             ("correction", network::correction(model)),
             ("reset_network", network::reset(model)),
+            ("input_argument", &header::input_argument(model)),
+            ("input_address", if model.more_inputs.is_empty() { "&input" } else { "inputs" }),
             ("name", context.name.identifier()),
         ],
     )
@@ -111,7 +115,7 @@ fn golden(model: &Model<'_>) -> Result<(Vec<f32>, Vec<f32>), Error> {
     }
     let mut state = EstimatorState::default();
     let input: Vec<f32> = model.golden.input.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-    let output = input.iter().map(|input| estimator.step(&mut state, *input).value).collect();
+    let output = input.chunks(estimator.inputs()).map(|sample| estimator.step_all(&mut state, sample).value).collect();
     Ok((input, output))
 }
 

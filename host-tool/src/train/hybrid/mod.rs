@@ -4,17 +4,22 @@
 //! search), the *bank* (how many operators, how wide, play or stop type), the *thresholds* (moved freely where that pays), the
 //! *creep filters* of the play sum and the *curve* that bends it. Play type is a Prandtl-Ishlinskii sum that follows its input; stop
 //! type, `L = k v + sum e_i (v - H_i) / r_i`, is a force that saturates, and becomes play operators with negative weights.
+//!
+//! Several inputs share dead time and lag; each has a bank of its own from the same shares of its range. The output may rise with one
+//! input and fall with another (*falling*), which least squares with free signs tells beforehand; the sum then sees that input with its
+//! sign changed. Only play type on the grid is offered to them.
 
 mod candidate;
 mod stick_band;
 mod weights;
 
-use model_export::schema::{self, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
+use model_export::schema::{self, MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_PLAY};
 
-use self::candidate::{Candidate, Kind, assemble, coefficient, narrow};
+use self::candidate::{Candidate, Kind, Operator, assemble, coefficient, narrow};
 use self::stick_band::stick_band;
-use self::weights::{FOLDS, Fit, Samples, bent, left_out, straight};
+use self::weights::{FOLDS, Fit, Samples, bent, falling, left_out, straight};
 use super::fit::TrainError;
+use super::front_end::Channels;
 use super::tracks::{Track, tracks};
 use crate::identify::{Family, Run, free_thresholds, input_path};
 use crate::network::Channel;
@@ -43,8 +48,7 @@ const CREEP_S: [f64; 3] = [0.8, 4.0, 20.0];
 struct Data<'a> {
     recordings: &'a [Recording],
     parts: &'a [Vec<bool>],
-    input: &'a Channel,
-    output: &'a Channel,
+    channels: &'a Channels,
     /// Half-width of the stick band in normalised output; 0 is none.
     stick_band: f32,
     /// Every how many samples the normal equations take one.
@@ -58,42 +62,59 @@ struct Data<'a> {
 pub fn front_end(
     recordings: &[Recording],
     parts: &[Vec<bool>],
-    input: &Channel,
-    output: &Channel,
+    channels: &Channels,
     sample_period_s: f64,
     sticks: bool,
 ) -> Result<schema::FrontEnd, TrainError> {
     let samples = parts.iter().flatten().filter(|part| **part).count();
-    let stick_band = if sticks { narrow(stick_band(recordings, parts) / f64::from(output.scale)) } else { 0.0 };
-    let search = Data { recordings, parts, input, output, stick_band, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
+    let stick_band = if sticks { narrow(stick_band(recordings, parts) / f64::from(channels.output.scale)) } else { 0.0 };
+    let search = Data { recordings, parts, channels, stick_band, stride: samples.div_ceil(SEARCH_SAMPLES).max(1) };
     let all = Data { stride: 1, ..search };
 
-    let (low, high) = normalised_range(input);
-    let bank = |count: usize, width: f64| -> Vec<f64> {
-        // Denser near zero, where small loops are; the widest operator is half the range times `width`.
-        (1..=count).map(|i| 0.5 * (high - low) * width * (i as f64 / count as f64).powf(1.5)).collect()
+    let inputs = channels.inputs();
+    let most = most_operators(inputs) / inputs;
+    let bank = |count: usize, width: f64| -> Vec<Operator> {
+        let mut bank = Vec::new();
+        for input in 0..inputs {
+            let (low, high) = normalised_range(channels.input(input));
+            let count = count.min(most);
+            // Denser near zero, where small loops are; the widest operator is half the range times `width`.
+            let threshold = |i| 0.5 * (high - low) * width * (i as f64 / count as f64).powf(1.5);
+            bank.extend((1..=count).map(|i| Operator { threshold: threshold(i), input }));
+        }
+        // As the schema wants them.
+        bank.sort_by(|a, b| a.threshold.total_cmp(&b.threshold));
+        bank
     };
     let start = Candidate {
         dead_time_samples: 0.0,
         lag_samples: 0.0,
         kind: Kind::Play,
-        thresholds: bank(12, 0.9),
+        falling: vec![false; inputs],
+        operators: bank(12, 0.9),
         creep: Vec::new(),
         creep_sum: Vec::new(),
         segments: 0,
     };
 
+    let start = Candidate { falling: search.falling(&start)?, ..start };
+
     // Kind first at rest, then path, then shape: the path hardly depends on the shape, the kind hardly on the path.
     let mut best = (start.clone(), search.fit(&start)?);
-    let stop = Candidate { kind: Kind::Stop, ..start };
-    search.improve(&mut best, stop, WORTH)?;
+    if inputs == 1 {
+        let stop = Candidate { kind: Kind::Stop, ..start };
+        search.improve(&mut best, stop, WORTH)?;
+    }
     search.path(&mut best)?;
     for (count, width) in [(6, 0.9), (8, 0.5), (16, 0.9), (8, 0.25), (4, 0.25)] {
-        let fewer = count < best.0.thresholds.len();
-        let candidate = Candidate { thresholds: bank(count, width), ..best.0.clone() };
+        let operators = bank(count, width);
+        let fewer = operators.len() < best.0.operators.len();
+        let candidate = Candidate { operators, ..best.0.clone() };
         search.improve(&mut best, candidate, if fewer { 1.0 } else { WORTH })?;
     }
-    search.free_thresholds(&mut best)?;
+    if inputs == 1 {
+        search.free_thresholds(&mut best)?;
+    }
     search.creep(&mut best, sample_period_s)?;
     search.refine_path(&mut best, 0.5)?;
     search.bend(&mut best, &bank(MAX_PLAY, 1.0))?;
@@ -105,6 +126,11 @@ pub fn front_end(
     Ok(schema::FrontEnd { stick_band, ..assemble(&best.0, &fit) })
 }
 
+/// How many operators of so many inputs have room, as operators and as features beside the inputs, their paths, readout and creep.
+fn most_operators(inputs: usize) -> usize {
+    MAX_PLAY.min(MAX_FEATURES - 4 * inputs - 1 - CREEP_S.len())
+}
+
 fn normalised_range(channel: &Channel) -> (f64, f64) {
     let normalised = |value: f32| f64::from((value - channel.offset) / channel.scale);
     (normalised(channel.minimum), normalised(channel.maximum))
@@ -113,17 +139,12 @@ fn normalised_range(channel: &Channel) -> (f64, f64) {
 impl Data<'_> {
     /// The rows of a candidate; the folds are whole recordings, or blocks where there are few.
     fn samples(&self, candidate: &Candidate) -> Result<Samples, TrainError> {
-        let (n, creeps) = (candidate.thresholds.len(), candidate.creep.len());
-        let columns = n + 1 + creeps + 1;
+        let (n, inputs, creeps) = (candidate.operators.len(), candidate.falling.len(), candidate.creep.len());
+        let columns = n + inputs + creeps + 1;
         let mut samples = Samples { columns, rows: Vec::new(), outputs: Vec::new(), folds: Vec::new() };
         let mut row = vec![1.0; columns];
-        let prepared: Vec<Track> = tracks(
-            self.recordings,
-            self.parts,
-            &schema::FrontEnd { stick_band: self.stick_band, ..candidate.probe() },
-            self.input,
-            self.output,
-        )?;
+        let prepared: Vec<Track> =
+            tracks(self.recordings, self.parts, &schema::FrontEnd { stick_band: self.stick_band, ..candidate.probe() }, self.channels)?;
         let alone = prepared.len() < FOLDS;
         for (number, track) in prepared.iter().enumerate() {
             let width = track.features.len() / track.len().max(1);
@@ -133,17 +154,18 @@ impl Data<'_> {
                     continue;
                 }
                 let features = &track.features[sample * width..(sample + 1) * width];
-                let path = f64::from(features[0]);
-                row[n] = path;
-                for (index, threshold) in candidate.thresholds.iter().enumerate() {
-                    let play = f64::from(features[1 + index]);
+                for input in 0..inputs {
+                    row[n + input] = candidate.sign(input) * f64::from(features[input]);
+                }
+                for (index, operator) in candidate.operators.iter().enumerate() {
+                    let play = candidate.sign(operator.input) * f64::from(features[inputs + index]);
                     row[index] = match candidate.kind {
                         Kind::Play => play,
-                        Kind::Stop => (path - play) / threshold,
+                        Kind::Stop => (row[n + operator.input] - play) / operator.threshold,
                     };
                 }
                 for index in 0..creeps {
-                    row[n + 1 + index] = f64::from(features[1 + n + index]);
+                    row[n + inputs + index] = f64::from(features[inputs + n + index]);
                 }
                 samples.rows.extend(&row);
                 samples.outputs.push(f64::from(track.output[sample]));
@@ -157,6 +179,13 @@ impl Data<'_> {
             )));
         }
         Ok(samples)
+    }
+
+    /// With which inputs the output falls.
+    fn falling(&self, candidate: &Candidate) -> Result<Vec<bool>, TrainError> {
+        let inputs = candidate.falling.len();
+        // Of one input the free weight of stop type tells.
+        Ok(if inputs == 1 { vec![false] } else { falling(candidate, &self.samples(candidate)?) })
     }
 
     /// Fits the candidate's weights, and its curve where it has one.
@@ -246,11 +275,12 @@ impl Data<'_> {
                 let segment = segment.start..segment.start + length;
                 if samples < SEARCH_SAMPLES && length > 0 {
                     let scaled = |value: f64, channel: &Channel| (value - f64::from(channel.offset)) / f64::from(channel.scale);
-                    let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| scaled(*value, self.input)).collect();
+                    let input: Vec<f64> =
+                        recording.input[segment.clone()].iter().map(|value| scaled(*value, &self.channels.input)).collect();
                     samples += input.len();
                     runs.push(Run {
                         input: input_path(&input, candidate.dead_time_samples, coefficient(candidate.lag_samples)),
-                        output: recording.output[segment].iter().map(|value| scaled(*value, self.output)).collect(),
+                        output: recording.output[segment].iter().map(|value| scaled(*value, &self.channels.output)).collect(),
                         skip: 0,
                     });
                 }
@@ -259,14 +289,15 @@ impl Data<'_> {
         if runs.is_empty() {
             return Ok(());
         }
-        let (low, high) = normalised_range(self.input);
+        let (low, high) = normalised_range(&self.channels.input);
         let mut thresholds = free_thresholds(&runs, family, count, 0.5 * (high - low));
         // The operator of threshold zero is the path itself, which has its own weight.
         thresholds.retain(|threshold| *threshold > 0.0);
         if thresholds.is_empty() {
             return Ok(());
         }
-        let candidate = Candidate { thresholds, creep: Vec::new(), creep_sum: Vec::new(), ..candidate.clone() };
+        let operators = thresholds.into_iter().map(|threshold| Operator { threshold, input: 0 }).collect();
+        let candidate = Candidate { operators, creep: Vec::new(), creep_sum: Vec::new(), ..candidate.clone() };
         let worth = if candidate.kind == Kind::Stop { 1.0 / WORTH } else { 1.0 };
         self.improve(best, candidate, worth)?;
         Ok(())
@@ -274,16 +305,16 @@ impl Data<'_> {
 
     /// Offers a curve behind the sum. Creep then carries no weight of its own and is left to the network, which sees the filters. The
     /// operators that suit a straight sum may have been bent to stand in for the curve, so a fine grid is offered too.
-    fn bend(&self, best: &mut (Candidate, Fit), grid: &[f64]) -> Result<(), TrainError> {
+    fn bend(&self, best: &mut (Candidate, Fit), grid: &[Operator]) -> Result<(), TrainError> {
         if best.1.in_sample < EXACT {
             return Ok(());
         }
         let samples = self.parts.iter().flatten().filter(|part| **part).count();
         let thinned = Self { stride: samples.div_ceil(CURVE_SAMPLES).max(self.stride), ..*self };
         let mut chosen = (best.0.clone(), thinned.fit(&best.0)?);
-        for thresholds in [best.0.thresholds.clone(), grid.to_vec()] {
+        for operators in [best.0.operators.clone(), grid.to_vec()] {
             for segments in CURVE_SEGMENTS {
-                let mut candidate = Candidate { segments, thresholds: thresholds.clone(), ..best.0.clone() };
+                let mut candidate = Candidate { segments, operators: operators.clone(), ..best.0.clone() };
                 let fit = thinned.fit(&candidate)?;
                 // What carries nothing goes: it would only be one more signal for the network to misread.
                 candidate.drop_idle(&fit);

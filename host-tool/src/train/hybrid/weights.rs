@@ -11,7 +11,7 @@ pub(super) const FOLDS: usize = 8;
 
 /// What the training samples say about a candidate: a row of signals each.
 pub(super) struct Samples {
-    /// Operators, path, creeps, constant.
+    /// Operators, paths, creeps, constant.
     pub(super) columns: usize,
     pub(super) rows: Vec<f64>,
     pub(super) outputs: Vec<f64>,
@@ -19,7 +19,7 @@ pub(super) struct Samples {
     pub(super) folds: Vec<usize>,
 }
 
-/// The samples of some folds: operators and path, which a curve bends.
+/// The samples of some folds: operators and paths, which a curve bends.
 struct Folds<'a> {
     samples: &'a Samples,
     width: usize,
@@ -50,7 +50,8 @@ impl Samples {
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     pub(super) weights: Vec<f64>,
-    pub(super) input_weight: f64,
+    /// Of each input.
+    pub(super) input_weights: Vec<f64>,
     pub(super) creep_weights: Vec<f64>,
     pub(super) bias: f64,
     pub(super) curve: Option<schema::Curve>,
@@ -62,14 +63,16 @@ pub(super) struct Fit {
 
 /// The weights of the linear sum, by non-negative least squares.
 pub(super) fn straight(candidate: &Candidate, samples: &Samples) -> Fit {
-    let (n, columns) = (candidate.thresholds.len(), samples.columns);
+    let (n, columns) = (candidate.operators.len(), samples.columns);
+    let paths = n..n + candidate.falling.len();
     let mut folds = vec![Normal::new(columns); FOLDS];
     for (row, output, fold) in samples.iter() {
         folds[fold].add(row, output);
     }
     folds.iter_mut().for_each(Normal::complete);
     let total = Normal::sum(&folds, columns);
-    let bounded: Vec<bool> = (0..columns).map(|index| index != columns - 1 && (index != n || candidate.kind == Kind::Play)).collect();
+    let bounded: Vec<bool> =
+        (0..columns).map(|index| index != columns - 1 && (!paths.contains(&index) || candidate.kind == Kind::Play)).collect();
     let solution = |normal: &Normal| solve(&normal.gram, &normal.right, &bounded);
     let x = solution(&total);
     let mut left_out = 0.0;
@@ -80,8 +83,8 @@ pub(super) fn straight(candidate: &Candidate, samples: &Samples) -> Fit {
     let rows = total.rows as f64;
     Fit {
         weights: x[..n].to_vec(),
-        input_weight: x[n],
-        creep_weights: x[n + 1..columns - 1].to_vec(),
+        input_weights: x[paths.clone()].to_vec(),
+        creep_weights: x[paths.end..columns - 1].to_vec(),
         bias: x[columns - 1],
         curve: None,
         in_sample: total.residual_square(&x) / rows,
@@ -89,19 +92,33 @@ pub(super) fn straight(candidate: &Candidate, samples: &Samples) -> Fit {
     }
 }
 
+/// With which inputs the output falls, by least squares on the paths and a constant with free signs.
+pub(super) fn falling(candidate: &Candidate, samples: &Samples) -> Vec<bool> {
+    let (n, inputs) = (candidate.operators.len(), candidate.falling.len());
+    let mut normal = Normal::new(inputs + 1);
+    for (row, output, _) in samples.iter() {
+        let paths: Vec<f64> = row[n..n + inputs].iter().copied().chain([1.0]).collect();
+        normal.add(&paths, output);
+    }
+    normal.complete();
+    let slopes = solve(&normal.gram, &normal.right, &vec![false; inputs + 1]);
+    slopes[..inputs].iter().map(|slope| *slope < 0.0).collect()
+}
+
 /// Where the search for weights behind a curve starts: the weights without one.
 fn start(straight: &Fit) -> Vec<f64> {
-    straight.weights.iter().copied().chain([straight.input_weight.max(0.0)]).collect()
+    straight.weights.iter().copied().chain(straight.input_weights.iter().map(|weight| weight.max(0.0))).collect()
 }
 
 /// The weights behind the best curve.
 pub(super) fn bent(candidate: &Candidate, samples: &Samples, straight: &Fit) -> Fit {
-    let n = candidate.thresholds.len();
-    let all = fit_curve(&Folds { samples, width: n + 1, left_out: None }, &start(straight), candidate.segments);
+    let n = candidate.operators.len();
+    let width = n + candidate.falling.len();
+    let all = fit_curve(&Folds { samples, width, left_out: None }, &start(straight), candidate.segments);
     Fit {
         curve: all.curve.dead_zones(all.constant, 0.0, 1.0),
         weights: all.weights[..n].to_vec(),
-        input_weight: all.weights[n],
+        input_weights: all.weights[n..].to_vec(),
         creep_weights: vec![0.0; candidate.creep.len()],
         bias: 0.0,
         in_sample: all.squared_residual / samples.outputs.len() as f64,
@@ -114,7 +131,7 @@ pub(super) fn left_out(candidate: &Candidate, samples: &Samples, straight: &Fit)
     let start = start(straight);
     let mut sum = 0.0;
     for out in 0..FOLDS {
-        let folds = Folds { samples, width: candidate.thresholds.len() + 1, left_out: Some(out) };
+        let folds = Folds { samples, width: candidate.operators.len() + candidate.falling.len(), left_out: Some(out) };
         let bent = fit_curve(&folds, &start, candidate.segments);
         for (row, output, _) in samples.iter().filter(|(.., fold)| *fold == out) {
             let signal: f64 = bent.weights.iter().zip(row).map(|(weight, signal)| weight * signal).sum();

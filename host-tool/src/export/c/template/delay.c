@@ -4,14 +4,10 @@
 #define DELAY_LINE @line@u
 static const float DELAY_FRACTION = @fraction@
 
-static float delay(@name@_state *state, float input)
+static float delay(const @name@_state *state, uint32_t input)
 {
-    float younger;
-    float older;
+    const float younger = state->delay_line[input][(state->newest + DELAY_WHOLE) % DELAY_LINE];
+    const float older = state->delay_line[input][(state->newest + DELAY_WHOLE + 1u) % DELAY_LINE];
 
-    state->newest = (state->newest == 0u) ? (DELAY_LINE - 1u) : (state->newest - 1u);
-    state->delay_line[state->newest] = input;
-    younger = state->delay_line[(state->newest + DELAY_WHOLE) % DELAY_LINE];
-    older = state->delay_line[(state->newest + DELAY_WHOLE + 1u) % DELAY_LINE];
     return younger + product(DELAY_FRACTION, older - younger);
 }

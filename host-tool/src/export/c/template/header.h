@@ -25,16 +25,17 @@ extern "C" {
 #define @NAME@_SAMPLE_PERIOD_S @period@
 
 /* What goes in and what comes out, and the range of each in training. */
+#define @NAME@_INPUTS @inputs@
 #define @NAME@_INPUT_QUANTITY "@input_quantity@"
 #define @NAME@_INPUT_UNIT "@input_unit@"
 #define @NAME@_INPUT_MINIMUM @input_minimum@
 #define @NAME@_INPUT_MAXIMUM @input_maximum@
-#define @NAME@_OUTPUT_QUANTITY "@output_quantity@"
+@more_inputs@#define @NAME@_OUTPUT_QUANTITY "@output_quantity@"
 #define @NAME@_OUTPUT_UNIT "@output_unit@"
 #define @NAME@_OUTPUT_MINIMUM @output_minimum@
 #define @NAME@_OUTPUT_MAXIMUM @output_maximum@
 
-/* Largest rate of the input in training, in @input_unit@ a second. Faster than that, nothing is known about the model. */
+/* Largest rate of the @first_of@input in training, in @input_unit@ a second. Faster than that, nothing is known about the model. */
 #define @NAME@_INPUT_MAXIMUM_RATE @input_rate@
 
 /* All that changes from step to step. A copy is a snapshot. Only held_samples is meant to be read. */
@@ -42,23 +43,23 @@ typedef struct {
     uint32_t held_samples;  /* inputs that were no measurement, since the reset; saturates */
     bool started;           /* there was a good sample */
     bool has_output;        /* there was a step */
-    float input;            /* u: last normalised input */
-    float path;             /* v: u after dead time and lag */
     float output;           /* where the stick band rests, in normalised output */
     uint32_t newest;        /* slot of the delay line */
-    float delay_line[@delay_line@];
+    float inputs[@inputs@];        /* u: last normalised inputs */
+    float paths[@inputs@];         /* v: u after dead time and lag */
+    float delay_line[@inputs@][@delay_line@];
 @fields@} @name@_state;
 
 /* Forgets everything: the next step starts from the equilibrium of its input. */
 void @name@_reset(@name@_state *state);
 
 /*
- * One sample in @input_unit@ gives the estimate in @output_unit@.
+ * One sample@input_list@ gives the estimate in @output_unit@.
  *
  * An input that is not finite, or absurdly large, is no measurement: the last good one is used in its place and held_samples
  * counts it. The estimate is always finite.
  */
-float @name@_step(@name@_state *state, float input);
+float @name@_step(@name@_state *state, @input_argument@);
 
 #ifdef @NAME@_SELF_TEST
 /*

@@ -5,7 +5,7 @@ static const float PLAY_THRESHOLDS[PLAYS] = {
 @thresholds@};
 static const float PLAY_WEIGHTS[PLAYS] = {
 @weights@};
-
+@inputs@
 static float play(float threshold, float path, float last)
 {
     const float low = path - threshold;

@@ -3,7 +3,7 @@
 
 #define SELF_TEST_SAMPLES @samples@u
 
-static const float SELF_TEST_INPUT[SELF_TEST_SAMPLES] = {
+static const float SELF_TEST_INPUT[SELF_TEST_SAMPLES * INPUTS] = {
 @input@};
 
 /* What the firmware gives. */
@@ -29,7 +29,7 @@ int @name@_self_test(void)
 
     @name@_reset(&state);
     for (sample = 0u; sample < SELF_TEST_SAMPLES; sample++) {
-        const float output = @name@_step(&state, SELF_TEST_INPUT[sample]);
+        const float output = @name@_step(&state, @input_of_sample@);
 
         if ((first_wrong == 0) && (bits_of(output) != bits_of(SELF_TEST_OUTPUT[sample]))) {
             first_wrong = (int)sample + 1;

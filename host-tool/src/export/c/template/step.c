@@ -10,15 +10,13 @@ void @name@_reset(@name@_state *state)
     state->started = false;
     state->held_samples = 0u;
     state->newest = 0u;
-    state->input = 0.0f;
-    state->path = 0.0f;
     state->has_output = false;
     state->output = 0.0f;
 @reset_network@}
 
-float @name@_step(@name@_state *state, float input)
+float @name@_step(@name@_state *state, @input_argument@)
 {
-@features@    const float readout = step_front_end(state, input@features_argument@);
+@features@    const float readout = step_front_end(state, @input_address@@features_argument@);
     const float correction = @correction@;
     const float normalised = readout + correction;
     const float moved = normalised - state->output;
