@@ -206,6 +206,7 @@ fn print_model(model: &Model<'_>) {
     let front_end = &model.front_end;
     say!("model");
     print_channel("input", &model.input);
+    model.more_inputs.iter().enumerate().for_each(|(index, channel)| print_channel(&format!("input {}", index + 2), channel));
     print_channel("output", &model.output);
     say!("  sample period {} s", model.sample_period_s);
     match model.mode {
