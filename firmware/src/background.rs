@@ -61,8 +61,8 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Background<S, M, B> {
         // What follows is not on the stack together with the request.
         let Some(event) = self.link.receive(byte, commands) else { return };
         if event == Event::ModelUploaded {
-            let is_model = self.link.uploaded_model().is_some_and(|blob| place.admit(blob).is_ok());
-            self.link.finish_upload(is_model, commands);
+            let checked = self.link.uploaded_model().map_or(Err(Fault::ModelCorrupt), |blob| place.admit(blob));
+            self.link.finish_upload(checked.map(|_| ()), commands);
         }
         // At once, before an upload can want the slot of the model before. The self-test puts the active model back.
         self.retire(place);
@@ -79,7 +79,7 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Background<S, M, B> {
     pub fn self_test(&mut self, faults: impl FnOnce() -> FaultSet, place: &mut impl ModelPlace, commands: &mut impl CommandSink) {
         self.ask_for_retest(commands);
         if core::mem::take(&mut self.wanted) {
-            let faults = faults();
+            let faults = faults().union(self.link.standing_faults());
             self.report = Some(self.examine(faults, place));
         }
         if let Some(report) = self.report

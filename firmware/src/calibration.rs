@@ -87,6 +87,11 @@ impl Calibration {
         if self.gain_per_code < 0.0 { -self.gain_per_code } else { self.gain_per_code }
     }
 
+    /// From the lowest to the highest value that is a measurement.
+    pub fn measured_range(&self) -> f32 {
+        self.resolution() * f32::from(self.highest_code.saturating_sub(self.lowest_code))
+    }
+
     /// Highest code of the converter that is still a measurement.
     pub fn highest_value(&self) -> f32 {
         self.offset + self.gain_per_code * to_f32(i32::from(self.highest_code))

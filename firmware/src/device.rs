@@ -181,7 +181,7 @@ impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
         // What runs this has no program in flash and no clock of its own to test.
         self.background.self_test(|| FaultSet::EMPTY, &mut self.place, &mut self.queue);
         let link = self.background.link_mut();
-        link.observe(outputs.state, Measured::default());
+        link.observe(outputs.state, outputs.vent_verified, Measured::default());
         if let Some(answer) = &outputs.answer {
             link.answer(answer.clone());
         }

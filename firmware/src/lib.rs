@@ -32,6 +32,7 @@ pub mod model;
 pub mod number;
 pub mod parity;
 pub mod plausibility;
+pub mod redundant;
 pub mod retain;
 pub mod seam;
 pub mod self_test;
@@ -39,6 +40,7 @@ pub mod settings;
 pub mod storage;
 pub mod supervisor;
 pub mod tick;
+pub mod time;
 
 /// Version of the firmware, as its Hello tells it: major, minor, patch.
 pub const VERSION: [u16; 3] =

@@ -10,7 +10,7 @@ use model_export::link::fault::{Fault, Notice, NoticeSet};
 
 use crate::control::Demand;
 use crate::number::{MicroBar, scaled_to_i32};
-use crate::tick::TICKS_IN_A_SECOND;
+use crate::time::TICKS_IN_A_SECOND;
 
 /// No settings raise the ceiling above this: burst pressure of the thinnest muscles in use is several times higher, and the paper's
 /// excitations stay below 3 bar.

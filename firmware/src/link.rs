@@ -9,7 +9,7 @@
 //! 1. [`Link::new`] with the two stores; [`Link::settings`] and [`Link::boot_faults`] go into the rig.
 //! 2. For every received byte: [`Link::receive`]. An [`Event`] may come of it.
 //! 3. For every answer, telemetry sample and trace record that the tick put out: [`Link::answer`], [`Link::telemetry`], [`Link::trace_record`] (or
-//!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state.
+//!    [`Link::trace`] where the record comes byte by byte); after each tick or before each byte [`Link::observe`] with the state and the vent.
 //! 4. Whenever the line is free: [`Link::transmit`] gives the next frame.
 //! 5. On [`Event::ModelUploaded`] check the blob and tell [`Link::finish_upload`] what came of it.
 //! 6. On [`Event::ModelChanged`] queue a `Retest`; the rig then asks for the self-test, after which [`Link::set_model`] gets the result.
@@ -21,8 +21,8 @@
 use core::borrow::BorrowMut;
 
 use heapless::{Deque, Vec};
-use model_export::blob::crc32;
-use model_export::link::fault::{Fault, FaultSet};
+use model_export::blob::{self, crc32};
+use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet};
 use model_export::link::frame::{self, Decoder, Wire};
 use model_export::link::hello::{Hello, MAX_BOARD_NAME};
 use model_export::link::message::{
@@ -80,6 +80,9 @@ pub struct Measured {
     pub longest_tick_cycles: u32,
     /// Bytes of stack never used.
     pub stack_unused_bytes: u32,
+    /// A number that nobody can foretell, such as a fast counter's: it tells the sessions of one start from those of another. Zero in lock step,
+    /// where equal inputs must give equal outputs.
+    pub noise: u32,
 }
 
 /// What the board must do next.
@@ -107,7 +110,7 @@ impl LinkBuffers {
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
-            request: RequestFrame { token: 0, request: Request::Status },
+            request: RequestFrame { token: 0, session: 0, request: Request::Status },
             wire: Wire::new(),
             replies: Deque::new(),
             telemetry: Deque::new(),
@@ -115,7 +118,7 @@ impl LinkBuffers {
         }
     }
 
-    fn reply(&mut self, token: u16, reply: Reply) {
+    fn reply(&mut self, token: u32, reply: Reply) {
         // A host that does not read its replies loses the newest: it has stopped waiting for them in order.
         let _ = self.replies.push_back(ReplyFrame { token, reply });
     }
@@ -139,18 +142,67 @@ struct Desk<S, M> {
     saved: Settings,
     /// Settings on their way through the tick, and the token of the request they came with.
     proposed: Settings,
-    proposal: Option<u16>,
+    proposal: Option<u32>,
     boot_faults: FaultSet,
+    /// What was saved is damaged or not acceptable, and nothing was saved since.
+    settings_unreliable: bool,
     upload: Option<Upload>,
     /// Token of the request that waits for the check of the upload.
-    checking: Option<u16>,
+    checking: Option<u32>,
     model: Option<ModelFacts>,
     state: State,
+    vent_verified: bool,
     awaited: u16,
     measured: Measured,
     damaged_frames: u32,
     telemetry_dropped: u32,
     trace: TraceProgress,
+    sessions: Sessions,
+}
+
+/// Which requests are of now: those of the session that the last Hello began, in rising order of their tokens.
+#[derive(Debug, Default)]
+struct Sessions {
+    number: Option<u32>,
+    is_used: bool,
+    last_token: u32,
+    every: bool,
+}
+
+/// What to make of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Admission {
+    Admitted,
+    /// Sent before one that was taken already.
+    Old,
+    OtherSession,
+}
+
+impl Sessions {
+    /// Begins a session; `noise` makes its number another one than after the last start.
+    fn begin(&mut self, noise: u32) {
+        if self.number.is_none() || self.is_used {
+            let before = self.number.unwrap_or(0).to_le_bytes();
+            // Zero is no number: it stands for a device that has no sessions.
+            let number = crc32(crc32(0, &before), &noise.to_le_bytes()).max(1);
+            *self = Self { number: Some(number), every: self.every, ..Self::default() };
+        }
+    }
+
+    fn admit(&mut self, session: u32, token: u32) -> Admission {
+        if self.every {
+            return Admission::Admitted;
+        }
+        if self.number != Some(session) {
+            return Admission::OtherSession;
+        }
+        if token <= self.last_token {
+            return Admission::Old;
+        }
+        self.is_used = true;
+        self.last_token = token;
+        Admission::Admitted
+    }
 }
 
 /// How far a trace is.
@@ -159,7 +211,7 @@ enum TraceProgress {
     /// None runs; what is left of the last one goes at once.
     Off,
     /// The tick was asked for one by the request with this token.
-    Asked(u16),
+    Asked(u32),
     /// One runs.
     On,
 }
@@ -185,6 +237,13 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     /// What was wrong with the stores at the start.
     pub fn boot_faults(&self) -> FaultSet {
         self.desk.boot_faults
+    }
+
+    /// What is wrong with the stores now, for the self-test: damaged settings keep the rig vented until settings are saved again.
+    pub fn standing_faults(&self) -> FaultSet {
+        let mut faults = FaultSet::EMPTY;
+        faults.insert_if(self.desk.settings_unreliable, Fault::SettingsInvalid);
+        faults
     }
 
     /// The active model's blob, for the self-test.
@@ -218,9 +277,10 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         self.desk.model = model;
     }
 
-    /// Tells the state the rig is in.
-    pub fn observe(&mut self, state: State, measured: Measured) {
+    /// Tells the state the rig is in, and whether the pressure was seen to be gone.
+    pub fn observe(&mut self, state: State, vent_verified: bool, measured: Measured) {
         self.desk.state = state;
+        self.desk.vent_verified = vent_verified;
         self.desk.measured = measured;
     }
 
@@ -238,14 +298,17 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
             return None;
         };
         match payload.first().copied().and_then(Kind::from_byte) {
-            Some(Kind::HelloRequest) => self.hello_wanted = true,
+            Some(Kind::HelloRequest) => {
+                self.desk.begin_session();
+                self.hello_wanted = true;
+            }
             Some(Kind::Request) => {
                 if request.take(payload).is_ok() {
                     return self.handle(commands);
                 }
                 // The token comes first on the wire, so that even a request of a later version gets its refusal.
                 let mut reader = Reader::new(payload.get(1..).unwrap_or(&[]));
-                let mut token = 0u16;
+                let mut token = 0u32;
                 token.read(&mut reader);
                 if reader.finish().is_some() {
                     self.buffers.borrow_mut().reply(token, Reply::Refused(Refusal::NotUnderstood));
@@ -260,7 +323,21 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
     #[inline(never)]
     fn handle(&mut self, commands: &mut impl CommandSink) -> Option<Event> {
         let buffers = self.buffers.borrow_mut();
-        let token = buffers.request.token;
+        let RequestFrame { token, session, .. } = buffers.request;
+        // A vent is welcome from anybody at any time.
+        if buffers.request.request != Request::Vent {
+            match self.desk.sessions.admit(session, token) {
+                Admission::Admitted => {}
+                Admission::Old => {
+                    self.desk.damaged_frames = self.desk.damaged_frames.saturating_add(1);
+                    return None;
+                }
+                Admission::OtherSession => {
+                    buffers.reply(token, Reply::Refused(Refusal::OtherSession));
+                    return None;
+                }
+            }
+        }
         match self.desk.request(token, &buffers.request.request, commands) {
             Outcome::Reply(reply) => buffers.reply(token, reply),
             Outcome::Done(outcome) => reply_done(buffers, token, outcome, commands),
@@ -275,10 +352,16 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         None
     }
 
-    /// Ends an upload: whether the blob is a model that this device can run.
-    pub fn finish_upload(&mut self, is_model: bool, commands: &mut impl CommandSink) {
+    /// Takes requests of every session from now on, in whatever order: for running recorded ones again.
+    #[cfg(not(target_os = "none"))]
+    pub fn take_every_session(&mut self) {
+        self.desk.sessions.every = true;
+    }
+
+    /// Ends an upload: whether the blob is a model that this device can run, or what is wrong with it.
+    pub fn finish_upload(&mut self, checked: Result<(), Fault>, commands: &mut impl CommandSink) {
         let Some(token) = self.desk.checking.take() else { return };
-        let outcome = self.desk.finish_upload(is_model);
+        let outcome = self.desk.finish_upload(checked);
         reply_done(self.buffers.borrow_mut(), token, outcome, commands);
     }
 
@@ -350,12 +433,11 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         let settings_store = Store::new(settings_flash, STORE_KIND, STORE_VERSION);
         let model_store = Store::new(model_flash, model::STORE_KIND, model::STORE_VERSION);
         let mut boot_faults = FaultSet::EMPTY;
-        let stored = settings_store.active_payload().map(settings::decode).unwrap_or_default();
-        let fallback = settings_store.select().is_fallback;
-        let Stored { mut settings, rejected, is_damaged, .. } = stored;
+        let Stored { mut settings, is_damaged, .. } = settings::load(&settings_store);
         let goes_together = TickConfig { settings: &settings, facts: config.facts }.build().is_ok();
-        boot_faults.insert_if(fallback || is_damaged || rejected > 0 || !goes_together, Fault::SettingsInvalid);
-        boot_faults.insert_if(model_store.select().is_fallback, Fault::ModelCorrupt);
+        let settings_unreliable = is_damaged || !goes_together;
+        boot_faults.insert_if(settings_unreliable, Fault::SettingsInvalid);
+        boot_faults.insert_if(model_store.select().is_damaged, Fault::ModelCorrupt);
         if !goes_together {
             settings.clone_from(&Settings::DEFAULT);
         }
@@ -368,16 +450,23 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             settings,
             proposal: None,
             boot_faults,
+            settings_unreliable,
             upload: None,
             checking: None,
             model: None,
             state: State::Boot,
+            vent_verified: false,
             awaited: 0,
             measured: Measured::default(),
             damaged_frames: 0,
             telemetry_dropped: 0,
             trace: TraceProgress::Off,
+            sessions: Sessions::default(),
         }
+    }
+
+    fn begin_session(&mut self) {
+        self.sessions.begin(self.measured.noise);
     }
 
     fn hello(&self) -> Hello {
@@ -388,11 +477,12 @@ impl<S: Flash, M: Flash> Desk<S, M> {
             model_id: self.model.map_or([0; 8], |model| model.id),
             reset_cause: self.config.reset_cause,
             board: self.config.board.clone(),
+            session: self.sessions.number.unwrap_or(0),
         }
     }
 
     /// What an answer of the tick settles, and what the tick could not know for it.
-    fn complete(&mut self, token: u16, reply: &mut Reply) {
+    fn complete(&mut self, token: u32, reply: &mut Reply) {
         self.awaited = self.awaited.saturating_sub(1);
         if self.proposal.take_if(|proposal| *proposal == token).is_some() && matches!(reply, Reply::Done) {
             self.settings.clone_from(&self.proposed);
@@ -409,7 +499,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         }
     }
 
-    fn request(&mut self, token: u16, request: &Request, commands: &mut impl CommandSink) -> Outcome {
+    fn request(&mut self, token: u32, request: &Request, commands: &mut impl CommandSink) -> Outcome {
         if self.trace != TraceProgress::Off && request.is_beyond_a_trace() {
             return Outcome::Done(Err(Refusal::Traced));
         }
@@ -483,16 +573,26 @@ impl<S: Flash, M: Flash> Desk<S, M> {
                 }
                 Err(refusal) => Outcome::Done(Err(refusal)),
             },
-            Request::ModelActivate | Request::ModelRollback => match self.activate_other() {
-                Ok(()) => Outcome::Event(Event::ModelChanged),
-                Err(refusal) => Outcome::Done(Err(refusal)),
-            },
+            Request::ModelActivate { id } => {
+                // As often as it is asked for: the reply to the first request may have been lost.
+                if self.active_model() == Some(*id) {
+                    return Outcome::Done(Ok(()));
+                }
+                match self.activate(*id) {
+                    Ok(()) => Outcome::Event(Event::ModelChanged),
+                    Err(refusal) => Outcome::Done(Err(refusal)),
+                }
+            }
+            Request::Models => {
+                let other = self.model_store.inactive_whole().and_then(|slot| self.model_in(slot));
+                Outcome::Reply(Reply::Models { active: self.active_model().unwrap_or([0; 8]), other: other.unwrap_or([0; 8]) })
+            }
         }
     }
 
     /// Sends a command to the tick, which answers it.
     #[inline(never)]
-    fn send(&mut self, token: u16, action: Action, commands: &mut impl CommandSink) -> Outcome {
+    fn send(&mut self, token: u32, action: Action, commands: &mut impl CommandSink) -> Outcome {
         if commands.send(Command { token: Some(token), action }) {
             self.awaited = self.awaited.saturating_add(1);
             Outcome::Sent
@@ -501,20 +601,26 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         }
     }
 
-    /// Flash stops the processor, so it is written only while vented and with no command on its way that could change that.
+    /// Flash stops the processor, so it is written only once the pressure was seen to be gone, and with no command on its way that could change
+    /// that.
     fn may_write(&self) -> Result<(), Refusal> {
         if self.awaited > 0 {
             return Err(Refusal::Busy);
         }
         match self.state {
-            State::Idle | State::Fault => Ok(()),
+            State::Idle | State::Fault if self.vent_verified => Ok(()),
+            State::Idle | State::Fault => {
+                let mut blockers = BlockerSet::EMPTY;
+                blockers.insert(Blocker::VentNotVerified);
+                Err(Refusal::Blocked(blockers))
+            }
             state => Err(Refusal::State(state)),
         }
     }
 
     /// Sends the proposed settings to the tick; they are in use once it has taken them.
     #[inline(never)]
-    fn propose(&mut self, token: u16, commands: &mut impl CommandSink) -> Outcome {
+    fn propose(&mut self, token: u32, commands: &mut impl CommandSink) -> Outcome {
         match (TickConfig { settings: &self.proposed, facts: self.config.facts }).build() {
             Ok(tick) => {
                 let outcome = self.send(token, Action::Configure(tick), commands);
@@ -550,6 +656,7 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         settings::encode_into(&self.settings, &mut bytes).ok_or(Refusal::Storage)?;
         self.settings_store.save(&bytes).map_err(refusal)?;
         self.saved.clone_from(&self.settings);
+        self.settings_unreliable = false;
         Ok(())
     }
 
@@ -578,17 +685,25 @@ impl<S: Flash, M: Flash> Desk<S, M> {
         Err(Refusal::Checksum)
     }
 
-    fn finish_upload(&mut self, is_model: bool) -> Result<(), Refusal> {
+    fn finish_upload(&mut self, checked: Result<(), Fault>) -> Result<(), Refusal> {
         let upload = self.upload.take().ok_or(Refusal::NoUpload)?;
-        if !is_model {
-            return Err(Refusal::NotAModel);
-        }
+        checked.map_err(|fault| if fault == Fault::ModelTooSlow { Refusal::ModelTooSlow } else { Refusal::NotAModel })?;
         self.model_store.finish(upload).map_err(refusal).map(|_| ())
     }
 
-    fn activate_other(&mut self) -> Result<(), Refusal> {
+    fn model_in(&self, slot: Slot) -> Option<[u8; 8]> {
+        blob::content_id(self.model_store.payload(slot)?)
+    }
+
+    /// The model that is active and not damaged.
+    fn active_model(&self) -> Option<[u8; 8]> {
+        let selection = self.model_store.select();
+        self.model_in(selection.active.filter(|_| !selection.is_damaged)?)
+    }
+
+    fn activate(&mut self, id: [u8; 8]) -> Result<(), Refusal> {
         self.may_write()?;
-        let slot = self.model_store.inactive_whole().ok_or(Refusal::NoOtherModel)?;
+        let slot = Slot::BOTH.into_iter().find(|slot| self.model_in(*slot) == Some(id)).ok_or(Refusal::NoOtherModel)?;
         self.model_store.activate(slot).map_err(refusal)
     }
 }
@@ -606,7 +721,7 @@ enum Outcome {
 }
 
 /// Answers what has no answer but that it is done.
-fn reply_done(buffers: &mut LinkBuffers, token: u16, outcome: Result<(), Refusal>, commands: &mut impl CommandSink) {
+fn reply_done(buffers: &mut LinkBuffers, token: u32, outcome: Result<(), Refusal>, commands: &mut impl CommandSink) {
     if outcome == Err(Refusal::Storage) {
         // If the queue is full the host still has its refusal, and the next attempt raises the fault again.
         let _ = commands.send(Command { token: None, action: Action::Raise(Fault::StorageFailed) });

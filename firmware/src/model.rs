@@ -10,7 +10,7 @@ use model_export::schema::{Golden, Model};
 
 use crate::control::Compensator;
 use crate::domain::{DomainGuard, DomainGuardState};
-use crate::estimator::{Estimator, EstimatorState, Kernel, KernelSource};
+use crate::estimator::{Estimator, EstimatorState, Kernel, KernelSource, StepBudget, StepTimer, step_instructions};
 use crate::number::round_to_i32;
 use crate::tick::{Direction, ModelStep, TICKS_PER_S};
 
@@ -18,6 +18,11 @@ use crate::tick::{Direction, ModelStep, TICKS_PER_S};
 pub const STORE_KIND: u16 = 0x4d4f;
 /// Version of the slot's contents; the blob has its own schema version inside.
 pub const STORE_VERSION: u16 = 1;
+
+/// Share of a tick that a step of the model may take, in percent: the rest is for the control law, which takes a tenth, and for interrupts.
+pub const STEP_SHARE_PERCENT: u32 = 60;
+/// The same in cycles of the board's processor.
+const MAX_STEP_CYCLES: usize = 168_000 / 100 * STEP_SHARE_PERCENT as usize;
 
 /// What the rig needs to know of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,9 +105,25 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Runni
     /// # Deadline
     /// Not for the tick: up to some 1000 model steps.
     pub fn admit(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
+        self.admit_within(bytes, kernel, &StepBudget::UNLIMITED)
+    }
+
+    /// As [`Self::admit`], and measures the model's steps while it replays the golden vectors.
+    ///
+    /// # Errors
+    /// The fault to raise; [`Fault::ModelTooSlow`] where the steps exceed the budget.
+    ///
+    /// # Deadline
+    /// Not for the tick: up to some 1000 model steps within the budget.
+    pub fn admit_within(
+        &mut self,
+        bytes: &'a [u8],
+        kernel: impl KernelSource<Kernel = K>,
+        budget: &StepBudget<impl StepTimer>,
+    ) -> Result<ModelFacts, Fault> {
         self.forget();
         let facts = self.build(bytes, kernel)?;
-        check(&self.estimator, self.state.borrow_mut(), &self.model.borrow().golden)?;
+        check(&self.estimator, self.state.borrow_mut(), &self.model.borrow().golden, budget)?;
         self.reset();
         self.is_ready = true;
         Ok(facts)
@@ -120,6 +141,10 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Runni
         let model = model.borrow_mut();
         let header = blob::decode_into(bytes, model).map_err(|error| fault_of(&error))?;
         let period = period_ticks(model.sample_period_s).ok_or(Fault::ModelUnsupported)?;
+        // No instruction takes less than a cycle. A model that cannot be fast enough is refused everywhere, not only where it can be measured.
+        if step_instructions(model) > MAX_STEP_CYCLES {
+            return Err(Fault::ModelTooSlow);
+        }
         companion.rebuild(model)?;
         estimator.rebuild(model, kernel).map_err(|_| Fault::ModelUnsupported)?;
         let id = header.content_hash.first_chunk::<8>().copied().unwrap_or_default();
@@ -171,8 +196,17 @@ pub fn examine(bytes: &[u8], kernel: impl KernelSource) -> Result<ModelFacts, Fa
 }
 
 #[inline(never)]
-fn check<K: Kernel>(estimator: &Estimator<'_, K>, state: &mut EstimatorState, golden: &Golden<'_>) -> Result<(), Fault> {
-    if !estimator.replay_in(state, golden).passed() {
+fn check<K: Kernel>(
+    estimator: &Estimator<'_, K>,
+    state: &mut EstimatorState,
+    golden: &Golden<'_>,
+    budget: &StepBudget<impl StepTimer>,
+) -> Result<(), Fault> {
+    let replay = estimator.replay_timed(state, golden, budget);
+    if replay.too_slow {
+        return Err(Fault::ModelTooSlow);
+    }
+    if !replay.passed() {
         return Err(Fault::GoldenMismatch);
     }
     if corrupted_vectors_fail(estimator, state, golden) { Ok(()) } else { Err(Fault::SelfTestBlind) }

@@ -2,11 +2,11 @@
 //!
 //! The desktop, the emulator and a real board run this. Work comes from seeds alone, so nothing but the digest has to cross a link.
 //!
-//! Terms. *Digest*: CRC-32 of result bits in the order in which they arise. *Shape*: width of the input and units of each layer.
+//! Terms. *Digest*: CRC-32 of result bits in the order in which they arise. *Shape*: width of the input, cell and units of each layer.
 
 use model_export::blob::crc32;
 use model_export::fixed::{MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_HIDDEN_SHIFT};
-use model_export::schema::{Activation, Dense, Layer, MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH, Network as Wire};
+use model_export::schema::{Activation, Cell, Dense, Layer, MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH, Network as Wire};
 
 use crate::estimator::{Estimator, EstimatorState, Kernel, Network, NetworkState};
 
@@ -53,18 +53,37 @@ impl Noise {
     }
 }
 
-/// Every shape a blob's network may have up to two layers: each number of units in each layer, input widths in turn.
-pub fn shapes() -> impl Iterator<Item = (usize, heapless::Vec<usize, MAX_LAYERS>)> {
-    let single = (1..=MAX_UNITS).map(|units| (units, 0));
-    let double = (1..=MAX_UNITS).flat_map(|first| (1..=MAX_UNITS).map(move |second| (first, second)));
-    single.chain(double).enumerate().map(|(index, (first, second))| {
-        let layers = [first, second].into_iter().filter(|units| *units > 0).collect();
+/// Cell and units of each layer.
+pub type Layers = heapless::Vec<(Cell, usize), MAX_LAYERS>;
+
+/// Every shape of up to two LSTM layers that a blob's network may have: each number of units in each layer. Then every number of units of
+/// the other cells, alone and behind each other. Input widths come in turn.
+pub fn shapes() -> impl Iterator<Item = (usize, Layers)> {
+    use Activation::{Hard, Relu, Tanh};
+    use Cell::{Dense, Gru, Lstm};
+
+    let single = (1..=MAX_UNITS).map(|units| [(Lstm, units), (Lstm, 0), (Lstm, 0), (Lstm, 0)]);
+    let double = (1..=MAX_UNITS).flat_map(|first| (1..=MAX_UNITS).map(move |second| [(Lstm, first), (Lstm, second), (Lstm, 0), (Lstm, 0)]));
+    let mixed = (1..=MAX_UNITS).flat_map(|units| {
+        let other = MAX_UNITS + 1 - units;
+        [
+            [(Gru, units), (Lstm, 0), (Lstm, 0), (Lstm, 0)],
+            [(Dense(Tanh), units), (Lstm, 0), (Lstm, 0), (Lstm, 0)],
+            [(Dense(Relu), units), (Dense(Hard), other), (Dense(Tanh), units), (Dense(Relu), other)],
+            [(Gru, units), (Gru, other), (Lstm, 0), (Lstm, 0)],
+            [(Gru, other), (Dense(Hard), units), (Lstm, 0), (Lstm, 0)],
+            [(Dense(Tanh), other), (Gru, 1 + units / 2), (Lstm, 1 + other / 2), (Dense(Relu), units)],
+        ]
+    });
+    single.chain(double).chain(mixed).enumerate().map(|(index, layers)| {
+        let layers = layers.into_iter().filter(|(_, units)| *units > 0).collect();
         (index % MAX_FEATURES + 1, layers)
     })
 }
 
 #[derive(Clone, Debug)]
 struct RandomLayer {
+    cell: Cell,
     inputs: u16,
     units: u16,
     /// Where the matrices begin in the pool.
@@ -88,10 +107,11 @@ pub struct RandomNetwork {
 }
 
 impl RandomNetwork {
-    /// Empty until it is filled; about 30 KiB.
+    /// Empty until it is filled; about 37 KiB.
     #[must_use]
     pub const fn new() -> Self {
         const EMPTY: RandomLayer = RandomLayer {
+            cell: Cell::Lstm,
             inputs: 0,
             units: 0,
             input_at: 0,
@@ -112,8 +132,8 @@ impl RandomNetwork {
         self.pool.as_chunks_mut().0.iter_mut().for_each(|bytes| *bytes = noise.word().to_le_bytes());
     }
 
-    /// A new network over `inputs` features with these layers' units.
-    pub fn draw(&mut self, seed: u32, inputs: usize, units: &[usize]) {
+    /// A new network over `inputs` features with these layers.
+    pub fn draw(&mut self, seed: u32, inputs: usize, cells: &[(Cell, usize)]) {
         let mut noise = Noise::new(seed);
         self.activation = match seed % 3 {
             0 => Activation::Tanh,
@@ -122,8 +142,10 @@ impl RandomNetwork {
         };
         let mut width = u16::try_from(inputs).unwrap_or(0);
         for (index, layer) in self.layers.iter_mut().enumerate() {
+            let (cell, units) = cells.get(index).copied().unwrap_or((Cell::Lstm, 0));
+            layer.cell = cell;
             layer.inputs = width;
-            layer.units = units.get(index).and_then(|units| u16::try_from(*units).ok()).unwrap_or(0);
+            layer.units = u16::try_from(units).unwrap_or(0);
             width = layer.units;
             layer.draw(&mut noise);
         }
@@ -140,15 +162,17 @@ impl RandomNetwork {
         let mut width = 0;
         for layer in self.layers.iter().filter(|layer| layer.units > 0) {
             let (inputs, units) = (usize::from(layer.inputs), usize::from(layer.units));
-            let matrix = |at: usize, columns: usize| self.pool.get(at..at + 4 * units * columns).unwrap_or(&[]);
+            let (input_rows, recurrent_rows) = (layer.cell.input_rows() * units, layer.cell.recurrent_rows() * units);
+            let matrix = |at: usize, rows: usize, columns: usize| self.pool.get(at..at + rows * columns).unwrap_or(&[]);
             let wire = Layer {
+                cell: layer.cell,
                 inputs: layer.inputs,
                 units: layer.units,
-                input_weights: matrix(layer.input_at, inputs),
-                recurrent_weights: matrix(layer.recurrent_at, units),
-                input_multipliers: layer.input_multipliers.get(..16 * units).unwrap_or(&[]),
-                recurrent_multipliers: layer.recurrent_multipliers.get(..16 * units).unwrap_or(&[]),
-                biases: layer.biases.get(..32 * units).unwrap_or(&[]),
+                input_weights: matrix(layer.input_at, input_rows, inputs),
+                recurrent_weights: matrix(layer.recurrent_at, recurrent_rows, units),
+                input_multipliers: layer.input_multipliers.get(..4 * input_rows).unwrap_or(&[]),
+                recurrent_multipliers: layer.recurrent_multipliers.get(..4 * recurrent_rows).unwrap_or(&[]),
+                biases: layer.biases.get(..8 * units * layer.cell.gates().len()).unwrap_or(&[]),
                 cell_exponent: layer.cell_exponent,
                 cell_limit: layer.cell_limit,
                 hidden_shift: layer.hidden_shift,

@@ -5,6 +5,9 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+use crate::board::read_back::ReadBack;
+use crate::supervisor::DumpOrder;
+
 /// One sample of both measured channels, taken at the same instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -24,6 +27,11 @@ impl RawSample {
 pub trait SampleSource {
     /// The newest sample. Never blocks; the tick is started by the end of the conversion.
     fn sample(&mut self) -> RawSample;
+
+    /// What else the converter and the pins have read since the last tick, where there is such a thing.
+    fn read_back(&mut self) -> Option<ReadBack> {
+        None
+    }
 }
 
 /// Where the valve's drive goes: a DAC, a PWM pin, or a simulated valve.
@@ -32,9 +40,21 @@ pub trait ValveDrive {
     fn drive(&mut self, share: u16);
 }
 
+/// A drive whose pulses have a frequency.
+pub trait PulseFrequency {
+    /// Sets the frequency; the drive is at zero meanwhile and afterwards.
+    fn set_pulse_hz(&mut self, pulse_hz: u32);
+}
+
 /// A [`ValveDrive`] over any embedded-hal PWM channel.
 #[derive(Debug)]
 pub struct PwmValve<P>(pub P);
+
+impl<P: PulseFrequency> PulseFrequency for PwmValve<P> {
+    fn set_pulse_hz(&mut self, pulse_hz: u32) {
+        self.0.set_pulse_hz(pulse_hz);
+    }
+}
 
 impl<P: SetDutyCycle> ValveDrive for PwmValve<P> {
     fn drive(&mut self, share: u16) {
@@ -47,15 +67,22 @@ impl<P: SetDutyCycle> ValveDrive for PwmValve<P> {
 }
 
 /// The dump valve on any embedded-hal output pin: closed (holding pressure) only while energised, so that a dead board vents.
+///
+/// It has its pin for itself, and closes on the supervisor's word alone: no other code can put pressure on.
 #[derive(Debug)]
-pub struct DumpValve<P>(pub P);
+pub struct DumpValve<P>(P);
 
 impl<P: OutputPin> DumpValve<P> {
+    /// Takes the pin.
+    pub const fn new(pin: P) -> Self {
+        Self(pin)
+    }
+
     /// Energises (closes) or releases (opens) the valve.
     ///
     /// # Errors
     /// The pin's own error; on the STM32 none exists.
-    pub fn set_energised(&mut self, energised: bool) -> Result<(), P::Error> {
-        if energised { self.0.set_high() } else { self.0.set_low() }
+    pub fn obey(&mut self, order: &DumpOrder) -> Result<(), P::Error> {
+        if order.closes() { self.0.set_high() } else { self.0.set_low() }
     }
 }

@@ -4,6 +4,8 @@ use heapless::Vec;
 use model_export::link::settings::{Entry, NUMBERS, SettingError, Settings};
 use model_export::wire::{Reader, Wire, Writer};
 
+use crate::storage::{Flash, Store};
+
 /// Kind of a settings slot.
 pub const STORE_KIND: u16 = 0x5345;
 /// Version of the encoding.
@@ -20,7 +22,7 @@ pub struct Stored {
     pub unknown: u16,
     /// Entries whose value this version does not accept.
     pub rejected: u16,
-    /// The bytes did not decode to their end.
+    /// Something saved is lost or not acceptable: the settings are not what the operator chose.
     pub is_damaged: bool,
 }
 
@@ -41,6 +43,13 @@ pub fn encode_into(settings: &Settings, bytes: &mut Vec<u8, MAX_BYTES>) -> Optio
     let length = writer.finish()?;
     bytes.truncate(length);
     Some(())
+}
+
+/// The settings in a store. What is damaged never passes for settings that were saved earlier, nor for the defaults, without saying so.
+pub fn load<F: Flash>(store: &Store<F>) -> Stored {
+    let stored = store.active_payload().map(decode).unwrap_or_default();
+    let is_damaged = stored.is_damaged || stored.rejected > 0 || store.select().is_damaged;
+    Stored { is_damaged, ..stored }
 }
 
 /// Decodes settings of any version of the firmware.

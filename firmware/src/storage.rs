@@ -1,33 +1,43 @@
 //! Storage: one thing kept in two flash slots so that a power cut at any moment leaves the old or the new one, whole.
 //!
-//! Terms. A **slot** is an erasable piece of flash. It is **whole** when its header and its payload's CRC-32 are right, and **active** when of
-//! all whole slots its last activation has the highest sequence number. A store never touches its active slot, except to append an
-//! activation.
+//! Terms. A **slot** is an erasable piece of flash. It is **whole** when its header and its payload's CRC-32 are right and its version is the
+//! store's. Each slot has a log of **activations**; one that was not **retired** is live. The **active** slot is the whole one with the newest
+//! live activation. A store never touches its active slot, except to append an activation or to retire one.
 //!
 //! ```text
-//! word  0        magic "CSL1"
+//! word  0        magic "CSL2"
 //!       1        kind in the high half, schema version in the low half
 //!       2        length of the payload in bytes
 //!       3        CRC-32 of the payload
 //!       4        CRC-32 of words 0 to 3; written last of the header
-//!       8..128   activations: pairs (sequence, inverted sequence), appended; the last sound pair counts
-//!       128..    payload
+//!       8..248   activations, appended: the sequence number in three codes, and a word that stays erased until it is retired
+//!       256..    payload
 //! ```
 //!
-//! Flash can only clear bits when programming and set them when erasing. Half a program or half an erase therefore moves bits one way, and
-//! a pair of a number and its inverse that moved one way is never sound again unless it is complete.
-//!
 //! An upload erases the other slot, writes the payload, reads it back, then writes the header: from then on the slot is whole but not
-//! active. Activation is two words; it is the one moment at which old becomes new. Rolling back is activating the other slot.
+//! active. Activation is three words; it is the one moment at which old becomes new. Then the activation before it is retired. Rolling back is
+//! activating the other slot.
+//!
+//! # Damage and interruption
+//!
+//! An interrupted change and damage must not be mistaken for each other: the one is no fault, and the other must never bring older contents
+//! back unsaid.
+//! * A single wrong bit in an activation is corrected. That is also the last state before an activation is complete, so it is the new state.
+//! * A retired slot never becomes active again by itself. When no live slot is whole, the newer one is damaged. The same holds when a slot that is
+//!   not whole has a newer live activation than the one that is.
+//! * Flash that was never activated has empty logs, but for a first activation that was cut short. Everything else without a live slot is damage.
 
 use model_export::blob::crc32;
 
-const MAGIC: u32 = u32::from_be_bytes(*b"CSL1");
+const MAGIC: u32 = u32::from_be_bytes(*b"CSL2");
 const ERASED: u32 = u32::MAX;
 /// Bytes of a slot that are not payload.
-pub const HEADER_BYTES: u32 = 512;
+pub const HEADER_BYTES: u32 = 1024;
 const LOG_FIRST_WORD: u32 = 8;
-const LOG_PAIRS: u32 = 60;
+const LOG_ENTRIES: u32 = 60;
+const ENTRY_WORDS: u32 = 4;
+/// A retired activation's last word. Half of its bits decide, so that a flipped one does not.
+const RETIRED: u32 = 0;
 const WORD_BYTES: u32 = 4;
 
 /// One of the two slots.
@@ -109,19 +119,41 @@ pub struct Contents {
     pub crc32: u32,
     /// Schema version of the payload.
     pub version: u16,
-    /// Sequence number of the last activation, if there was one.
-    pub sequence: Option<u32>,
-    /// Whether the payload's CRC-32 is right.
+    /// Whether the payload has its checksum and the version is the store's.
     pub is_whole: bool,
 }
 
 /// Which slot counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
-    /// The active slot; `None` before the first activation.
+    /// The active slot. With damage the other one, if it is whole: for reading, not for relying on it.
     pub active: Option<Slot>,
-    /// The slot that should be active is damaged, and the other one stands in, if there is one.
-    pub is_fallback: bool,
+    /// What was activated last is damaged, or cannot be told.
+    pub is_damaged: bool,
+}
+
+/// An entry of an activation log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Activation {
+    sequence: u32,
+    is_retired: bool,
+}
+
+/// The words of an activation before it is retired. A bit of the sequence number lies at three places and once inverted, so that bits which
+/// an interrupted erase sets at one place of every word do not make another number of it.
+const fn activation_words(sequence: u32) -> [u32; 3] {
+    [sequence, !sequence, sequence.rotate_left(11)]
+}
+
+impl Activation {
+    /// Reads an entry with at most one wrong bit in its number.
+    fn decode(words: [u32; ENTRY_WORDS as usize]) -> Option<Self> {
+        let [first, inverted, rotated, retired] = words;
+        let (second, third) = (!inverted, rotated.rotate_right(11));
+        let sequence = (first & second) | (second & third) | (third & first);
+        let wrong = (first ^ sequence).count_ones() + (second ^ sequence).count_ones() + (third ^ sequence).count_ones();
+        (wrong <= 1).then_some(Self { sequence, is_retired: (retired ^ RETIRED).count_ones() <= u32::BITS / 2 })
+    }
 }
 
 /// A pair of slots for one kind of thing.
@@ -177,35 +209,38 @@ impl<F: Flash> Store<F> {
     /// What a slot holds; `None` without a sound header.
     pub fn inspect(&self, slot: Slot) -> Option<Contents> {
         let bytes = self.flash.contents(slot);
-        let word = |index: u32| {
-            let at = usize::try_from(index * WORD_BYTES).ok()?;
-            bytes.get(at..)?.first_chunk::<4>().map(|word| u32::from_le_bytes(*word))
-        };
+        let word = |index: u32| self.word(slot, index);
         let header = bytes.get(..16)?;
         if word(0)? != MAGIC || word(4)? != crc32(0, header) || word(1)? >> 16 != u32::from(self.kind) {
             return None;
         }
         let (length, checksum) = (word(2)?, word(3)?);
         let payload = payload(bytes, length)?;
-        let sequence = (0..LOG_PAIRS).filter_map(|pair| self.activation(slot, pair)).max();
         let version = u16::try_from(word(1)? & 0xffff).ok()?;
-        Some(Contents { length, crc32: checksum, version, sequence, is_whole: crc32(0, payload) == checksum })
+        let is_whole = version == self.version && crc32(0, payload) == checksum;
+        Some(Contents { length, crc32: checksum, version, is_whole })
     }
 
     /// Which slot counts.
     pub fn select(&self) -> Selection {
-        let sequence = |slot| self.inspect(slot).and_then(|contents| contents.sequence.map(|sequence| (sequence, contents.is_whole)));
-        let (a, b) = (sequence(Slot::A), sequence(Slot::B));
-        let (newer, older) = match (a, b) {
-            (None, None) => return Selection::default(),
-            (Some(a), b) if b.is_none_or(|b| a.0 > b.0) => ((Slot::A, a.1), b.map(|b| (Slot::B, b.1))),
-            (a, Some(b)) => ((Slot::B, b.1), a.map(|a| (Slot::A, a.1))),
-            (Some(a), None) => ((Slot::A, a.1), None),
-        };
-        if newer.1 {
-            return Selection { active: Some(newer.0), is_fallback: false };
+        let mut newest: Option<(u32, Slot)> = None;
+        let mut newest_lost = None;
+        for slot in Slot::BOTH {
+            let Some(sequence) = self.live(slot) else { continue };
+            if self.payload(slot).is_none() {
+                newest_lost = newest_lost.max(Some(sequence));
+            } else if newest.is_none_or(|newest| sequence > newest.0) {
+                newest = Some((sequence, slot));
+            }
         }
-        Selection { active: older.filter(|older| older.1).map(|older| older.0), is_fallback: true }
+        match newest {
+            Some((sequence, slot)) => Selection { active: Some(slot), is_damaged: newest_lost > Some(sequence) },
+            None => {
+                let is_damaged = Slot::BOTH.into_iter().any(|slot| !self.is_log_fresh(slot));
+                let whole = Slot::BOTH.into_iter().find(|slot| self.payload(*slot).is_some());
+                Selection { active: whole.filter(|_| is_damaged), is_damaged }
+            }
+        }
     }
 
     /// The payload of a slot, if it is whole.
@@ -290,13 +325,31 @@ impl<F: Flash> Store<F> {
         if self.payload(slot).is_none() {
             return Err(StorageError::NotWhole);
         }
-        let last = Slot::BOTH.into_iter().filter_map(|slot| self.inspect(slot).and_then(|contents| contents.sequence)).max();
+        let Selection { active, is_damaged } = self.select();
+        if active == Some(slot) && !is_damaged {
+            return Ok(());
+        }
+        let last = Slot::BOTH.into_iter().flat_map(|slot| self.log(slot)).map(|(_, activation)| activation.sequence).max();
         let sequence = last.unwrap_or(0).checked_add(1).ok_or(StorageError::LogFull)?;
-        let free = (0..LOG_PAIRS).find(|pair| self.log_words(slot, *pair) == Some((ERASED, ERASED)));
-        let at = (LOG_FIRST_WORD + 2 * free.ok_or(StorageError::LogFull)?) * WORD_BYTES;
-        self.flash.program(slot, at, sequence).map_err(|_| StorageError::Flash)?;
-        self.flash.program(slot, at + WORD_BYTES, !sequence).map_err(|_| StorageError::Flash)?;
-        if self.select().active == Some(slot) { Ok(()) } else { Err(StorageError::Flash) }
+        let free = (0..LOG_ENTRIES).find(|entry| self.entry(slot, *entry) == Some([ERASED; ENTRY_WORDS as usize]));
+        let mut at = (LOG_FIRST_WORD + ENTRY_WORDS * free.ok_or(StorageError::LogFull)?) * WORD_BYTES;
+        for word in activation_words(sequence) {
+            self.flash.program(slot, at, word).map_err(|_| StorageError::Flash)?;
+            at += WORD_BYTES;
+        }
+        // Every activation before it, so that none can come back when this one is lost.
+        for slot in Slot::BOTH {
+            for entry in 0..LOG_ENTRIES {
+                let is_live = |words: &[u32; ENTRY_WORDS as usize]| {
+                    Activation::decode(*words).is_some_and(|other| other.sequence != sequence && !other.is_retired)
+                };
+                if let Some([.., ERASED]) = self.entry(slot, entry).filter(is_live) {
+                    let at = (LOG_FIRST_WORD + ENTRY_WORDS * entry + ENTRY_WORDS - 1) * WORD_BYTES;
+                    self.flash.program(slot, at, RETIRED).map_err(|_| StorageError::Flash)?;
+                }
+            }
+        }
+        if self.select() == (Selection { active: Some(slot), is_damaged: false }) { Ok(()) } else { Err(StorageError::Flash) }
     }
 
     /// Uploads and activates in one go.
@@ -318,14 +371,30 @@ impl<F: Flash> Store<F> {
         Slot::BOTH.into_iter().find(|slot| Some(*slot) != active && self.payload(*slot).is_some())
     }
 
-    fn log_words(&self, slot: Slot, pair: u32) -> Option<(u32, u32)> {
-        let at = usize::try_from((LOG_FIRST_WORD + 2 * pair) * WORD_BYTES).ok()?;
-        let (first, rest) = self.flash.contents(slot).get(at..)?.split_first_chunk::<4>()?;
-        Some((u32::from_le_bytes(*first), u32::from_le_bytes(*rest.first_chunk::<4>()?)))
+    fn word(&self, slot: Slot, index: u32) -> Option<u32> {
+        let at = usize::try_from(index * WORD_BYTES).ok()?;
+        self.flash.contents(slot).get(at..)?.first_chunk::<4>().map(|word| u32::from_le_bytes(*word))
     }
 
-    fn activation(&self, slot: Slot, pair: u32) -> Option<u32> {
-        self.log_words(slot, pair).filter(|(sequence, inverted)| *sequence == !*inverted).map(|(sequence, _)| sequence)
+    fn entry(&self, slot: Slot, entry: u32) -> Option<[u32; ENTRY_WORDS as usize]> {
+        let at = LOG_FIRST_WORD + ENTRY_WORDS * entry;
+        Some([self.word(slot, at)?, self.word(slot, at + 1)?, self.word(slot, at + 2)?, self.word(slot, at + 3)?])
+    }
+
+    /// The activations of a slot, each with its place.
+    fn log(&self, slot: Slot) -> impl Iterator<Item = (u32, Activation)> {
+        (0..LOG_ENTRIES).filter_map(move |entry| Some((entry, Activation::decode(self.entry(slot, entry)?)?)))
+    }
+
+    /// Sequence number of a slot's newest activation that is not retired.
+    fn live(&self, slot: Slot) -> Option<u32> {
+        self.log(slot).filter(|(_, activation)| !activation.is_retired).map(|(_, activation)| activation.sequence).max()
+    }
+
+    /// Whether a slot was never activated: a first activation may have been cut short, and one bit of the rest may have flipped.
+    fn is_log_fresh(&self, slot: Slot) -> bool {
+        let cleared: u32 = (1..LOG_ENTRIES).filter_map(|entry| self.entry(slot, entry)).flatten().map(u32::count_zeros).sum();
+        self.log(slot).next().is_none() && cleared <= 1
     }
 }
 

@@ -11,12 +11,16 @@ use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet};
 use model_export::link::message::{FaultRecord, Refusal};
 use model_export::link::state::State;
 
+use crate::redundant::{Choice, Redundant};
+
 /// Pressure below which the device counts as vented.
 pub const VENTED_BELOW_BAR: f32 = 0.1;
 /// Ticks of 1 ms within which venting must get there.
 pub const VENT_WITHIN_TICKS: u16 = 1000;
 /// Ticks in a row below the limit that count as vented: one noisy sample must not.
 pub const VENTED_FOR_TICKS: u16 = 5;
+/// Ticks in a row that must be seen before the deadline can pass: after a stall, what was missed says nothing about the pressure.
+pub const VENT_SEEN_TICKS: u16 = VENTED_FOR_TICKS + 1;
 /// Pressure that must not come back once vented; twice the limit, so that noise at the limit does not.
 pub const PRESSURE_BACK_BAR: f32 = 2.0 * VENTED_BELOW_BAR;
 /// Ticks in a row at that pressure that count as back.
@@ -133,6 +137,27 @@ pub enum Vent {
     Failed,
 }
 
+impl Choice for State {
+    const ALL: &'static [Self] = &State::ALL;
+}
+
+impl Choice for Vent {
+    const ALL: &'static [Self] = &[Self::Unverified, Self::Watching, Self::Verified, Self::Failed];
+}
+
+/// What the dump valve is to do. Only the supervisor's state can make one that closes it, and nobody can keep a copy for later.
+#[derive(Debug)]
+pub struct DumpOrder {
+    closes: bool,
+}
+
+impl DumpOrder {
+    /// Whether to energise the valve, so that it closes and there may be pressure.
+    pub fn closes(&self) -> bool {
+        self.closes
+    }
+}
+
 /// What the operator may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SupervisorConfig {
@@ -149,10 +174,10 @@ pub struct Supervisor {
 /// State, latch and vent watch.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SupervisorState {
-    state: State,
+    state: Redundant<State>,
     ticks_in_state: u32,
     record: FaultRecord,
-    vent: Vent,
+    vent: Redundant<Vent>,
     vent_ticks: u16,
     low_ticks: u16,
     back_ticks: u16,
@@ -208,12 +233,17 @@ impl SupervisorConfig {
 impl SupervisorState {
     /// The state.
     pub fn state(&self) -> State {
-        self.state
+        self.state.get().unwrap_or(Faulted)
+    }
+
+    /// What the dump valve is to do in this state.
+    pub fn dump_order(&self) -> DumpOrder {
+        DumpOrder { closes: self.state().is_energised() }
     }
 
     /// How venting goes.
     pub fn vent(&self) -> Vent {
-        self.vent
+        self.vent.get().unwrap_or(Vent::Unverified)
     }
 
     /// First and second fault with context; all zero without a fault.
@@ -224,9 +254,9 @@ impl SupervisorState {
     /// What refuses arming now, given what speaks against it from outside.
     pub fn blockers(&self, outside: BlockerSet) -> BlockerSet {
         let mut blockers = outside;
-        blockers.insert_if(self.state != Idle, Blocker::WrongState);
+        blockers.insert_if(self.state() != Idle, Blocker::WrongState);
         blockers.insert_if(self.record.first != 0, Blocker::FaultLatched);
-        blockers.insert_if(self.vent != Vent::Verified, Blocker::VentNotVerified);
+        blockers.insert_if(self.vent() != Vent::Verified, Blocker::VentNotVerified);
         blockers
     }
 
@@ -239,18 +269,18 @@ impl SupervisorState {
 
     fn enter(&mut self, next: State, begin_vent: bool) {
         if begin_vent {
-            self.vent = Vent::Watching;
+            self.vent = Redundant::new(Vent::Watching);
             self.vent_ticks = 0;
             self.low_ticks = 0;
             self.back_ticks = 0;
         }
-        if next != self.state {
+        if next != self.state() {
             self.ticks_in_state = 0;
         }
         if next.is_energised() {
-            self.vent = Vent::Unverified;
+            self.vent = Redundant::new(Vent::Unverified);
         }
-        self.state = next;
+        self.state = Redundant::new(next);
     }
 
     fn latch(&mut self, faults: FaultSet, context: &FaultRecord) -> bool {
@@ -258,7 +288,7 @@ impl SupervisorState {
         let Some(fault) = new.first() else { return false };
         if self.record.first == 0 {
             let second = new.iter().nth(1).map_or(0, Fault::number);
-            self.record = FaultRecord { first: fault.number(), second, all: faults, state: self.state, ..*context };
+            self.record = FaultRecord { first: fault.number(), second, all: faults, state: self.state(), ..*context };
         } else {
             if self.record.second == 0 {
                 self.record.second = fault.number();
@@ -275,21 +305,22 @@ impl SupervisorState {
         self.low_ticks = if low { self.low_ticks.saturating_add(1) } else { 0 };
         let back = pressure_bar.is_some_and(|bar| bar >= PRESSURE_BACK_BAR);
         self.back_ticks = if back { self.back_ticks.saturating_add(1) } else { 0 };
-        if self.vent == Vent::Verified {
+        if self.vent() == Vent::Verified {
             if self.back_ticks >= PRESSURE_BACK_TICKS {
-                self.vent = Vent::Failed;
+                self.vent = Redundant::new(Vent::Failed);
                 faults.insert(Fault::PressureWhileVented);
             }
             return faults;
         }
         if self.low_ticks >= VENTED_FOR_TICKS {
-            self.vent = Vent::Verified;
+            self.vent = Redundant::new(Vent::Verified);
             return faults;
         }
-        if self.vent == Vent::Watching {
-            self.vent_ticks = self.vent_ticks.saturating_add(elapsed_ticks);
+        if self.vent() == Vent::Watching {
+            let last = VENT_WITHIN_TICKS.saturating_sub(VENT_SEEN_TICKS).max(self.vent_ticks.saturating_add(1));
+            self.vent_ticks = self.vent_ticks.saturating_add(elapsed_ticks).min(last);
             if self.vent_ticks >= VENT_WITHIN_TICKS {
-                self.vent = Vent::Failed;
+                self.vent = Redundant::new(Vent::Failed);
                 faults.insert(if pressure_bar.is_some() { Fault::VentNotVerified } else { Fault::VentUnverifiable });
             }
         }
@@ -303,17 +334,22 @@ impl Supervisor {
     /// # Deadline
     /// Two searches in the table at most.
     pub fn step(&self, state: &mut SupervisorState, observation: &Observation) -> Decision {
-        let before = state.state;
+        let is_damaged = state.state.get().is_none() || state.vent.get().is_none();
+        if is_damaged {
+            state.enter(Faulted, true);
+        }
+        let before = state.state();
         state.ticks_in_state = state.ticks_in_state.saturating_add(u32::from(observation.elapsed_ticks));
         let mut faults = observation.faults;
-        if !state.state.is_energised() {
+        faults.insert_if(is_damaged, Fault::InternalInconsistent);
+        if !state.state().is_energised() {
             faults = faults.union(state.watch_vent(observation.elapsed_ticks, observation.pressure_bar));
         }
-        if state.state == SelfTest && state.ticks_in_state > SELF_TEST_TICKS {
+        if state.state() == SelfTest && state.ticks_in_state > SELF_TEST_TICKS {
             faults.insert(Fault::SelfTestTimeout);
         }
         let mut decision = Decision {
-            state: state.state,
+            state: state.state(),
             energised: false,
             started: false,
             arm_expired: false,
@@ -322,31 +358,31 @@ impl Supervisor {
         };
         if decision.record_changed {
             // A later fault in the fault state does not restart the vent watch: it would put the deadline off for ever.
-            let begin_vent = state.state != Faulted;
-            if let To(next) = transition(state.state, Event::FaultRaised) {
+            let begin_vent = state.state() != Faulted;
+            if let To(next) = transition(state.state(), Event::FaultRaised) {
                 state.enter(next, begin_vent);
             }
         }
         if let Some(event) = self.own_event(state, observation)
-            && let To(next) = transition(state.state, event)
+            && let To(next) = transition(state.state(), event)
         {
             decision.arm_expired = event == Event::ArmExpired;
-            state.enter(next, state.state.is_energised() && !next.is_energised());
+            state.enter(next, state.state().is_energised() && !next.is_energised());
         }
         if let Some(event) = observation.request {
-            let moved_already = state.state != before;
+            let moved_already = state.state() != before;
             decision.refusal = if moved_already && event != Event::Vent {
                 // The request was meant for the state before.
-                Some(Refusal::State(state.state))
+                Some(Refusal::State(state.state()))
             } else {
                 self.request(state, observation, event).err()
             };
-            decision.started = before != Running && state.state == Running;
+            decision.started = before != Running && state.state() == Running;
             // Acknowledging empties the record, and the copy beyond the reset must follow.
-            decision.record_changed |= before == Faulted && state.state != Faulted;
+            decision.record_changed |= before == Faulted && state.state() != Faulted;
         }
-        decision.state = state.state;
-        decision.energised = state.state.is_energised();
+        decision.state = state.state();
+        decision.energised = state.state().is_energised();
         decision
     }
 
@@ -357,16 +393,16 @@ impl Supervisor {
         if state.latch(faults, context) {
             decision.record_changed = true;
         }
-        if let To(next) = transition(state.state, Event::FaultRaised) {
-            state.enter(next, state.state != Faulted);
+        if let To(next) = transition(state.state(), Event::FaultRaised) {
+            state.enter(next, state.state() != Faulted);
         }
-        decision.state = state.state;
-        decision.energised = state.state.is_energised();
+        decision.state = state.state();
+        decision.energised = state.state().is_energised();
         decision.started = false;
     }
 
     fn own_event(&self, state: &SupervisorState, observation: &Observation) -> Option<Event> {
-        match state.state {
+        match state.state() {
             Boot if state.ticks_in_state >= BOOT_TICKS => Some(Event::BootFinished),
             Armed if state.ticks_in_state >= self.arming_ticks => Some(Event::ArmExpired),
             Running if observation.finished => Some(Event::Finished),
@@ -378,7 +414,7 @@ impl Supervisor {
         if !event.is_request() {
             return Err(Refusal::NotUnderstood);
         }
-        let next = match transition(state.state, event) {
+        let next = match transition(state.state(), event) {
             To(next) => next,
             IfUnblocked(next) => {
                 let blockers = match event {
@@ -388,7 +424,7 @@ impl Supervisor {
                         let mut blockers = BlockerSet::EMPTY;
                         let present = observation.causes.union(observation.faults);
                         blockers.insert_if(present.0 & state.record.all.0 != 0, Blocker::FaultCausePresent);
-                        blockers.insert_if(state.vent != Vent::Verified, Blocker::VentNotVerified);
+                        blockers.insert_if(state.vent() != Vent::Verified, Blocker::VentNotVerified);
                         blockers
                     }
                 };
@@ -410,8 +446,8 @@ impl Supervisor {
         if event == Event::Acknowledge {
             state.record = FaultRecord::default();
         }
-        let begin_vent = event == Event::Vent || (state.state.is_energised() && !next.is_energised());
-        state.enter(next, begin_vent && state.state != Faulted);
+        let begin_vent = event == Event::Vent || (state.state().is_energised() && !next.is_energised());
+        state.enter(next, begin_vent && state.state() != Faulted);
         Ok(())
     }
 }

@@ -49,18 +49,15 @@ use crate::decimate::{Decimator, DecimatorConfig, DecimatorState};
 use crate::limiter::LimiterState;
 use crate::number::MicroBar;
 use crate::plausibility::{FollowerState, Rejection, SensorState, Verdict};
-use crate::supervisor::{Decision, Event, Observation, SupervisorState};
+use crate::supervisor::{Decision, Event, Observation, SupervisorState, Vent};
 
+pub use crate::time::{TICKS_IN_A_SECOND, TICKS_PER_S};
 pub use config::{Inconsistent, Tick, TickConfig};
 pub use ports::{Action, Answer, BootReport, Command, Direction, ModelStep, NoModel, RigFacts, TickInputs, TickOutputs, ValveOutput};
 pub use reports::Insight;
 pub use trace::Origin;
 use trace::{Taken, Tracing};
 
-/// Ticks in a second.
-pub const TICKS_PER_S: f32 = 1000.0;
-/// The same as an integer.
-pub const TICKS_IN_A_SECOND: u32 = 1000;
 /// The background must show life this often while energised.
 pub const BACKGROUND_TICKS_ENERGISED: u16 = 40;
 /// And this often while vented, where a flash erase may take its time.
@@ -167,7 +164,7 @@ pub struct Rig {
 /// What a command left to do in its tick.
 #[derive(Default)]
 struct Pending {
-    token: Option<u16>,
+    token: Option<u32>,
     request: Option<Event>,
     reply: Option<Reply>,
     wants_status: bool,
@@ -213,6 +210,8 @@ impl Rig {
 
         // Measurements. The output in force is the one the sample was taken under.
         let in_force = self.state.limiter.output();
+        self.state.laser.miss(lost_ticks);
+        self.state.pressure.miss(lost_ticks);
         let laser = self.tick.laser.step(&mut self.state.laser, sample.laser_code, in_force);
         let pressure = self.tick.pressure.step(&mut self.state.pressure, sample.pressure_code, in_force);
         self.state.notices.insert_if(matches!(laser, Verdict::Held(..)), Notice::LaserHeld);
@@ -279,6 +278,7 @@ impl Rig {
             energised: decision.energised,
             valve_share: self.tick.valve_share(output),
             output,
+            vent_verified: self.state.supervisor.vent() == Vent::Verified,
             feed_watchdog: self.state.background_age_ticks < self.background_limit(),
             state: decision.state,
             self_test_wanted: decision.state == State::SelfTest,

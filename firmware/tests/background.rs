@@ -72,6 +72,9 @@ impl ModelPlace for Place {
     fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.admissions += 1;
         self.model = None;
+        if blob.first() == Some(&6) {
+            return Err(Fault::ModelTooSlow);
+        }
         if blob.first() != Some(&7) {
             return Err(Fault::GoldenMismatch);
         }
@@ -110,6 +113,7 @@ struct Device {
     background: Background<Ram, Ram>,
     place: Place,
     queue: Queue,
+    token: u32,
 }
 
 impl Device {
@@ -117,8 +121,9 @@ impl Device {
         let board = heapless::String::try_from("bench").unwrap();
         let config = LinkConfig { firmware: [0, 1, 0], board, reset_cause: ResetCause::PowerOn, previous_record: None, facts: FACTS };
         let mut background = Background::new(Link::new(config, Ram::new(), models));
-        background.link_mut().observe(State::Idle, Measured::default());
-        Self { background, place: Place::default(), queue: Queue::default() }
+        background.link_mut().observe(State::Idle, true, Measured::default());
+        background.link_mut().take_every_session();
+        Self { background, place: Place::default(), queue: Queue::default(), token: 0 }
     }
 
     fn round(&mut self, faults: FaultSet) {
@@ -134,7 +139,8 @@ impl Device {
     }
 
     fn ask(&mut self, request: Request) -> Reply {
-        for byte in (RequestFrame { token: 1, request }).to_wire().unwrap() {
+        self.token += 1;
+        for byte in (RequestFrame { token: self.token, session: 0, request }).to_wire().unwrap() {
             self.background.receive(byte, &mut self.place, &mut self.queue);
         }
         let wire = self.background.link_mut().transmit().expect("an answer at once").to_vec();
@@ -194,7 +200,8 @@ fn no_model_is_touched_while_anything_else_is_wrong() {
 
 #[test]
 fn the_check_of_an_upload_takes_the_model_in_use_away_until_the_next_test() {
-    for (blob, outcome) in [([7, 7, 7, 9], Reply::Done), ([9; 4], Reply::Refused(Refusal::NotAModel))] {
+    let too_slow = Reply::Refused(Refusal::ModelTooSlow);
+    for (blob, outcome) in [([7, 7, 7, 9], Reply::Done), ([9; 4], Reply::Refused(Refusal::NotAModel)), ([6; 4], too_slow)] {
         let mut device = Device::tested(Ram::with(&GOOD));
         assert_eq!(device.upload(&blob), outcome);
         assert_eq!(device.place.admissions, 2);
@@ -208,10 +215,11 @@ fn the_check_of_an_upload_takes_the_model_in_use_away_until_the_next_test() {
 
 #[test]
 fn an_activated_model_comes_with_the_next_test_and_the_one_before_can_be_overwritten() {
-    let other = [7, 7, 7, 9];
+    let mut other = [7; 32];
+    other[20..28].copy_from_slice(&[9; 8]);
     let mut device = Device::tested(Ram::with(&GOOD));
     assert_eq!(device.upload(&other), Reply::Done);
-    assert_eq!(device.ask(Request::ModelActivate), Reply::Done);
+    assert_eq!(device.ask(Request::ModelActivate { id: [9; 8] }), Reply::Done);
     device.background.want_self_test();
     device.round(FaultSet::EMPTY);
     assert_eq!((device.place.model.as_deref(), device.held()), (Some(&other[..]), Some(Slot::B)));

@@ -3,7 +3,7 @@
 
 use firmware::estimator::{Kernel, KernelSource, LayerState, MAX_PACKED_WORDS, Network, Portable};
 use firmware::parity::{RandomNetwork, network_digest, shapes};
-use model_export::schema::{Activation, MAX_WIDTH};
+use model_export::schema::{Activation, Cell, MAX_WIDTH};
 
 #[test]
 fn networks_of_every_shape_give_the_portable_kernels_bits() {
@@ -20,16 +20,17 @@ fn networks_of_every_shape_give_the_portable_kernels_bits() {
         assert_eq!(digest, network_digest(&network, &Portable, seed, 3), "seed {seed}: {inputs} features, {units:?} units");
         digests.insert(digest);
     }
-    assert!(digests.len() > 4100, "{} different digests of 4160: the networks do not differ", digests.len());
+    assert!(digests.len() > 4480, "{} different digests of 4544: the networks do not differ", digests.len());
 }
 
 #[test]
 fn random_networks_meet_every_activation_inside_and_outside_its_range() {
     let mut random = RandomNetwork::new();
     random.fill_pool(1);
-    let mut moving = [0; 3];
-    for seed in 0..300 {
-        random.draw(seed, 8, &[32]);
+    let mut moving = [[0; 3]; 2];
+    for seed in 0..600 {
+        let (number, cell) = [(0, Cell::Lstm), (1, Cell::Gru)][usize::from(seed % 2 == 1)];
+        random.draw(seed, 8, &[(cell, 32)]);
         let wire = random.wire();
         let network = Network::new(&wire, 8).unwrap();
         let mut state = LayerState::default();
@@ -42,18 +43,21 @@ fn random_networks_meet_every_activation_inside_and_outside_its_range() {
         let inside = cells.iter().filter(|cell| **cell != 0 && cell.abs() < wire.layers[0].cell_limit - 2).count();
         let hidden = state.hidden[..32].iter().filter(|hidden| **hidden != 0 && hidden.unsigned_abs() < 32_767).count();
         if inside > 4 && hidden > 4 {
-            moving[usize::from(wire.activation_code)] += 1;
+            moving[number][usize::from(wire.activation_code)] += 1;
         }
     }
-    for (code, count) in (0..).zip(moving) {
-        assert!(count > 30, "{}: only {count} of 100 networks move between their limits", Activation::from_code(code).unwrap().name());
+    for (cell, moving) in [Cell::Lstm, Cell::Gru].into_iter().zip(moving) {
+        for (code, count) in (0..).zip(moving) {
+            let activation = Activation::from_code(code).unwrap().name();
+            assert!(count > 30, "{}, {activation}: only {count} of 100 networks move between their limits", cell.name());
+        }
     }
 }
 
 #[test]
 fn a_network_that_does_not_fit_its_memory_is_refused() {
     let mut random = RandomNetwork::new();
-    random.draw(5, 32, &[64, 64]);
+    random.draw(5, 32, &[(Cell::Lstm, 64), (Cell::Lstm, 64)]);
     let wire = random.wire();
     let network = Network::new(&wire, 32).unwrap();
     let mut memory = vec![0; MAX_PACKED_WORDS];

@@ -9,7 +9,8 @@ use common::{Bench, Breakage, FACTS, set_point_settings};
 use firmware::link::{CommandSink, Event, Link, LinkConfig, Measured, REPLY_QUEUE, TELEMETRY_QUEUE};
 use firmware::settings;
 use firmware::storage::{Flash, Slot, Store};
-use firmware::tick::{Answer, Command};
+use firmware::supervisor::Vent;
+use firmware::tick::{Action, Answer, Command};
 use model_export::blob::crc32;
 use model_export::link::fault::{Blocker, Fault};
 use model_export::link::frame::Decoder;
@@ -73,7 +74,8 @@ struct Session {
     bench: Bench,
     link: Link<Ram, Ram>,
     queue: Queue,
-    token: u16,
+    token: u32,
+    session: u32,
     decoder: Decoder,
     replies: Vec<ReplyFrame>,
     telemetry: Vec<Telemetry>,
@@ -99,11 +101,12 @@ impl Session {
             facts: FACTS,
         };
         let link = Link::new(config, settings_flash, model_flash);
-        Self {
+        let mut session = Self {
             bench: Bench::new(link.settings()),
             link,
             queue: Queue::default(),
             token: 0,
+            session: 0,
             decoder: Decoder::new(),
             replies: Vec::new(),
             telemetry: Vec::new(),
@@ -111,7 +114,16 @@ impl Session {
             model_is_good: Cell::new(true),
             events: Vec::new(),
             host_reads: true,
-        }
+        };
+        session.greet();
+        session
+    }
+
+    /// Begins a session.
+    fn greet(&mut self) {
+        self.bytes(&model_export::link::frame::encode(&[Kind::HelloRequest.byte()]).unwrap());
+        self.hear();
+        self.session = self.hello.as_ref().unwrap().session;
     }
 
     fn idle(settings: &Settings) -> Self {
@@ -126,16 +138,16 @@ impl Session {
             let event = self.link.receive(*byte, &mut self.queue);
             if event == Some(Event::ModelUploaded) {
                 assert!(self.link.uploaded_model().is_some());
-                self.link.finish_upload(self.model_is_good.get(), &mut self.queue);
+                self.link.finish_upload(if self.model_is_good.get() { Ok(()) } else { Err(Fault::GoldenMismatch) }, &mut self.queue);
             } else {
                 self.events.extend(event);
             }
         }
     }
 
-    fn send(&mut self, request: Request) -> u16 {
+    fn send(&mut self, request: Request) -> u32 {
         self.token += 1;
-        let wire = RequestFrame { token: self.token, request }.to_wire().unwrap();
+        let wire = RequestFrame { token: self.token, session: self.session, request }.to_wire().unwrap();
         self.bytes(&wire);
         self.token
     }
@@ -148,7 +160,7 @@ impl Session {
         let answered = self.bench.replies.len();
         self.bench.step_with(command.map(|command| command.action));
         let outputs = &self.bench.outputs;
-        self.link.observe(outputs.state, Measured { longest_tick_cycles: 5, stack_unused_bytes: 6 });
+        self.link.observe(outputs.state, outputs.vent_verified, Measured { longest_tick_cycles: 5, stack_unused_bytes: 6, noise: 77 });
         if let Some(sample) = outputs.telemetry {
             self.link.telemetry(sample);
         }
@@ -158,6 +170,11 @@ impl Session {
                 self.link.answer(Answer { token, reply });
             }
         }
+        self.hear();
+    }
+
+    /// What the link has to say.
+    fn hear(&mut self) {
         while self.host_reads
             && let Some(wire) = self.link.transmit()
         {
@@ -202,7 +219,87 @@ fn hello_is_answered_in_any_state_and_behind_garbage() {
     let hello = session.hello.clone().unwrap();
     assert_eq!((hello.protocol, hello.schema_hash, hello.board.as_str()), (PROTOCOL, SCHEMA_HASH, "bench"));
     assert_eq!(hello.reset_cause, ResetCause::PowerOn);
+    assert_eq!(session.session, hello.session, "no request came yet, so it is the same session");
     assert_eq!(session.status().damaged_frames, 2);
+}
+
+#[test]
+fn frames_of_another_session_and_old_ones_move_nothing_and_a_vent_is_always_welcome() {
+    let mut session = Session::idle(&set_point_settings());
+    let frame = |session: &Session, token, request| RequestFrame { token, session: session.session, request }.to_wire().unwrap();
+    let set_point = |value| Request::SetPoint { quantity: Quantity::Pressure, value };
+    assert_eq!(session.ask(Request::Arm), Reply::Done);
+    assert_eq!(session.ask(Request::Start), Reply::Done);
+    let old = frame(&session, session.token + 1, set_point(2.0));
+    for _ in 0..20 {
+        session.ask(set_point(0.5));
+    }
+    session.replies.clear();
+    let before = session.status().damaged_frames;
+    // The same session: an old frame again, and the newest one twice.
+    session.bytes(&old);
+    let newest = frame(&session, session.token, set_point(2.0));
+    session.bytes(&newest);
+    session.step();
+    assert_eq!(session.status().damaged_frames, before + 2);
+    assert_eq!(session.bench.rig.insight().set_point, 0.5);
+
+    // Everything that was ever said, after the next host has begun: the rig does not even arm.
+    let arm_and_start: Vec<_> =
+        (100..).zip([Request::Arm, Request::Start, set_point(2.0)]).map(|(token, request)| frame(&session, token, request)).collect();
+    let first = session.session;
+    session.ask(Request::Vent);
+    session.greet();
+    assert_ne!(session.session, first);
+    for _ in 0..500 {
+        session.step();
+    }
+    session.replies.clear();
+    for frame in &arm_and_start {
+        session.bytes(frame);
+        session.step();
+    }
+    assert!(session.replies.iter().all(|frame| frame.reply == Reply::Refused(Refusal::OtherSession)) && session.replies.len() == 3);
+    assert_eq!(session.bench.state(), State::Idle);
+
+    // A vent of anybody.
+    session.token = 0;
+    assert_eq!(session.ask(Request::Arm), Reply::Done);
+    let strange = RequestFrame { token: 0, session: 12_345, request: Request::Vent }.to_wire().unwrap();
+    session.bytes(&strange);
+    session.step();
+    assert_eq!(session.bench.state(), State::Idle);
+}
+
+#[test]
+fn a_device_that_nobody_greeted_takes_no_request_and_each_start_has_its_own_sessions() {
+    let config = || LinkConfig {
+        firmware: [0, 1, 0],
+        board: heapless::String::new(),
+        reset_cause: ResetCause::PowerOn,
+        previous_record: None,
+        facts: FACTS,
+    };
+    let greet = model_export::link::frame::encode(&[Kind::HelloRequest.byte()]).unwrap();
+    let mut seen = std::collections::HashSet::new();
+    for noise in 0..200 {
+        let mut link = Link::new(config(), Ram::new(), Ram::new());
+        let mut queue = Queue::default();
+        link.observe(State::Idle, true, Measured { noise, ..Measured::default() });
+        let arm = RequestFrame { token: 1, session: 0, request: Request::Arm }.to_wire().unwrap();
+        for byte in &arm {
+            link.receive(*byte, &mut queue);
+        }
+        assert!(queue.commands.is_empty());
+        let _ = link.transmit();
+        for byte in &greet {
+            link.receive(*byte, &mut queue);
+        }
+        let mut decoder = Decoder::new();
+        let hello =
+            link.transmit().unwrap().iter().find_map(|byte| decoder.push(*byte).map(|payload| Hello::decode(payload.unwrap()).unwrap()));
+        assert!(seen.insert(hello.unwrap().session));
+    }
 }
 
 #[test]
@@ -386,7 +483,7 @@ fn nothing_is_configured_or_written_while_there_can_be_pressure() {
     assert_eq!(session.link.settings().ceiling_bar, 3.0);
     assert_eq!(session.ask(Request::SettingsSave), refused);
     assert_eq!(session.ask(Request::ModelBegin { length: 4, crc32: 0 }), refused);
-    assert_eq!(session.ask(Request::ModelActivate), refused);
+    assert_eq!(session.ask(Request::ModelActivate { id: [0x11; 8] }), refused);
 }
 
 #[test]
@@ -414,22 +511,30 @@ fn a_model_arrives_in_pieces_is_checked_activated_and_rolled_back() {
     };
     let (first, second) = (vec![0x11; 1001], vec![0x22; 2000]);
     assert_eq!(session.ask(Request::ModelFinish), Reply::Refused(Refusal::NoUpload));
-    assert_eq!(session.ask(Request::ModelActivate), Reply::Refused(Refusal::NoOtherModel));
-    assert_eq!(session.ask(Request::ModelBegin { length: 9_000, crc32: 0 }), Reply::Refused(Refusal::TooLong(7_680)));
+    assert_eq!(session.ask(Request::ModelActivate { id: [0x11; 8] }), Reply::Refused(Refusal::NoOtherModel));
+    assert_eq!(session.ask(Request::ModelBegin { length: 9_000, crc32: 0 }), Reply::Refused(Refusal::TooLong(7_168)));
     assert_eq!(upload(&mut session, &first), Reply::Done);
     assert_eq!(session.link.model_blob(), None, "uploaded is not active");
-    assert_eq!(session.ask(Request::ModelActivate), Reply::Done);
+    assert_eq!(session.ask(Request::Models), Reply::Models { active: [0; 8], other: [0x11; 8] });
+    assert_eq!(session.ask(Request::ModelActivate { id: [0x11; 8] }), Reply::Done);
     assert_eq!(session.link.model_blob(), Some(first.as_slice()));
     assert_eq!(session.events, [Event::ModelChanged]);
     assert_eq!(upload(&mut session, &second), Reply::Done);
-    assert_eq!(session.ask(Request::ModelActivate), Reply::Done);
-    assert_eq!(session.link.model_blob(), Some(second.as_slice()));
-    assert_eq!(session.ask(Request::ModelRollback), Reply::Done);
+    // A host that lost the reply asks again, and again.
+    for _ in 0..3 {
+        assert_eq!(session.ask(Request::ModelActivate { id: [0x22; 8] }), Reply::Done);
+        assert_eq!(session.link.model_blob(), Some(second.as_slice()));
+    }
+    assert_eq!(session.events.len(), 2, "what changes nothing tests nothing");
+    assert_eq!(session.ask(Request::ModelActivate { id: [0x33; 8] }), Reply::Refused(Refusal::NoOtherModel));
+    assert_eq!(session.ask(Request::Models), Reply::Models { active: [0x22; 8], other: [0x11; 8] });
+    assert_eq!(session.ask(Request::ModelActivate { id: [0x11; 8] }), Reply::Done);
     assert_eq!(session.link.model_blob(), Some(first.as_slice()));
 
     session.model_is_good.set(false);
     assert_eq!(upload(&mut session, &second), Reply::Refused(Refusal::NotAModel));
-    assert_eq!(session.ask(Request::ModelActivate), Reply::Refused(Refusal::NoOtherModel), "what is no model cannot be activated");
+    let activate_second = Request::ModelActivate { id: [0x22; 8] };
+    assert_eq!(session.ask(activate_second), Reply::Refused(Refusal::NoOtherModel), "what is no model cannot be activated");
     session.ask(Request::ModelBegin { length: 8, crc32: 0 });
     let bytes = heapless::Vec::from_slice(&[1, 2, 3]).unwrap();
     assert_eq!(session.ask(Request::ModelChunk { offset: 0, bytes }), Reply::Refused(Refusal::PieceLength));
@@ -501,12 +606,66 @@ fn damaged_settings_in_flash_start_with_safe_defaults_and_a_fault() {
     let mut store = Store::new(Ram::new(), settings::STORE_KIND, settings::STORE_VERSION);
     store.save(&settings::encode(&Settings { ceiling_bar: 1.0, ..Settings::default() }).unwrap()).unwrap();
     let mut flash = store.release();
-    flash.0[0][600] ^= 1;
+    flash.0[0][1100] ^= 1;
     let session = Session::with_flash(flash, Ram::new());
     assert_eq!(*session.link.settings(), Settings::default());
     assert!(session.link.boot_faults().contains(Fault::SettingsInvalid));
     // A new chip has no settings, which is no fault.
     assert!(Session::with_flash(Ram::new(), Ram::new()).link.boot_faults().is_empty());
+}
+
+#[test]
+fn damaged_settings_keep_the_rig_vented_until_settings_are_saved_again() {
+    let mut store = Store::new(Ram::new(), settings::STORE_KIND, settings::STORE_VERSION);
+    store.save(&settings::encode(&Settings { ceiling_bar: 0.8, ..set_point_settings() }).unwrap()).unwrap();
+    let mut flash = store.release();
+    // A bit of the header.
+    flash.0[0][9] ^= 4;
+    let mut session = Session::with_flash(flash, Ram::new());
+    assert!(session.link.boot_faults().contains(Fault::SettingsInvalid));
+    assert!(session.link.standing_faults().contains(Fault::SettingsInvalid), "every self-test says so");
+    session.bench = session.bench.into_idle();
+    session.step();
+    let report = session.link.standing_faults();
+    session.bench.ask(Action::SelfTestReport { faults: report, model_period: None });
+    session.step();
+    assert_eq!(session.bench.state(), State::Fault);
+    assert!(matches!(session.ask(Request::Arm), Reply::Refused(_)));
+    let number = by_name("limits.ceiling_bar").unwrap().number;
+    assert_eq!(session.ask(Request::SettingSet { number, value: SettingValue::Float(0.8) }), Reply::Done);
+    // The sensors prove themselves again, and the vent is seen to work.
+    for _ in 0..300 {
+        session.step();
+    }
+    assert_eq!(session.ask(Request::SettingsSave), Reply::Done);
+    assert!(session.link.standing_faults().is_empty());
+    let (saved, _) = session.link.release();
+    let again = Session::with_flash(saved, Ram::new());
+    assert!(again.link.boot_faults().is_empty());
+    assert_eq!(again.link.settings().ceiling_bar, 0.8);
+}
+
+#[test]
+fn flash_is_written_only_once_the_vent_is_verified() {
+    let mut session = Session::idle(&set_point_settings());
+    session.ask(Request::Arm);
+    session.ask(Request::Start);
+    for _ in 0..50 {
+        session.ask(Request::SetPoint { quantity: Quantity::Pressure, value: 2.0 });
+    }
+    let not_vented = Reply::Refused(Refusal::Blocked([Blocker::VentNotVerified].into_iter().collect()));
+    for request in [Request::Disarm, Request::Vent] {
+        session.ask(request);
+        assert_eq!(session.bench.state(), State::Idle);
+        assert!(session.bench.plant.pressure_bar > 0.5 || session.bench.rig.supervisor().vent() != Vent::Verified);
+        assert_eq!(session.ask(Request::SettingsSave), not_vented);
+        assert_eq!(session.ask(Request::ModelBegin { length: 8, crc32: 0 }), not_vented);
+        assert!(session.link.flash().1.0.iter().flatten().all(|byte| *byte == 0xff), "nothing was touched");
+        for _ in 0..400 {
+            session.step();
+        }
+        assert_eq!(session.ask(Request::SettingsSave), Reply::Done);
+    }
 }
 
 #[test]
@@ -526,7 +685,8 @@ fn unplugging_the_host_in_mid_frame_vents_and_the_next_host_is_understood() {
     let mut session = Session::idle(&set_point_settings());
     session.ask(Request::Arm);
     session.ask(Request::Start);
-    let wire = RequestFrame { token: 9, request: Request::SetPoint { quantity: Quantity::Pressure, value: 1.0 } }.to_wire().unwrap();
+    let wire =
+        RequestFrame { token: 9, session: 0, request: Request::SetPoint { quantity: Quantity::Pressure, value: 1.0 } }.to_wire().unwrap();
     session.bytes(&wire[..wire.len() / 2]);
     session.bench.breakage = Some(Breakage::HostSilent);
     for _ in 0..400 {

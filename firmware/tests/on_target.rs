@@ -24,11 +24,12 @@ mod tests {
     use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
     use firmware::board::chip::{clock, memory};
     use firmware::board::clock::{ClockReport, Source};
-    use firmware::board::hardware::CORE_HZ;
+    use firmware::board::hardware::{CORE_HZ, CRYSTAL_HZ, Pll};
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
-    use firmware::parity::{RandomNetwork, network_digest};
+    use firmware::parity::{Layers, RandomNetwork, network_digest};
     use firmware::seam::{RawSample, SampleSource};
+    use model_export::schema::Cell;
 
     struct Board {
         clock: ClockReport,
@@ -41,7 +42,7 @@ mod tests {
         let device = Peripherals::take().expect("the first to ask");
         let mut core = CorePeripherals::take().expect("the first to ask");
         let mut registers = clock::Registers { rcc: &device.RCC, flash: &device.FLASH, timer: &device.TIM11 };
-        let clock = firmware::board::clock::start(&mut registers);
+        let clock = firmware::board::clock::start(&mut registers, CRYSTAL_HZ, Pll::CRYSTAL);
         let cycles = Cycles::start(&mut core.DCB, core.DWT);
         Board { clock, device, cycles }
     }
@@ -56,7 +57,7 @@ mod tests {
 
     #[test]
     fn a_second_has_as_many_cycles_as_the_clock_says(board: Board) {
-        let clock = Milliseconds::start(&board.device.RCC, board.device.TIM5, board.clock.source.rates());
+        let clock = Milliseconds::start(&board.device.RCC, board.device.TIM5, board.clock.rates);
         let wait_for_edge = || {
             let now = clock.now();
             while clock.now() == now {}
@@ -72,7 +73,7 @@ mod tests {
 
     #[test]
     fn the_timer_starts_a_conversion_every_millisecond(board: Board) {
-        let rates = board.clock.source.rates();
+        let rates = board.clock.rates;
         let mut sampler = Sampler::new(&board.device.RCC, board.device.ADC1, &board.device.ADC_COMMON, board.device.TIM2, rates);
         sampler.begin();
         let mut next = || {
@@ -104,7 +105,8 @@ mod tests {
         const STEPS: usize = 100;
         random.fill_pool(9_001);
         for (inputs, units) in [(1, &[32][..]), (1, &[64, 64]), (13, &[16, 48])] {
-            random.draw(9_002, inputs, units);
+            let layers: Layers = units.iter().map(|units| (Cell::Lstm, *units)).collect();
+            random.draw(9_002, inputs, &layers);
             let wire = random.wire();
             let network = Network::new(&wire, inputs).expect("a sound network");
             let kernel = weights.kernel(&network).expect("it fits");

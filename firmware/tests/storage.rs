@@ -20,7 +20,7 @@ enum Cut {
     HalfErased,
 }
 
-const CUTS: [Cut; 8] = [
+const CUTS: [Cut; 10] = [
     Cut::Before,
     Cut::After,
     Cut::HalfErased,
@@ -29,6 +29,8 @@ const CUTS: [Cut; 8] = [
     Cut::Partly(0x5555_5555),
     Cut::Partly(0x0000_0001),
     Cut::Partly(0x8421_1248),
+    Cut::Partly(0x0000_0100),
+    Cut::Partly(0x7fff_ffff),
 ];
 
 /// Flash in memory that loses its power at the given operation.
@@ -144,7 +146,7 @@ fn cut_everywhere(
             let found = booted.active_payload().map(<[u8]>::to_vec);
             let what = format!("operation {operation} of {operations}, {cut:?}");
             assert!(found.as_deref() == old || found.as_deref() == Some(new), "{what}: neither old nor new");
-            assert!(!booted.select().is_fallback, "{what}: a cut is no damage");
+            assert!(!booted.select().is_damaged, "{what}: a cut is no damage");
             saw_old |= found.as_deref() == old;
             saw_new |= found.as_deref() == Some(new);
 
@@ -213,13 +215,13 @@ fn an_upload_is_not_active_before_it_is_activated_and_can_be_rolled_back_many_ti
     store.write(&mut upload, 32, &new[32..]).unwrap();
     store.finish(upload).unwrap();
     assert_eq!(store.active_payload(), Some(old.as_slice()));
-    for round in 0..110 {
+    for round in 0..100 {
         let slot = store.inactive_whole().unwrap();
         store.activate(slot).unwrap();
         let expected = if round % 2 == 0 { &new } else { &old };
         assert_eq!(store.active_payload(), Some(expected.as_slice()), "round {round}");
     }
-    let full = (0..20).find_map(|_| {
+    let full = (0..40).find_map(|_| {
         let slot = store.inactive_whole().unwrap();
         store.activate(slot).err()
     });
@@ -234,11 +236,106 @@ fn a_damaged_active_slot_falls_back_to_the_other_and_says_so() {
     both.save(&new).unwrap();
     for bit in (0..1_000 * 8).step_by(61) {
         let mut flash = both.flash().clone();
-        flash.slots[1][512 + bit / 8] ^= 1 << (bit % 8);
+        flash.slots[1][1024 + bit / 8] ^= 1 << (bit % 8);
         let damaged = store(flash);
         assert_eq!(damaged.active_payload(), Some(old.as_slice()));
-        assert!(damaged.select().is_fallback);
+        assert!(damaged.select().is_damaged);
     }
+}
+
+/// Settings as they are told apart in these tests.
+fn saved_with(ceiling_bar: f32) -> Settings {
+    Settings { ceiling_bar, ..Settings::default() }
+}
+
+fn encoded(ceiling_bar: f32) -> Vec<u8> {
+    settings::encode(&saved_with(ceiling_bar)).unwrap().to_vec()
+}
+
+fn settings_store(flash: MemoryFlash) -> Store<MemoryFlash> {
+    Store::new(flash, settings::STORE_KIND, settings::STORE_VERSION)
+}
+
+/// Flips every bit of both slots, one at a time: what is loaded is a fault, or one of the allowed ceilings. The number of faults.
+fn flip_every_bit(flash: &MemoryFlash, allowed: &[f32], what: &str) -> u32 {
+    let longest = 1024 + settings::MAX_BYTES;
+    let mut detected = 0;
+    let mut flash = flash.clone();
+    for slot in 0..2 {
+        for bit in 0..longest * 8 {
+            flash.slots[slot][bit / 8] ^= 1 << (bit % 8);
+            let store = settings_store(flash);
+            let stored = settings::load(&store);
+            detected += u32::from(stored.is_damaged);
+            let is_allowed = allowed.contains(&stored.settings.ceiling_bar);
+            assert!(
+                stored.is_damaged || is_allowed,
+                "{what}, slot {slot}, word {} bit {}: {}",
+                bit / 32,
+                bit % 32,
+                stored.settings.ceiling_bar
+            );
+            flash = store.release();
+            flash.slots[slot][bit / 8] ^= 1 << (bit % 8);
+        }
+    }
+    detected
+}
+
+#[test]
+fn every_flipped_bit_of_saved_settings_is_harmless_or_a_fault() {
+    let lowest = 0.8;
+    let mut flash = MemoryFlash::new();
+    for slot in &mut flash.slots {
+        slot.truncate(2048);
+    }
+    assert_eq!(flip_every_bit(&flash, &[Settings::DEFAULT.ceiling_bar], "a new chip"), 0, "a new chip has no settings, which is no fault");
+    let mut before = Settings::DEFAULT.ceiling_bar;
+    // The first save, one after a stricter one, one after a laxer one, and back.
+    for (round, ceiling_bar) in [lowest, 2.0, lowest, 2.5, lowest].into_iter().enumerate() {
+        let save = |flash: MemoryFlash| {
+            let mut store = settings_store(flash);
+            let saved = store.save(&encoded(ceiling_bar));
+            (saved, store.release())
+        };
+        let (saved, after) = save(flash.clone().after_power_up());
+        saved.unwrap();
+        let detected = flip_every_bit(&after, &[ceiling_bar], &format!("save {round}"));
+        // All of the payload and of the header's five words; in an activation it is corrected, elsewhere it changes nothing.
+        assert_eq!(detected, 8 * encoded(ceiling_bar).len() as u32 + 160, "save {round}");
+        // A save that is cut short where old becomes new: either is what the operator chose, and nothing else.
+        for operation in (after.operations - 4..=after.operations).filter(|_| round < 3) {
+            for cut in [Cut::Before, Cut::Partly(0x7fff_ffff)] {
+                let mut interrupted = flash.clone().after_power_up();
+                interrupted.cut = Some((operation, cut));
+                let (_, interrupted) = save(interrupted);
+                flip_every_bit(&interrupted, &[before, ceiling_bar], &format!("save {round}, operation {operation}, {cut:?}"));
+            }
+        }
+        (flash, before) = (after, ceiling_bar);
+    }
+}
+
+#[test]
+fn settings_of_another_layout_version_are_a_fault() {
+    let mut other = Store::new(MemoryFlash::new(), settings::STORE_KIND, settings::STORE_VERSION + 1);
+    other.save(&encoded(0.8)).unwrap();
+    assert!(settings::load(&settings_store(other.release())).is_damaged);
+}
+
+#[test]
+fn a_slot_that_is_lost_whole_does_not_bring_the_settings_before_it_back_unsaid() {
+    let mut both = settings_store(MemoryFlash::new());
+    both.save(&encoded(3.0)).unwrap();
+    both.save(&encoded(0.8)).unwrap();
+    let mut flash = both.release();
+    flash.slots[1].fill(0xff);
+    let stored = settings::load(&settings_store(flash.clone()));
+    assert!(stored.is_damaged, "{} bar", stored.settings.ceiling_bar);
+    // Saving again mends it.
+    let mut mended = settings_store(flash.after_power_up());
+    mended.save(&encoded(0.8)).unwrap();
+    assert_eq!(settings::load(&mended), settings::Stored { settings: saved_with(0.8), ..settings::Stored::default() });
 }
 
 #[test]
@@ -260,7 +357,7 @@ fn a_thing_that_is_too_long_or_arrives_damaged_leaves_the_active_one_alone() {
     let old = thing(1, 500);
     let mut store = store(MemoryFlash::new());
     store.save(&old).unwrap();
-    assert_eq!(store.begin(3_585, 0), Err(StorageError::TooLong(3_584)));
+    assert_eq!(store.begin(3_073, 0), Err(StorageError::TooLong(3_072)));
     let mut upload = store.begin(8, 0x1234_5678).unwrap();
     store.write(&mut upload, 0, &[1; 8]).unwrap();
     assert_eq!(store.finish(upload), Err(StorageError::Checksum));

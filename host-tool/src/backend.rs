@@ -1,4 +1,5 @@
-//! Which rig: a board on a serial port, the emulator, or a rig in this process; opened, they all are a [`Transport`].
+//! Which rig: a board on a serial port, the flashable image on a model of its chip, the emulator, or a rig in this process; opened, they
+//! all are a [`Transport`].
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -6,7 +7,8 @@ use std::time::Duration;
 
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Muscle, Processor, Qemu, QemuConfig, Serial, Transport,
+    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Muscle, Processor, Qemu,
+    QemuConfig, Serial, Transport,
 };
 use crate::plant::Plant;
 
@@ -14,6 +16,8 @@ use crate::plant::Plant;
 pub const EMULATED_BOARD: &str = "qemu";
 /// The name of the rig in this process.
 pub const VIRTUAL_BOARD: &str = "virtual";
+/// The name of the backend that runs the flashable image.
+pub const BOARD_MODEL: &str = "board-model";
 
 /// Where a rig is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +26,8 @@ pub enum Backend {
     Virtual,
     /// In the emulator.
     Qemu,
+    /// The flashable image on a model of its chip.
+    BoardModel,
     /// On this serial port.
     Serial(String),
 }
@@ -34,7 +40,8 @@ impl FromStr for Backend {
             Some(("serial", port)) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
             None if text == "virtual" => Ok(Self::Virtual),
             None if text == "qemu" => Ok(Self::Qemu),
-            _ => Err("virtual, qemu or serial:PORT is wanted, for example serial:/dev/ttyUSB0 or serial:COM3".to_owned()),
+            None if text == BOARD_MODEL => Ok(Self::BoardModel),
+            _ => Err("virtual, qemu, board-model or serial:PORT is wanted, for example serial:/dev/ttyUSB0 or serial:COM3".to_owned()),
         }
     }
 }
@@ -49,7 +56,7 @@ pub struct Simulated {
     pub plant: String,
     /// What the flash holds.
     pub flash: FlashMemory,
-    /// The emulator's image, if it is not where cargo leaves it.
+    /// The image, if it is not where cargo leaves it.
     pub image: Option<PathBuf>,
     /// The name that the device gives.
     pub board: &'static str,
@@ -78,6 +85,8 @@ pub enum Rig {
     Virtual(Box<Lockstep<InProcess, Recorder>>),
     /// In the emulator.
     Qemu(Box<Lockstep<Qemu, Recorder>>),
+    /// On a model of the chip.
+    BoardModel(Box<Lockstep<BoardModel>>),
     /// A board.
     Serial(Serial),
 }
@@ -102,7 +111,23 @@ impl Rig {
                 let processor = Qemu::start(QemuConfig::find(image.as_deref())?, &flash)?;
                 Self::Qemu(Box::new(Lockstep::new(processor, Hardware::new(hardware, muscle), recorder, "the rig in QEMU", board)?))
             }
+            Backend::BoardModel => {
+                let Simulated { hardware, muscle, flash, image, board, .. } = simulated()?;
+                let processor = BoardModel::start(BoardModelConfig::find(image.as_deref())?, &flash)?;
+                let place = "the flashable image on the board's model";
+                Self::BoardModel(Box::new(Lockstep::new(processor, Hardware::new(hardware, muscle), (), place, board)?))
+            }
         })
+    }
+
+    /// The name of the backend, where it is asked for its journal over the link.
+    #[must_use]
+    pub fn traced_as(&self) -> Option<&'static str> {
+        match self {
+            Self::Virtual(_) | Self::Qemu(_) => None,
+            Self::BoardModel(_) => Some(BOARD_MODEL),
+            Self::Serial(_) => Some("serial"),
+        }
     }
 
     /// Whether its time is simulated.
@@ -111,13 +136,21 @@ impl Rig {
         !matches!(self, Self::Serial(_))
     }
 
-    /// What went into it so far, tick by tick; a board is asked for its journal over the link.
+    /// What went into it so far, tick by tick; a board and its model are asked for their journal over the link.
     #[must_use]
     pub fn journal(&self) -> Option<&Journal> {
         match self {
             Self::Virtual(rig) => Some(rig.observer().journal()),
             Self::Qemu(rig) => Some(rig.observer().journal()),
-            Self::Serial(_) => None,
+            Self::BoardModel(_) | Self::Serial(_) => None,
+        }
+    }
+
+    /// What the image logged, where somebody sees it.
+    pub fn log(&mut self) -> Option<&str> {
+        match self {
+            Self::BoardModel(rig) => Some(rig.processor().log()),
+            Self::Virtual(_) | Self::Qemu(_) | Self::Serial(_) => None,
         }
     }
 
@@ -126,6 +159,7 @@ impl Rig {
         match self {
             Self::Virtual(rig) => Some(rig.hardware()),
             Self::Qemu(rig) => Some(rig.hardware()),
+            Self::BoardModel(rig) => Some(rig.hardware()),
             Self::Serial(_) => None,
         }
     }
@@ -133,11 +167,12 @@ impl Rig {
     /// The flash of a simulated rig as it is now.
     ///
     /// # Errors
-    /// When the emulator's cannot be read.
+    /// When it cannot be read.
     pub fn flash(&mut self) -> Result<Option<FlashMemory>, LinkError> {
         match self {
             Self::Virtual(rig) => rig.processor().read_flash().map(Some),
             Self::Qemu(rig) => rig.processor().read_flash().map(Some),
+            Self::BoardModel(rig) => rig.processor().read_flash().map(Some),
             Self::Serial(_) => Ok(None),
         }
     }
@@ -148,6 +183,7 @@ impl Transport for Rig {
         match self {
             Self::Virtual(rig) => rig.send(bytes),
             Self::Qemu(rig) => rig.send(bytes),
+            Self::BoardModel(rig) => rig.send(bytes),
             Self::Serial(port) => port.send(bytes),
         }
     }
@@ -156,6 +192,7 @@ impl Transport for Rig {
         match self {
             Self::Virtual(rig) => rig.receive(limit, into),
             Self::Qemu(rig) => rig.receive(limit, into),
+            Self::BoardModel(rig) => rig.receive(limit, into),
             Self::Serial(port) => port.receive(limit, into),
         }
     }
@@ -164,6 +201,7 @@ impl Transport for Rig {
         match self {
             Self::Virtual(rig) => rig.elapsed(),
             Self::Qemu(rig) => rig.elapsed(),
+            Self::BoardModel(rig) => rig.elapsed(),
             Self::Serial(port) => port.elapsed(),
         }
     }
@@ -172,6 +210,7 @@ impl Transport for Rig {
         match self {
             Self::Virtual(rig) => rig.place(),
             Self::Qemu(rig) => rig.place(),
+            Self::BoardModel(rig) => rig.place(),
             Self::Serial(port) => port.place(),
         }
     }
@@ -185,6 +224,7 @@ mod tests {
     fn backends_are_read_from_the_command_line() {
         assert_eq!("virtual".parse(), Ok(Backend::Virtual));
         assert_eq!("qemu".parse(), Ok(Backend::Qemu));
+        assert_eq!("board-model".parse(), Ok(Backend::BoardModel));
         assert_eq!("serial:COM3".parse(), Ok(Backend::Serial("COM3".to_owned())));
         for wrong in ["", "serial", "serial:", "virtual:1", "usb"] {
             assert!(wrong.parse::<Backend>().is_err(), "{wrong}");

@@ -18,12 +18,17 @@ use core::fmt;
 
 use crate::schema::Model;
 use crate::validate::Invalid;
+#[cfg(feature = "std")]
+use crate::wire::Writer;
 use crate::wire::{Reader, Wire as _};
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
-/// Version of the schema; any other is refused.
-pub const SCHEMA_VERSION: u16 = 2;
+/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs; a model without them is written in
+/// version 2, so that firmware of before runs it.
+pub const SCHEMA_VERSION: u16 = 3;
+/// Oldest version that is read.
+pub const OLDEST_SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.
 pub const HEADER_BYTES: usize = 52;
 
@@ -83,7 +88,10 @@ impl fmt::Display for BlobError {
                 write!(formatter, "damaged: CRC-32 is {computed:08x}, the header says {stored:08x}; copy the blob again")
             }
             Self::SchemaVersion { found } => {
-                write!(formatter, "wrong schema version: {found}, this build reads {SCHEMA_VERSION}; export the model again")
+                write!(
+                    formatter,
+                    "wrong schema version: {found}, this build reads {OLDEST_SCHEMA_VERSION} to {SCHEMA_VERSION}; export the model again"
+                )
             }
             Self::Activation { found } => {
                 write!(formatter, "wrong activation: number {found}, this build knows 0 (tanh), 1 (relu) and 2 (hard)")
@@ -206,10 +214,10 @@ pub fn decode_into<'a>(bytes: &'a [u8], model: &mut Model<'a>) -> Result<Header,
     if stored != computed {
         return Err(BlobError::Checksum { stored, computed });
     }
-    if version != SCHEMA_VERSION {
+    if !(OLDEST_SCHEMA_VERSION..=SCHEMA_VERSION).contains(&version) {
         return Err(BlobError::SchemaVersion { found: version });
     }
-    let mut reader = Reader::new(payload);
+    let mut reader = Reader::of_version(payload, version);
     model.read(&mut reader);
     let Some(extension) = reader.finish() else { return Err(BlobError::Payload) };
     model.extension = extension;
@@ -238,12 +246,13 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
     use sha2::Digest;
 
     model.validate()?;
-    let mut payload = postcard::to_stdvec(model).map_err(|_| BlobError::Payload)?;
+    let version = model.schema_version();
+    let mut payload = payload(model, version);
     payload.extend_from_slice(model.extension);
     let length = u32::try_from(HEADER_BYTES + payload.len()).map_err(|_| BlobError::Payload)?;
     let mut bytes = std::vec::Vec::with_capacity(HEADER_BYTES + payload.len());
     bytes.extend(MAGIC);
-    bytes.extend(SCHEMA_VERSION.to_le_bytes());
+    bytes.extend(version.to_le_bytes());
     bytes.extend([0; 2]);
     bytes.extend(length.to_le_bytes());
     bytes.extend([0; 4]);
@@ -253,6 +262,24 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
     Ok(bytes)
 }
 
+/// The model on the wire.
+#[cfg(feature = "std")]
+fn payload(model: &Model<'_>, version: u16) -> std::vec::Vec<u8> {
+    // What a model of three full layers takes; a longer one is tried again.
+    let mut place = std::vec![0; 1 << 16];
+    loop {
+        let mut writer = Writer::of_version(&mut place, version);
+        model.write(&mut writer);
+        match writer.finish() {
+            Some(length) => {
+                place.truncate(length);
+                return place;
+            }
+            None => place.resize(2 * place.len(), 0),
+        }
+    }
+}
+
 /// Writes the CRC-32 into a blob's header.
 #[cfg(feature = "std")]
 fn seal(bytes: &mut [u8]) {
@@ -260,6 +287,12 @@ fn seal(bytes: &mut [u8]) {
     if let Some(field) = bytes.get_mut(16..20) {
         field.copy_from_slice(&crc);
     }
+}
+
+/// First bytes of the content hash that a blob carries, by which models are told apart on the link.
+#[must_use]
+pub fn content_id(bytes: &[u8]) -> Option<[u8; 8]> {
+    array(bytes, 20)
 }
 
 /// Whether the content hash in the header is that of the payload; the CRC alone does not prove identity.

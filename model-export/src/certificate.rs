@@ -16,6 +16,8 @@
 //!
 //! The weights are the quantised ones. Rounding adds a bounded disturbance to each step: differences shrink to its size, not to zero.
 //!
+//! The condition is that of LSTM networks; there is none here for networks with other layers.
+//!
 //! Source: the scalar form of the condition in F. Bonassi, E. Terzi, M. Farina, R. Scattolini, "LSTM neural networks: input to state stability
 //! and probabilistic safety verification", L4DC 2020, and E. Terzi et al., "Learning model predictive control with long short-term memory
 //! networks", Int. J. Robust Nonlinear Control 31, 2021; here entry by entry, which is less conservative.
@@ -24,7 +26,7 @@ use std::vec;
 use std::vec::Vec;
 
 use crate::fixed::{FEATURE_FRACTION, hidden_fraction};
-use crate::schema::{Activation, Network};
+use crate::schema::{Activation, Cell, Network};
 
 /// Largest feature: Q1.14 saturates there.
 pub const LARGEST_FEATURE: f64 = 2.0;
@@ -99,16 +101,19 @@ struct Bounded {
     activated: Vec<f64>,
 }
 
-/// Examines a network; `tolerance` is in normalised output.
+/// Examines a network of LSTM layers, none for others; `tolerance` is in normalised output.
 #[must_use]
 pub fn certificate(network: &Network<'_>, tolerance: f64) -> Option<Certificate> {
     let activation = network.activation().ok()?;
+    if network.layers.iter().any(|layer| layer.cell != Cell::Lstm) {
+        return None;
+    }
     let mut radius = 0.0f64;
     let mut fraction = i32::from(FEATURE_FRACTION);
     let mut inputs = vec![LARGEST_FEATURE; usize::from(network.layers.first()?.inputs)];
     let mut layers: Vec<(Bounded, Vec<f64>)> = Vec::new();
     for layer in &network.layers {
-        let hidden = hidden_fraction(activation, layer.cell_exponent, layer.hidden_shift);
+        let hidden = hidden_fraction(layer.cell, activation, layer.cell_exponent, layer.hidden_shift);
         let units = usize::from(layer.units);
         let real = RealLayer {
             units,
@@ -301,6 +306,7 @@ mod tests {
 
         fn network(&self) -> Network<'_> {
             let layer = Layer {
+                cell: Cell::Lstm,
                 inputs: 1,
                 units: 1,
                 input_weights: &self.input,

@@ -17,9 +17,9 @@
 //! | weight | `i8` | one scale per row, separate for the input and the recurrent matrix |
 //! | accumulator | `i32` | weight times feature or hidden state |
 //! | pre-activation `z` | `i32` | Q15.16 |
-//! | gates i, f, o | `i32` | Q0.31 |
-//! | candidate g and activated cell (tanh, hard) | `i32` | Q1.30 |
-//! | cell state, candidate and activated cell (relu) | `i32` | Q1.30 of `2^k`, `k = cell_exponent` |
+//! | gates i, f, o, r, u | `i32` | Q0.31 |
+//! | activated cell (tanh, hard) | `i32` | Q1.30 |
+//! | state, candidate and activated cell (relu) | `i32` | Q1.30 of `2^k`, `k = cell_exponent` |
 //! | bias | `i64` | Q15.48 |
 //! | dense weight | `i16` | one scale |
 //!
@@ -27,18 +27,37 @@
 //!
 //! ```text
 //! acc_x = sum_j W_x[r][j] * x[j]        acc_h = sum_j W_h[r][j] * h[j]          exact in i32, any order, old h
-//! z_r   = high(bias_r + acc_x * mx_r + acc_h * mh_r)                            for the rows r of i, f, g, o; bias_r includes 2^31
+//! z_r   = high(bias_r + acc_x * mx_r + acc_h * mh_r)                            for the rows r of every gate; bias_r includes 2^31
+//! act(z) = tanh(z) >> k                                                         tanh
+//!          ssat(z, 17) << (14 - k)                                              hard
+//!          min(max(z, 0), limit >> (14 - k)) << (14 - k)                        relu, limit = cell_limit <= 2^30
+//! ```
+//!
+//! LSTM, with the gates i, f, g, o and `s = hidden_shift`:
+//!
+//! ```text
 //! i, f, o = sigmoid(z)
-//! g     = tanh(z) >> k                                                          tanh
-//!         ssat(z, 17) << (14 - k)                                               hard
-//!         min(max(z, 0), limit >> (14 - k)) << (14 - k)                         relu
+//! g     = act(z)
 //! t     = smmulr(f, c) + smmulr(i, g)                                           Q2.29 of 2^k
-//! c     = min(max(t, -limit/2), limit/2 - 1) << 1                               limit = cell_limit <= 2^30
+//! c     = min(max(t, -limit/2), limit/2 - 1) << 1
 //! a     = tanh(c >> (14 - k))                                                   tanh
 //!         min(max(c, -2^(30-k)), 2^(30-k) - 1) << k                             hard
 //!         max(c, 0)                                                             relu
-//! h     = ssat((smmulr(o, a) + 2^(s-1)) >> s, 16)                               s = hidden_shift
+//! h     = ssat((smmulr(o, a) + 2^(s-1)) >> s, 16)
 //! ```
+//!
+//! GRU, with the gates r, u, n, m. Its hidden state is kept in the wide format of a cell, since 16 bits would swallow the small steps of a
+//! slow unit; rows see it in 16:
+//!
+//! ```text
+//! r, u  = sigmoid(z)
+//! q     = qadd(z_n, qadd(p, p))        p = smmulr(r, z_m)                       qadd saturates to 32 bits
+//! t     = smmulr(u, c) + smmulr(2^31 - 1 - u, act(q))
+//! c     = min(max(t, -limit/2), limit/2 - 1) << 1
+//! h     = ssat((c + 2^s) >> (s + 1), 16)
+//! ```
+//!
+//! Dense: `h = ssat((act(z) + 2^s) >> (s + 1), 16)`.
 //!
 //! The next layer's input is this layer's new `h`. The output is `bias + scale * (sum_j w[j] * h[j])`, the sum exact in `i32`, the
 //! rest in `f32`.
@@ -59,8 +78,10 @@
 //! # Why nothing overflows
 //!
 //! A row has at most 64 columns, so |acc| <= 64 * 128 * 32768 = 2^28. With |m| <= 2^31 and |bias| <= 2^61 the sum stays below
-//! 2^61 + 2 * 2^59 < 2^63, whatever the bytes. f < 1 and |c| <= 2^30 give |t| <= 2^30. The dense weights satisfy
+//! 2^61 + 2 * 2^59 < 2^63, whatever the bytes. f < 1 and |c| <= 2^30 give |t| <= 2^30; so do u and 1 - u. The dense weights satisfy
 //! sum |w| <= 65535, so their sum stays below 65535 * 32768 < 2^31. [`crate::blob::decode`] checks what of this depends on the blob.
+
+use crate::schema::{Activation, Cell};
 
 /// Fractional bits of a feature.
 pub const FEATURE_FRACTION: u8 = 14;
@@ -160,12 +181,13 @@ const fn table(curve: Curve) -> Table {
 
 /// Fractional bits of a layer's hidden state.
 ///
-/// The product of output gate (Q0.31) and activated cell (Q1.30, for relu of `2^k`) has 29 after the upper word is taken.
+/// The product of output gate (Q0.31) and activated cell (Q1.30, for relu of `2^k`) has 29 after the upper word is taken, half a state
+/// (Q1.30 of `2^k`) as many.
 #[must_use]
-pub const fn hidden_fraction(activation: crate::schema::Activation, cell_exponent: u8, hidden_shift: u8) -> i32 {
-    let exponent = match activation {
-        crate::schema::Activation::Relu => cell_exponent as i32,
-        crate::schema::Activation::Tanh | crate::schema::Activation::Hard => 0,
+pub const fn hidden_fraction(cell: Cell, activation: Activation, cell_exponent: u8, hidden_shift: u8) -> i32 {
+    let exponent = match (cell, activation) {
+        (Cell::Lstm, Activation::Tanh | Activation::Hard) => 0,
+        (Cell::Lstm, Activation::Relu) | (Cell::Gru | Cell::Dense(_), _) => cell_exponent as i32,
     };
     29 - hidden_shift as i32 - exponent
 }

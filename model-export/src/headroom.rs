@@ -3,7 +3,7 @@
 //! For every row the largest magnitude that any input could bring the accumulator to is `sum |w| * 32768`, whatever the data; for the
 //! 64-bit sum that scales it, `|b| + sum |w_x| * 32768 * |m_x| + sum |w_h| * 32768 * |m_h|`. The headroom is the type's range over that.
 
-use crate::schema::Network;
+use crate::schema::{Layer, Network};
 
 /// Range of the type over the largest magnitude possible; above 1 the sum cannot overflow.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,23 +28,38 @@ fn magnitude(weights: &[u8]) -> f64 {
     weights.iter().map(|weight| f64::from(weight.cast_signed().unsigned_abs())).sum::<f64>() * 32_768.0
 }
 
+/// Largest magnitudes of a row: of each accumulator, and of what it adds to the scaled sum.
+struct Row {
+    input: [f64; 2],
+    recurrent: [f64; 2],
+    bias: f64,
+}
+
+fn rows(layer: &Layer<'_>) -> impl Iterator<Item = Row> {
+    let sums = |weights: &'_ [u8], multipliers: &'_ [u8], columns: u16| {
+        let multipliers = multipliers.as_chunks::<4>().0.iter().map(|bytes| f64::from(i32::from_le_bytes(*bytes)).abs());
+        let sums = weights.chunks(usize::from(columns).max(1)).map(magnitude).zip(multipliers);
+        sums.map(|(sum, multiplier)| [sum, sum * multiplier]).collect::<std::vec::Vec<_>>().into_iter()
+    };
+    let mut input = sums(layer.input_weights, layer.input_multipliers, layer.inputs);
+    let mut recurrent = sums(layer.recurrent_weights, layer.recurrent_multipliers, layer.units);
+    let biases = layer.biases.as_chunks::<8>().0.iter().map(|bytes| i64::from_le_bytes(*bytes).unsigned_abs() as f64);
+    let gates = layer.cell.gates().iter().flat_map(|gate| core::iter::repeat_n(gate, usize::from(layer.units)));
+    gates.zip(biases).map(move |(gate, bias)| Row {
+        input: if gate.input.is_some() { input.next() } else { None }.unwrap_or_default(),
+        recurrent: if gate.recurrent.is_some() { recurrent.next() } else { None }.unwrap_or_default(),
+        bias,
+    })
+}
+
 /// Headroom of a network's sums over all rows and all data. A row of zeros leaves infinite room.
 #[must_use]
 pub fn headroom(network: &Network<'_>) -> Headroom {
     let (mut accumulator, mut scaled) = (0.0f64, 0.0f64);
     for layer in &network.layers {
-        let multipliers = |bytes: &[u8]| -> std::vec::Vec<f64> {
-            bytes.as_chunks::<4>().0.iter().map(|bytes| f64::from(i32::from_le_bytes(*bytes)).abs()).collect()
-        };
-        let input_rows = layer.input_weights.chunks(usize::from(layer.inputs).max(1)).map(magnitude);
-        let recurrent_rows = layer.recurrent_weights.chunks(usize::from(layer.units).max(1)).map(magnitude);
-        let input_multipliers = multipliers(layer.input_multipliers);
-        let recurrent_multipliers = multipliers(layer.recurrent_multipliers);
-        let multipliers = input_multipliers.iter().zip(&recurrent_multipliers);
-        let biases = layer.biases.as_chunks::<8>().0.iter().map(|bytes| i64::from_le_bytes(*bytes).unsigned_abs() as f64);
-        for (((input, recurrent), (by_input, by_recurrent)), bias) in input_rows.zip(recurrent_rows).zip(multipliers).zip(biases) {
-            accumulator = accumulator.max(input).max(recurrent);
-            scaled = scaled.max(bias + input * by_input + recurrent * by_recurrent);
+        for row in rows(layer) {
+            accumulator = accumulator.max(row.input[0]).max(row.recurrent[0]);
+            scaled = scaled.max(row.bias + row.input[1] + row.recurrent[1]);
         }
     }
     let weights = network.dense.weights.as_chunks::<2>().0;

@@ -13,29 +13,31 @@ use std::vec::Vec;
 use crate::fixed::{
     self, BIAS_FRACTION, BIAS_ROUNDING, CELL_FRACTION, FEATURE_FRACTION, MAX_BIAS, MAX_CELL_EXPONENT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT,
 };
-use crate::schema::{self, Activation};
+use crate::schema::{self, Activation, Cell, Gate};
 
-/// One LSTM layer in `f32`; matrices row-major, rows in gate order i, f, g, o.
+/// One layer in `f32`; matrices row-major, rows in the order of [`Cell::gates`].
 #[derive(Clone, Copy, Debug)]
 pub struct FloatLayer<'a> {
+    /// What it computes.
+    pub cell: Cell,
     /// Width of the input.
     pub inputs: usize,
     /// Hidden units.
     pub units: usize,
-    /// `4 * units` rows of `inputs`.
+    /// Rows of `inputs`.
     pub input_weights: &'a [f32],
-    /// `4 * units` rows of `units`.
+    /// Rows of `units`.
     pub recurrent_weights: &'a [f32],
-    /// `4 * units`.
+    /// One a gate and unit.
     pub bias: &'a [f32],
 }
 
 /// A network in `f32`.
 #[derive(Clone, Debug)]
 pub struct FloatNetwork<'a> {
-    /// Cell activation.
+    /// Activation of the recurrent layers.
     pub activation: Activation,
-    /// Bound of the cell state, and the cap of the relu.
+    /// Bound of the cell state, and the cap of the relu in recurrent layers.
     pub state_limit: f32,
     /// First layer first.
     pub layers: Vec<FloatLayer<'a>>,
@@ -50,7 +52,8 @@ pub struct FloatNetwork<'a> {
 pub struct LayerCalibration {
     /// Largest magnitude of the hidden state.
     pub hidden_max: f64,
-    /// `E[v v^T]` with `v = (inputs, previous hidden states, 1)`, row-major; rounding is to nearest without it.
+    /// `E[v v^T]` with `v = (inputs, previous hidden states, 1)`, row-major; rounding is to nearest without it. A dense layer too has its
+    /// previous outputs in it, which none of its rows sees.
     pub moments: Option<Vec<f64>>,
 }
 
@@ -74,7 +77,7 @@ pub enum QuantiseError {
     Weight {
         /// The layer.
         layer: usize,
-        /// The row, gate times units plus unit.
+        /// The row, in the order of the biases: gate times units plus unit.
         row: usize,
         /// Largest magnitude of the row.
         magnitude: f64,
@@ -89,6 +92,13 @@ pub enum QuantiseError {
         row: usize,
         /// The bias.
         value: f64,
+    },
+    /// A dense layer whose outputs exceed 128.
+    Output {
+        /// The layer.
+        layer: usize,
+        /// Its largest output in calibration.
+        largest: f64,
     },
     /// A value that is not finite.
     NotFinite {
@@ -111,6 +121,10 @@ impl core::fmt::Display for QuantiseError {
             Self::Bias { layer, row, value } => {
                 write!(formatter, "layer {layer}, row {row}: the bias {value:.3} exceeds 8191; train with weight decay")
             }
+            Self::Output { layer, largest } => write!(
+                formatter,
+                "layer {layer}: outputs up to {largest:.1} leave no margin to 128, the most that fixed point holds; train with normalised values"
+            ),
             Self::NotFinite { layer } => write!(formatter, "layer {layer}: a weight is not finite; train the model again"),
         }
     }
@@ -121,6 +135,8 @@ impl core::error::Error for QuantiseError {}
 /// A fixed-point layer with its arrays as the blob stores them, and the scales that people ask for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuantisedLayer {
+    /// What it computes.
+    pub cell: Cell,
     /// Width of the input.
     pub inputs: usize,
     /// Hidden units.
@@ -148,7 +164,7 @@ pub struct QuantisedLayer {
 /// A fixed-point network that owns its arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuantisedNetwork {
-    /// Cell activation.
+    /// Activation of the recurrent layers.
     pub activation: Activation,
     /// First layer first.
     pub layers: Vec<QuantisedLayer>,
@@ -190,6 +206,7 @@ impl QuantisedNetwork {
         let mut layers = heapless::Vec::new();
         for layer in &self.layers {
             let wire = schema::Layer {
+                cell: layer.cell,
                 inputs: u16::try_from(layer.inputs).unwrap_or(u16::MAX),
                 units: u16::try_from(layer.units).unwrap_or(u16::MAX),
                 input_weights: &layer.input_weights,
@@ -226,13 +243,6 @@ fn power(exponent: i32) -> f64 {
 /// # Errors
 /// When the network's shape is not the one it claims, or a number does not fit its format.
 pub fn quantise(network: &FloatNetwork<'_>, calibration: &[LayerCalibration]) -> Result<QuantisedNetwork, QuantiseError> {
-    let limit = f64::from(network.state_limit);
-    let bits = (0..=MAX_CELL_EXPONENT).find(|bits| limit <= power(i32::from(*bits)));
-    let Some(cell_exponent) = bits.filter(|_| limit > 1e-6) else {
-        return Err(QuantiseError::StateLimit { limit: network.state_limit });
-    };
-    // Even, because the step halves it.
-    let cell_limit = 2 * (limit * power(i32::from(CELL_FRACTION) - i32::from(cell_exponent) - 1)).round() as i32;
     if network.layers.is_empty() || network.layers.len() > schema::MAX_LAYERS || calibration.len() != network.layers.len() {
         return Err(QuantiseError::Shape { layer: network.layers.len() });
     }
@@ -240,16 +250,19 @@ pub fn quantise(network: &FloatNetwork<'_>, calibration: &[LayerCalibration]) ->
     let mut layers: Vec<QuantisedLayer> = Vec::with_capacity(network.layers.len());
     for (index, (layer, calibration)) in network.layers.iter().zip(calibration).enumerate() {
         check_layer(index, layer, layers.last().map(|below| below.units))?;
-        // Room for what calibration has seen, with a margin; a tanh or hard hidden state never exceeds one.
-        let relu_exponent = if network.activation == Activation::Relu { i32::from(cell_exponent) } else { 0 };
-        let lowest = relu_exponent - i32::from(MAX_HIDDEN_SHIFT) + 1;
+        let activation = layer.cell.activation(network.activation);
+        let (cell_exponent, cell_limit) = state_format(index, layer.cell, activation, network.state_limit, calibration.hidden_max)?;
+        // Room for what calibration has seen, with a margin, and never more than the format of the state makes possible.
+        let highest = 15 - fixed::hidden_fraction(layer.cell, activation, cell_exponent, MAX_HIDDEN_SHIFT);
+        let lowest = highest - i32::from(MAX_HIDDEN_SHIFT) + 1;
         let wanted = (calibration.hidden_max * HIDDEN_MARGIN).max(f64::MIN_POSITIVE).log2().ceil();
-        let hidden_exponent = (wanted.clamp(f64::from(lowest), f64::from(relu_exponent))) as i32;
-        let shift = i32::from(MAX_HIDDEN_SHIFT) + hidden_exponent - relu_exponent;
+        let hidden_exponent = (wanted.clamp(f64::from(lowest), f64::from(highest))) as i32;
+        let shift = i32::from(MAX_HIDDEN_SHIFT) + hidden_exponent - highest;
         let hidden_shift = u8::try_from(shift).unwrap_or(MAX_HIDDEN_SHIFT);
-        let hidden_fraction = fixed::hidden_fraction(network.activation, cell_exponent, hidden_shift);
+        let hidden_fraction = fixed::hidden_fraction(layer.cell, activation, cell_exponent, hidden_shift);
 
         let mut quantised = QuantisedLayer {
+            cell: layer.cell,
             inputs: layer.inputs,
             units: layer.units,
             input_weights: Vec::new(),
@@ -265,15 +278,27 @@ pub fn quantise(network: &FloatNetwork<'_>, calibration: &[LayerCalibration]) ->
             cell_limit,
             hidden_shift,
         };
-        let factor = calibration.moments.as_ref().map(|moments| Feedback::new(moments, layer.inputs + layer.units + 1));
-        for row in 0..4 * layer.units {
-            let input = &layer.input_weights[row * layer.inputs..][..layer.inputs];
-            let recurrent = &layer.recurrent_weights[row * layer.units..][..layer.units];
-            let rounded = match &factor {
-                Some(feedback) => feedback.search(input, recurrent, layer.bias[row]),
-                None => nearest(input, recurrent, layer.bias[row]),
-            };
-            quantised.push_row(index, row, &rounded)?;
+        let (mut input_rows, mut recurrent_rows) = (layer.input_weights.chunks(layer.inputs), layer.recurrent_weights.chunks(layer.units));
+        let mut row = 0;
+        let mut feedback: Option<(Gate, Feedback)> = None;
+        for gate in layer.cell.gates() {
+            if let Some(moments) = &calibration.moments
+                && feedback
+                    .as_ref()
+                    .is_none_or(|(of, _)| (of.input.is_some(), of.recurrent.is_some()) != (gate.input.is_some(), gate.recurrent.is_some()))
+            {
+                feedback = Some((*gate, Feedback::new(moments, layer.inputs, layer.units, (layer.cell, *gate))));
+            }
+            for bias in &layer.bias[row..row + layer.units] {
+                let input = if gate.input.is_some() { input_rows.next() } else { None }.unwrap_or_default();
+                let recurrent = if gate.recurrent.is_some() { recurrent_rows.next() } else { None }.unwrap_or_default();
+                let rounded = match &feedback {
+                    Some((_, feedback)) => feedback.search(input, recurrent, *bias),
+                    None => nearest(input, recurrent, *bias),
+                };
+                quantised.push_row(index, row, &rounded)?;
+                row += 1;
+            }
         }
         input_fraction = hidden_fraction;
         layers.push(quantised);
@@ -282,11 +307,29 @@ pub fn quantise(network: &FloatNetwork<'_>, calibration: &[LayerCalibration]) ->
     Ok(QuantisedNetwork { activation: network.activation, layers, dense_weights, dense_scale, dense_bias: network.dense_bias })
 }
 
+/// Exponent and bound of a layer's state.
+fn state_format(layer: usize, cell: Cell, activation: Activation, state_limit: f32, hidden_max: f64) -> Result<(u8, i32), QuantiseError> {
+    let (limit, error) = match (cell, activation) {
+        (Cell::Lstm, _) | (Cell::Gru, Activation::Relu) => (f64::from(state_limit), QuantiseError::StateLimit { limit: state_limit }),
+        // Whole powers of two: the 16 bits of the output are what bounds it.
+        (Cell::Dense(_), Activation::Relu) => {
+            let reached = (hidden_max * HIDDEN_MARGIN).max(1.0);
+            (power(reached.log2().ceil().min(64.0) as i32), QuantiseError::Output { layer, largest: hidden_max })
+        }
+        // They lie between -1 and 1 whatever comes.
+        (Cell::Gru | Cell::Dense(_), Activation::Tanh | Activation::Hard) => (1.0, QuantiseError::StateLimit { limit: 1.0 }),
+    };
+    let bits = (0..=MAX_CELL_EXPONENT).find(|bits| limit <= power(i32::from(*bits)));
+    let exponent = bits.filter(|_| limit > 1e-6).ok_or(error)?;
+    // Even, because the step halves it.
+    Ok((exponent, 2 * (limit * power(i32::from(CELL_FRACTION) - i32::from(exponent) - 1)).round() as i32))
+}
+
 fn check_layer(index: usize, layer: &FloatLayer<'_>, below: Option<usize>) -> Result<(), QuantiseError> {
-    let rows = 4 * layer.units;
     let dimensions = (1..=schema::MAX_WIDTH).contains(&layer.inputs) && (1..=schema::MAX_UNITS).contains(&layer.units);
-    let lengths =
-        layer.input_weights.len() == rows * layer.inputs && layer.recurrent_weights.len() == rows * layer.units && layer.bias.len() == rows;
+    let lengths = layer.input_weights.len() == layer.cell.input_rows() * layer.units * layer.inputs
+        && layer.recurrent_weights.len() == layer.cell.recurrent_rows() * layer.units * layer.units
+        && layer.bias.len() == layer.cell.gates().len() * layer.units;
     if !dimensions || !lengths || below.is_some_and(|units| units != layer.inputs) {
         return Err(QuantiseError::Shape { layer: index });
     }
@@ -318,7 +361,7 @@ fn quantise_dense(network: &FloatNetwork<'_>, layers: &[QuantisedLayer]) -> Resu
     Ok((bytes, (scale * power(-fraction)) as f32))
 }
 
-/// A row in integers.
+/// A row in integers; it may have no inputs, or nothing else.
 struct RoundedRow {
     integers: Vec<i8>,
     inputs: usize,
@@ -351,10 +394,15 @@ impl QuantisedLayer {
         self.input_weights.extend(input.iter().map(|weight| weight.cast_unsigned()));
         self.recurrent_weights.extend(recurrent.iter().map(|weight| weight.cast_unsigned()));
         // What the integer multiplier stands for, not what it was rounded from.
-        self.input_scales.push((f64::from(input_multiplier) * power(self.input_fraction - i32::from(BIAS_FRACTION))) as f32);
-        self.recurrent_scales.push((f64::from(recurrent_multiplier) * power(self.hidden_fraction - i32::from(BIAS_FRACTION))) as f32);
-        self.input_multipliers.extend(input_multiplier.to_le_bytes());
-        self.recurrent_multipliers.extend(recurrent_multiplier.to_le_bytes());
+        let scale = |multiplier: i32, fraction: i32| (f64::from(multiplier) * power(fraction - i32::from(BIAS_FRACTION))) as f32;
+        if !input.is_empty() {
+            self.input_scales.push(scale(input_multiplier, self.input_fraction));
+            self.input_multipliers.extend(input_multiplier.to_le_bytes());
+        }
+        if !recurrent.is_empty() {
+            self.recurrent_scales.push(scale(recurrent_multiplier, self.hidden_fraction));
+            self.recurrent_multipliers.extend(recurrent_multiplier.to_le_bytes());
+        }
         self.biases.extend(bias.to_le_bytes());
         Ok(())
     }
@@ -380,6 +428,7 @@ fn nearest(input: &[f32], recurrent: &[f32], bias: f32) -> RoundedRow {
 struct Feedback {
     width: usize,
     moments: Vec<f64>,
+    clips: Vec<f64>,
     /// Upper Cholesky factor of the inverse of the (damped) moments, row-major.
     factor: Vec<f64>,
 }
@@ -389,16 +438,32 @@ const DAMPING: f64 = 1e-3;
 
 /// Ends of the scale that are tried, as parts of the largest weight.
 const CLIPS: [f64; 8] = [1.0, 0.96, 0.92, 0.88, 0.84, 0.8, 0.72, 0.64];
+/// As many that are tried in layers that were not trained with the quantiser in the loop: with a few weights in a row, there is a scale of
+/// which all are nearly multiples.
+const FINE_CLIPS: u8 = 96;
 
 impl Feedback {
-    fn new(moments: &[f64], width: usize) -> Self {
-        let mut damped = moments.to_vec();
+    /// For the rows of a gate of a layer with these moments: of them, the columns that the gate sees.
+    fn new(moments: &[f64], inputs: usize, units: usize, (cell, gate): (Cell, Gate)) -> Self {
+        let seen = |column: usize| match column {
+            _ if column < inputs => gate.input.is_some(),
+            _ if column < inputs + units => gate.recurrent.is_some(),
+            _ => true,
+        };
+        let columns: Vec<usize> = (0..=inputs + units).filter(|column| seen(*column)).collect();
+        let width = columns.len();
+        let pairs = columns.iter().flat_map(|row| columns.iter().map(move |column| row * (inputs + units + 1) + column));
+        let mut damped: Vec<f64> = pairs.map(|index| moments[index]).collect();
         let mean = (0..width).map(|index| damped[index * width + index]).sum::<f64>() / width.max(1) as f64;
         for index in 0..width {
             damped[index * width + index] += DAMPING * mean + 1e-12;
         }
         let factor = upper_factor_of_inverse(&damped, width);
-        Self { width, moments: damped, factor }
+        let clips = match cell {
+            Cell::Lstm => CLIPS.to_vec(),
+            Cell::Gru | Cell::Dense(_) => (0..FINE_CLIPS).map(|index| 1.0 - 0.4 * f64::from(index) / f64::from(FINE_CLIPS)).collect(),
+        };
+        Self { width, moments: damped, clips, factor }
     }
 
     /// The better scales and integers of a row.
@@ -407,7 +472,7 @@ impl Feedback {
         let mut best = self.round(input, recurrent, bias, widest);
         // One scale after the other; the second search starts from what the first found.
         for which in 0..2 {
-            for clip in CLIPS {
+            for clip in &self.clips {
                 let scales = if which == 0 { (best.0.input_scale, clip * widest.1) } else { (clip * widest.0, best.0.recurrent_scale) };
                 let trial = self.round(input, recurrent, bias, scales);
                 if trial.1 < best.1 {

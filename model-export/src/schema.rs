@@ -3,8 +3,8 @@
 //! An estimator has two parts. The **front end** is physics in `f32`: it normalises the input, passes it through a fractional
 //! dead time and a first-order lag (the *input path*), feeds a bank of play operators, sums them with the identified weights,
 //! lets that sum creep through slow first-order filters and bends the result along a curve where the actuator is not even over its
-//! range (modified Prandtl-Ishlinskii). The **network** is a small LSTM in fixed point that sees selected front-end
-//! signals as 16-bit *features* and adds a correction to the front end's output.
+//! range (modified Prandtl-Ishlinskii). The **network** is a small one of LSTM, GRU and dense layers in fixed point that sees selected
+//! front-end signals as 16-bit *features* and adds a correction to the front end's output.
 //!
 //! With `x` the raw input, one step computes, all in `f32`:
 //!
@@ -44,9 +44,9 @@ pub const MAX_BENDS: usize = 8;
 pub const MAX_DEAD_TIME_SAMPLES: usize = 32;
 /// Most features the network may see: input, difference, path value, path difference, plays, readout, creeps.
 pub const MAX_FEATURES: usize = 32;
-/// Most LSTM layers.
-pub const MAX_LAYERS: usize = 2;
-/// Most units of an LSTM layer.
+/// Most layers before the dense output.
+pub const MAX_LAYERS: usize = 4;
+/// Most units of a layer.
 pub const MAX_UNITS: usize = 64;
 
 /// Widest input of a layer: features of the first, units of the one below for the others.
@@ -94,6 +94,9 @@ pub enum FeatureSource {
     Readout,
     /// `C_j`, the creep filter of this index.
     Creep(u8),
+    /// `u(k-n)`, the normalised input this many samples ago, 0 to [`MAX_DEAD_TIME_SAMPLES`]; before the first sample the input is taken
+    /// to have rested where it begins. From schema version 3 on.
+    Past(u8),
 }
 
 /// One network input: `feature = (signal - offset) * gain`, then rounded and saturated to Q1.14.
@@ -204,12 +207,14 @@ pub enum Mode {
     },
 }
 
-/// The cell activation, used for the candidate and for the cell's output; gates are always sigmoid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The activation of a candidate, of an LSTM cell's output and of a dense layer; gates are always sigmoid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Activation {
     /// Hyperbolic tangent.
+    #[default]
     Tanh,
-    /// `clamp(x, 0, state limit)`.
+    /// `clamp(x, 0, state limit)`: the paper's Table I, clipped because the unclipped form diverges. A dense layer has no state limit.
     Relu,
     /// `clamp(x, -1, 1)`.
     Hard,
@@ -248,29 +253,121 @@ impl Activation {
     }
 }
 
-/// One LSTM layer. Arrays are borrowed bytes, little-endian, so that reading a blob copies nothing; rows are in gate order i, f, g, o,
+/// What a layer computes, with `x` its input, `h` its output at the step before and one `z` for each of [`Cell::gates`].
+///
+/// ```text
+/// LSTM    i, f, o = sigmoid(z)   g = act(z)                  c := clamp(f*c + i*g, +-limit)   h := o * act(c)
+/// GRU     r, u = sigmoid(z)      n = act(z_n + r * z_m)      h := (1-u)*n + u*h
+/// dense   h := act(z)
+/// ```
+///
+/// The GRU is that of PyTorch: the reset gate scales the product with the hidden state, its bias included. Keras' `reset_after=True`
+/// and ONNX' `linear_before_reset=1` are the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cell {
+    /// Long short-term memory, with the activation of the network.
+    #[default]
+    Lstm,
+    /// Gated recurrent unit, with the activation of the network.
+    Gru,
+    /// No memory, and an activation of its own.
+    Dense(Activation),
+}
+
+/// A set of rows of a layer, one a unit: `z = b`, plus `W x` where it sees the input, plus `U h` where it sees the hidden state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gate {
+    /// Its letter in [`Cell`].
+    pub name: &'static str,
+    /// Which gate's rows of the input matrix are its own; none where it does not see the input.
+    pub input: Option<usize>,
+    /// Which gate's rows of the recurrent matrix are its own; none where it does not see the hidden state.
+    pub recurrent: Option<usize>,
+}
+
+impl Gate {
+    const fn both(name: &'static str, number: usize) -> Self {
+        Self { name, input: Some(number), recurrent: Some(number) }
+    }
+}
+
+impl Cell {
+    /// Its gates, in the order in which their rows stand in the matrices and in the biases.
+    #[must_use]
+    pub const fn gates(self) -> &'static [Gate] {
+        const LSTM: [Gate; 4] = [Gate::both("i", 0), Gate::both("f", 1), Gate::both("g", 2), Gate::both("o", 3)];
+        const GRU: [Gate; 4] = [
+            Gate::both("r", 0),
+            Gate::both("u", 1),
+            Gate { name: "n", input: Some(2), recurrent: None },
+            Gate { name: "m", input: None, recurrent: Some(2) },
+        ];
+        const DENSE: [Gate; 1] = [Gate { name: "h", input: Some(0), recurrent: None }];
+        match self {
+            Self::Lstm => &LSTM,
+            Self::Gru => &GRU,
+            Self::Dense(_) => &DENSE,
+        }
+    }
+
+    /// Rows of the input matrix for each unit.
+    #[must_use]
+    pub fn input_rows(self) -> usize {
+        self.gates().iter().filter(|gate| gate.input.is_some()).count()
+    }
+
+    /// Rows of the recurrent matrix for each unit.
+    #[must_use]
+    pub fn recurrent_rows(self) -> usize {
+        self.gates().iter().filter(|gate| gate.recurrent.is_some()).count()
+    }
+
+    /// Its activation in a network with this one.
+    #[must_use]
+    pub const fn activation(self, of_network: Activation) -> Activation {
+        match self {
+            Self::Lstm | Self::Gru => of_network,
+            Self::Dense(own) => own,
+        }
+    }
+
+    /// Its name in files and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lstm => "LSTM",
+            Self::Gru => "GRU",
+            Self::Dense(_) => "dense",
+        }
+    }
+}
+
+/// One layer. Arrays are borrowed bytes, little-endian, so that reading a blob copies nothing; rows are in the order of [`Cell::gates`],
 /// one row per unit in each gate. The formats are those of [`crate::fixed`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Layer<'a> {
+    /// What it computes; schema version 2 has LSTM layers only.
+    pub cell: Cell,
     /// Width of the input, 1 to [`MAX_WIDTH`].
     pub inputs: u16,
     /// Hidden units, 1 to [`MAX_UNITS`].
     pub units: u16,
-    /// `i8`, `4 * units` rows of `inputs`.
+    /// `i8`, rows of `inputs`.
     pub input_weights: &'a [u8],
-    /// `i8`, `4 * units` rows of `units`.
+    /// `i8`, rows of `units`.
     pub recurrent_weights: &'a [u8],
-    /// `i32`, one per row: scale of the input accumulator.
+    /// `i32`, one per row of the input matrix: scale of its accumulator.
     pub input_multipliers: &'a [u8],
-    /// `i32`, one per row: scale of the recurrent accumulator.
+    /// `i32`, one per row of the recurrent matrix: scale of its accumulator.
     pub recurrent_multipliers: &'a [u8],
-    /// `i64`, one per row: bias in Q15.48, rounding constant included.
+    /// `i64`, one per gate and unit: bias in Q15.48, rounding constant included.
     pub biases: &'a [u8],
-    /// The cell state is stored in Q1.30 of `2^cell_exponent`.
+    /// The state (of the cell; of a GRU, the hidden one; of a dense layer, its output) is in Q1.30 of `2^cell_exponent`.
     pub cell_exponent: u8,
-    /// Bound of the cell state in its stored form; even.
+    /// Bound of that state in its stored form; even.
     pub cell_limit: i32,
-    /// Right shift from the product of output gate and activated cell to the 16-bit hidden state.
+    /// Right shift from the product of output gate and activated cell, or from half the state, to the 16-bit hidden state.
     pub hidden_shift: u8,
 }
 
@@ -288,7 +385,7 @@ pub struct Dense<'a> {
 /// The correction that the network adds to the front end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Network<'a> {
-    /// [`Activation::code`] of every layer's cell activation.
+    /// [`Activation::code`] of every recurrent layer's activation.
     pub activation_code: u8,
     /// First layer first.
     #[serde(borrow)]
@@ -389,6 +486,14 @@ pub struct Model<'a> {
 }
 
 impl Model<'_> {
+    /// The lowest schema version that has room for the model.
+    #[must_use]
+    pub fn schema_version(&self) -> u16 {
+        let has_other_cells = |network: &Network<'_>| network.layers.iter().any(|layer| layer.cell != Cell::Lstm);
+        let sees_past = self.front_end.features.iter().any(|feature| matches!(feature.source, FeatureSource::Past(_)));
+        if sees_past || self.network.as_ref().is_some_and(has_other_cells) { 3 } else { 2 }
+    }
+
     /// What the controllers need of the model, read; empty for a model that was exported for estimation only.
     ///
     /// # Errors
@@ -399,6 +504,16 @@ impl Model<'_> {
 }
 
 wire_struct!(Channel<'a> { quantity, unit, offset, scale, minimum, maximum });
+wire_enum!(Activation {
+    0 Tanh,
+    1 Relu,
+    2 Hard,
+});
+wire_enum!(Cell {
+    0 Lstm,
+    1 Gru,
+    2 Dense(activation),
+});
 wire_enum!(FeatureSource {
     0 Input,
     1 InputDifference,
@@ -408,6 +523,7 @@ wire_enum!(FeatureSource {
     5 Stop(index),
     6 Readout,
     7 Creep(index),
+    8 Past(age),
 });
 wire_struct!(Feature { source, offset, gain });
 wire_struct!(Curve { offset, slope, bend_points, bends });
@@ -429,6 +545,7 @@ wire_enum!(Mode {
     1 Window { length },
 });
 wire_struct!(Layer<'a> {
+    [from 3] cell,
     inputs,
     units,
     input_weights,

@@ -134,6 +134,9 @@ impl FrontEnd {
                 FeatureSource::Creep(filter) => {
                     require(usize::from(filter) < creeps, "front_end.features", index, "an existing creep filter")?;
                 }
+                FeatureSource::Past(age) => {
+                    require(usize::from(age) <= MAX_DEAD_TIME_SAMPLES, "front_end.features", index, "at most 32 samples old")?;
+                }
                 FeatureSource::Input
                 | FeatureSource::InputDifference
                 | FeatureSource::Path
@@ -148,14 +151,19 @@ impl FrontEnd {
 impl Layer<'_> {
     fn validate(&self) -> Result<(), Invalid> {
         let (inputs, units) = (usize::from(self.inputs), usize::from(self.units));
-        let rows = 4 * units;
+        let (input_rows, recurrent_rows) = (self.cell.input_rows() * units, self.cell.recurrent_rows() * units);
         require((1..=MAX_WIDTH).contains(&inputs), "layer.inputs", 0, "between 1 and 64")?;
         require((1..=MAX_UNITS).contains(&units), "layer.units", 0, "between 1 and 64")?;
-        require(self.input_weights.len() == rows * inputs, "layer.input_weights", 0, "4 x units x inputs bytes long")?;
-        require(self.recurrent_weights.len() == rows * units, "layer.recurrent_weights", 0, "4 x units x units bytes long")?;
-        require(self.input_multipliers.len() == 4 * rows, "layer.input_multipliers", 0, "4 bytes a row long")?;
-        require(self.recurrent_multipliers.len() == 4 * rows, "layer.recurrent_multipliers", 0, "4 bytes a row long")?;
-        require(self.biases.len() == 8 * rows, "layer.biases", 0, "8 bytes a row long")?;
+        require(self.input_weights.len() == input_rows * inputs, "layer.input_weights", 0, "as many bytes as rows and inputs make")?;
+        require(
+            self.recurrent_weights.len() == recurrent_rows * units,
+            "layer.recurrent_weights",
+            0,
+            "as many bytes as rows and units make",
+        )?;
+        require(self.input_multipliers.len() == 4 * input_rows, "layer.input_multipliers", 0, "4 bytes a row long")?;
+        require(self.recurrent_multipliers.len() == 4 * recurrent_rows, "layer.recurrent_multipliers", 0, "4 bytes a row long")?;
+        require(self.biases.len() == 8 * units * self.cell.gates().len(), "layer.biases", 0, "8 bytes a gate and unit long")?;
         for (row, bytes) in self.biases.as_chunks::<8>().0.iter().enumerate() {
             require((-MAX_BIAS..=MAX_BIAS).contains(&i64::from_le_bytes(*bytes)), "layer.biases", row, "at most 2^61 in magnitude")?;
         }
@@ -167,7 +175,7 @@ impl Layer<'_> {
 }
 
 impl Network<'_> {
-    /// The cell activation.
+    /// The activation of the recurrent layers.
     ///
     /// # Errors
     /// When the code stands for none.

@@ -4,7 +4,8 @@
 //! the largest model stood on the stack five times while it was read. Here a value is read into the place where it will stay, and
 //! the code for numbers exists once. The types derive serde's traits as well; tests hold both against each other, byte by byte.
 //!
-//! A [`Reader`] or [`Writer`] that fails goes on with zeros, or writes nothing more, and tells at the end.
+//! A [`Reader`] or [`Writer`] that fails goes on with zeros, or writes nothing more, and tells at the end. Each is of one schema version:
+//! a field that came with a later one is not there, and reads as its default.
 //!
 //! [wire format]: https://postcard.jamesmunns.com/wire-format
 
@@ -24,13 +25,26 @@ pub trait Wire<'a> {
 pub struct Reader<'a> {
     rest: &'a [u8],
     is_sound: bool,
+    version: u16,
 }
 
 impl<'a> Reader<'a> {
-    /// Over all of `bytes`.
+    /// Over all of `bytes`, in the newest version.
     #[must_use]
     pub const fn new(bytes: &'a [u8]) -> Self {
-        Self { rest: bytes, is_sound: true }
+        Self::of_version(bytes, u16::MAX)
+    }
+
+    /// Over all of `bytes`, in a schema version.
+    #[must_use]
+    pub const fn of_version(bytes: &'a [u8], version: u16) -> Self {
+        Self { rest: bytes, is_sound: true, version }
+    }
+
+    /// The schema version that is read.
+    #[must_use]
+    pub const fn version(&self) -> u16 {
+        self.version
     }
 
     /// What has not been read yet; `None` if anything before it could not be.
@@ -129,12 +143,24 @@ impl<'a> Reader<'a> {
 pub struct Writer<'p> {
     place: &'p mut [u8],
     length: usize,
+    version: u16,
 }
 
 impl<'p> Writer<'p> {
-    /// Into `place`, from its front.
+    /// Into `place`, from its front, in the newest version.
     pub const fn new(place: &'p mut [u8]) -> Self {
-        Self { place, length: 0 }
+        Self::of_version(place, u16::MAX)
+    }
+
+    /// Into `place`, from its front, in a schema version.
+    pub const fn of_version(place: &'p mut [u8], version: u16) -> Self {
+        Self { place, length: 0, version }
+    }
+
+    /// The schema version that is written.
+    #[must_use]
+    pub const fn version(&self) -> u16 {
+        self.version
     }
 
     /// Bytes written; `None` if they did not fit.
@@ -265,6 +291,16 @@ impl Wire<'_> for f32 {
     }
 }
 
+/// Bytes as they are, as of a tuple.
+impl<const N: usize> Wire<'_> for [u8; N] {
+    fn read(&mut self, from: &mut Reader<'_>) {
+        *self = from.bytes(N).first_chunk().copied().unwrap_or([0; N]);
+    }
+    fn write(&self, to: &mut Writer<'_>) {
+        to.bytes(self);
+    }
+}
+
 impl<'a> Wire<'a> for &'a [u8] {
     fn read(&mut self, from: &mut Reader<'a>) {
         let length = from.length();
@@ -327,16 +363,25 @@ impl<'a, T: Wire<'a> + Default, const N: usize> Wire<'a> for Vec<T, N> {
     }
 }
 
-/// Implements [`Wire`] for a struct: every field, in the order of its declaration; what stands behind a semicolon is no part of it.
+/// Implements [`Wire`] for a struct: every field, in the order of its declaration, the first perhaps only from a schema version on; what
+/// stands behind a semicolon is no part of it.
 macro_rules! wire_struct {
-    ($type:ty { $($field:ident),* $(,)? $(; $skipped:ident)? }) => {
+    ($type:ty { $([from $version:literal] $newer:ident,)? $($field:ident),* $(,)? $(; $skipped:ident)? }) => {
         impl<'a> $crate::wire::Wire<'a> for $type {
             fn read(&mut self, from: &mut $crate::wire::Reader<'a>) {
-                let Self { $($field,)* $($skipped: _)? } = self;
+                let Self { $($newer,)? $($field,)* $($skipped: _)? } = self;
+                $(if from.version() >= $version {
+                    $crate::wire::Wire::read($newer, from);
+                } else {
+                    *$newer = Default::default();
+                })?
                 $($crate::wire::Wire::read($field, from);)*
             }
             fn write(&self, to: &mut $crate::wire::Writer<'_>) {
-                let Self { $($field,)* $($skipped: _)? } = self;
+                let Self { $($newer,)? $($field,)* $($skipped: _)? } = self;
+                $(if to.version() >= $version {
+                    $crate::wire::Wire::write($newer, to);
+                })?
                 $($crate::wire::Wire::write($field, to);)*
             }
         }

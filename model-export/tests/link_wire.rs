@@ -18,36 +18,36 @@ use proptest::prelude::*;
 #[rustfmt::skip]
 const WIRE: &[(&str, &str)] = &[
     ("hello request", "06011bdf05a500"),
-    ("hello answer", "070243415448010202020302011befbeadde01020304050607080473746d3332663430352d72696701010577e6e5a000"),
-    ("request Status", "0410b42405e93fe24200"),
-    ("request Arm", "0910b424017f0fe53500"),
-    ("request Disarm", "0910b42402c55eecac00"),
-    ("request Start", "0910b42403536eebdb00"),
-    ("request Stop", "0910b42404f0fb8f4500"),
-    ("request Vent", "0910b4240566cb883200"),
-    ("request Acknowledge", "0910b42406dc9a81ab00"),
-    ("request SetPoint pressure", "0510b42407010107c03fc6591e4300"),
-    ("request SetPoint displacement", "0610b4240701010710c0e45a44d200"),
-    ("request Playback", "0910b42408ac0201030101010101010a3f52b83e40ffecd0c300"),
-    ("request PlaybackClear", "0910b424094d873e3b00"),
-    ("request SettingGet", "0a10b4240a3df5f311a900"),
-    ("request SettingSet float", "0610b4240b010101072040cef6938600"),
-    ("request SettingSet integer", "0d10b4240b0501fa016450068900"),
-    ("request SettingSet flag", "0710b4240b110205d3b77bb700"),
-    ("request SettingsDifference", "0b10b4240c01285a55b75d00"),
-    ("request SettingsSave", "0910b4240d5443533c00"),
-    ("request SettingsRevert", "0510b4240e05e07a159500"),
-    ("request ModelBegin", "1110b4240ff0a204effdb6f50d61ab7fbd00"),
-    ("request ModelChunk", "0810b42410800405020107ff8004ee704300"),
-    ("request ModelFinish", "0910b424111b1f522800"),
-    ("request ModelActivate", "0910b42412a14e5bb100"),
-    ("request ModelRollback", "0910b42413377e5cc600"),
-    ("request FaultRecord", "0910b4241494eb385800"),
-    ("request PreviousFaultRecord", "0910b4241502db3f2f00"),
-    ("request ControlReport", "0910b42416b88a36b600"),
-    ("request TraceBegin", "0910b424172eba31c100"),
-    ("request TraceEnd", "0910b42418bfa78e5100"),
-    ("request AdaptationReport", "0910b424192997892600"),
+    ("hello answer", "070243415448010202020302011befbeadde01020304050607080473746d3332663430352d726967010109fecaad0b4426e6f900"),
+    ("request Status", "0910b424ef9bafcd080513aae52600"),
+    ("request Arm", "0e10b424ef9bafcd0801859ae25100"),
+    ("request Disarm", "0e10b424ef9bafcd08023fcbebc800"),
+    ("request Start", "0e10b424ef9bafcd0803a9fbecbf00"),
+    ("request Stop", "0e10b424ef9bafcd08040a6e882100"),
+    ("request Vent", "0e10b424ef9bafcd08059c5e8f5600"),
+    ("request Acknowledge", "0e10b424ef9bafcd0806260f86cf00"),
+    ("request SetPoint pressure", "0a10b424ef9bafcd0807010107c03f8ab8dacf00"),
+    ("request SetPoint displacement", "0b10b424ef9bafcd080701010710c0a8bb805e00"),
+    ("request Playback", "0e10b424ef9bafcd0808ac0201030101010101010a3f52b83e4049c31d2600"),
+    ("request PlaybackClear", "0e10b424ef9bafcd0809b712395f00"),
+    ("request SettingGet", "0f10b424ef9bafcd080a3d62ef1df400"),
+    ("request SettingSet float", "0b10b424ef9bafcd080b010101072040943f75f900"),
+    ("request SettingSet integer", "1210b424ef9bafcd080b0501fa013aef9b9e00"),
+    ("request SettingSet flag", "0c10b424ef9bafcd080b1102054daa7a9d00"),
+    ("request SettingsDifference", "1010b424ef9bafcd080c0128a15f813300"),
+    ("request SettingsSave", "0e10b424ef9bafcd080daed6545800"),
+    ("request SettingsRevert", "0a10b424ef9bafcd080e05776619c800"),
+    ("request ModelBegin", "1610b424ef9bafcd080ff0a204effdb6f50d4d1b931f00"),
+    ("request ModelChunk", "0d10b424ef9bafcd0810800405020107ff80285e9ce100"),
+    ("request ModelFinish", "0e10b424ef9bafcd0811e18a554c00"),
+    ("request ModelActivate", "0d10b424ef9bafcd081201020309050607ff30c9427200"),
+    ("request Models", "0e10b424ef9bafcd0813cdeb5ba200"),
+    ("request FaultRecord", "0e10b424ef9bafcd08146e7e3f3c00"),
+    ("request PreviousFaultRecord", "0e10b424ef9bafcd0815f84e384b00"),
+    ("request ControlReport", "0e10b424ef9bafcd0816421f31d200"),
+    ("request TraceBegin", "0e10b424ef9bafcd0817d42f36a500"),
+    ("request TraceEnd", "0e10b424ef9bafcd08184532893500"),
+    ("request AdaptationReport", "0e10b424ef9bafcd0819d3028e4200"),
     ("reply Done", "031107059286e4ad00"),
     ("reply Refused Blocked", "04110701064803d2b07f00"),
     ("reply Refused State", "0a1107010104f9eec11900"),
@@ -71,6 +71,8 @@ const WIRE: &[(&str, &str)] = &[
     ("reply Refused LogFull", "0911070113fc890b5100"),
     ("reply Refused Traced", "09110701145f1c6fcf00"),
     ("reply Refused Uncertified", "0a11070115053a09684000"),
+    ("reply Refused ModelTooSlow", "0911070116737d612100"),
+    ("reply Refused OtherSession", "0911070117e54d665600"),
     ("reply Status", "231107020311808008020894b4e4f4cb0305c8dc038010010904018005c801e3f70dd400"),
     ("reply Playback", "0b11070360a0013c440a4800"),
     ("reply Setting", "041107040101074040d19ca00d00"),
@@ -79,6 +81,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply FaultRecord", "17110707101f8080848008cd830604c08db701ff1ff40a0103c03f0103e8400103f0400108c03f026697992900"),
     ("reply ControlReport", "0b110708a09c01ac02280c0103803e0103e8400101063e968c5a0600"),
     ("reply AdaptationReport", "0511070902010380be010a903ff0a204681bd6d600"),
+    ("reply Models", "0c11070a010203040506070801010101010101057fcc8e5e00"),
     ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d058994f07c00"),
     ("trace", "0613f0a20405020107ff8061dd2f3300"),
 ];
@@ -91,6 +94,7 @@ fn hello() -> Hello {
         model_id: [1, 2, 3, 4, 5, 6, 7, 8],
         reset_cause: ResetCause::Watchdog,
         board: heapless::String::try_from("stm32f405-rig").unwrap(),
+        session: 0x0bad_cafe,
     }
 }
 
@@ -119,8 +123,8 @@ fn requests() -> std::vec::Vec<Request> {
         Request::ModelBegin { length: 70_000, crc32: 0xdead_beef },
         Request::ModelChunk { offset: 512, bytes },
         Request::ModelFinish,
-        Request::ModelActivate,
-        Request::ModelRollback,
+        Request::ModelActivate { id: [1, 2, 3, 0, 5, 6, 7, 0xff] },
+        Request::Models,
         Request::FaultRecord,
         Request::PreviousFaultRecord,
         Request::ControlReport,
@@ -154,6 +158,8 @@ fn replies() -> std::vec::Vec<Reply> {
         Refusal::LogFull,
         Refusal::Traced,
         Refusal::Uncertified(5),
+        Refusal::ModelTooSlow,
+        Refusal::OtherSession,
     ];
     let status = Status {
         state: State::Armed,
@@ -210,6 +216,7 @@ fn replies() -> std::vec::Vec<Reply> {
             bound_mm: 0.125,
         }),
         Reply::AdaptationReport(AdaptationReport { adapting: Adapting::ZeroOnly, zero_mm: -0.25, gain: 1.125, updates: 70_000 }),
+        Reply::Models { active: [1, 2, 3, 4, 5, 6, 7, 8], other: [0; 8] },
     ]);
     replies
 }
@@ -259,7 +266,7 @@ fn payload(wire: &[u8]) -> std::vec::Vec<u8> {
 /// Every example as this code encodes it, in the order of [`WIRE`].
 fn encoded() -> std::vec::Vec<Vec<u8, MAX_WIRE>> {
     let mut frames = vec![encode(&[Kind::HelloRequest.byte()]).unwrap(), encode(&hello().encode()).unwrap()];
-    frames.extend(requests().into_iter().map(|request| RequestFrame { token: 0x1234, request }.to_wire().unwrap()));
+    frames.extend(requests().into_iter().map(|request| RequestFrame { token: 0x1234, session: 0x89ab_cdef, request }.to_wire().unwrap()));
     frames.extend(replies().into_iter().map(|reply| ReplyFrame { token: 7, reply }.to_wire().unwrap()));
     frames.push(telemetry().to_wire().unwrap());
     frames.push(trace().to_wire().unwrap());
@@ -294,7 +301,7 @@ fn every_message_is_postcard_as_others_see_it() {
         let longer = [&payload[..], &[0]].concat();
         assert_eq!(T::from_payload(&longer), Err(MessageError::Content));
     }
-    requests().into_iter().for_each(|request| agree(&RequestFrame { token: 0x1234, request }));
+    requests().into_iter().for_each(|request| agree(&RequestFrame { token: 0x1234, session: 0x89ab_cdef, request }));
     replies().into_iter().for_each(|reply| agree(&ReplyFrame { token: 7, reply }));
     agree(&telemetry());
     agree(&trace());
@@ -306,7 +313,7 @@ fn every_recorded_frame_reads_back_as_its_message() {
     assert_eq!(wires.next().unwrap().as_slice(), [Kind::HelloRequest.byte()]);
     assert_eq!(Hello::decode(&wires.next().unwrap()), Ok(hello()));
     for request in requests() {
-        assert_eq!(RequestFrame::from_payload(&wires.next().unwrap()), Ok(RequestFrame { token: 0x1234, request }));
+        assert_eq!(RequestFrame::from_payload(&wires.next().unwrap()), Ok(RequestFrame { token: 0x1234, session: 0x89ab_cdef, request }));
     }
     for reply in replies() {
         assert_eq!(ReplyFrame::from_payload(&wires.next().unwrap()), Ok(ReplyFrame { token: 7, reply }));
@@ -337,8 +344,8 @@ fn every_variant_has_an_example() {
         Request::ModelBegin { .. } => 15,
         Request::ModelChunk { .. } => 16,
         Request::ModelFinish => 17,
-        Request::ModelActivate => 18,
-        Request::ModelRollback => 19,
+        Request::ModelActivate { .. } => 18,
+        Request::Models => 19,
         Request::FaultRecord => 20,
         Request::PreviousFaultRecord => 21,
         Request::ControlReport => 22,
@@ -360,10 +367,11 @@ fn every_variant_has_an_example() {
         Reply::FaultRecord(_) => 7,
         Reply::ControlReport(_) => 8,
         Reply::AdaptationReport(_) => 9,
+        Reply::Models { .. } => 10,
     };
     let mut numbers: std::vec::Vec<_> = replies().iter().map(reply_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=9).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=10).collect::<std::vec::Vec<_>>());
 }
 
 #[test]
@@ -385,6 +393,8 @@ fn hello_of_a_later_version_is_understood_and_anything_else_is_named() {
     let understood = Hello::decode(&later).unwrap();
     assert_eq!((understood.protocol, understood.reset_cause), (0x00ff, ResetCause::Other(200)));
     assert_eq!(Hello::decode(&later[..41]), Err(HelloError::TooShort));
+    // One of protocol 1 ends where its frozen part ends.
+    assert_eq!(Hello::decode(&hello().encode()[..42]), Ok(Hello { session: 0, ..hello() }));
     assert_eq!(Hello::decode(&[Kind::Telemetry.byte(); 42]), Err(HelloError::NotHello));
     let mut name = hello().encode();
     name[26] = 0xe4;
@@ -407,7 +417,7 @@ fn every_flipped_bit_of_every_frame_is_noticed() {
 #[test]
 fn a_frame_is_found_behind_garbage_and_too_long_ones_are_dropped_whole() {
     let mut decoder = Decoder::new();
-    let frame = RequestFrame { token: 1, request: Request::Vent }.to_wire().unwrap();
+    let frame = RequestFrame { token: 1, session: 1, request: Request::Vent }.to_wire().unwrap();
     let garbage = [0xa5u8; 2 * MAX_WIRE];
     let outcomes: std::vec::Vec<_> = garbage
         .iter()
@@ -458,9 +468,9 @@ fn the_longest_messages_fit_their_frames() {
         Request::ModelChunk { offset: u32::MAX, bytes },
         Request::Playback(PlaybackChunk { first_index: u32::MAX, last: true, values_bar }),
     ] {
-        RequestFrame { token: u16::MAX, request }.to_wire().unwrap();
+        RequestFrame { token: u32::MAX, session: u32::MAX, request }.to_wire().unwrap();
     }
-    ReplyFrame { token: u16::MAX, reply: Reply::Differences { entries, next_number: u16::MAX } }.to_wire().unwrap();
+    ReplyFrame { token: u32::MAX, reply: Reply::Differences { entries, next_number: u16::MAX } }.to_wire().unwrap();
     TracePiece { offset: u32::MAX, bytes: Vec::from_slice(&[0xff; MAX_PIECE_BYTES]).unwrap() }.to_wire().unwrap();
 }
 
@@ -592,8 +602,8 @@ proptest! {
     }
 
     #[test]
-    fn requests_survive_the_wire(request in any_request(), token in any::<u16>()) {
-        let frame = RequestFrame { token, request };
+    fn requests_survive_the_wire(request in any_request(), token in any::<u32>(), session in any::<u32>()) {
+        let frame = RequestFrame { token, session, request };
         prop_assert_eq!(RequestFrame::from_payload(&payload(&frame.to_wire().unwrap())), Ok(frame));
     }
 }

@@ -18,21 +18,21 @@ use crate::run::{briefly, refusal, refused};
 
 /// A model, by what it is.
 pub enum Kind {
-    Physics(PhysicsPredictor),
-    Fitted(FittedPredictor),
-    Discovered(DiscoveredPredictor),
+    Physics(Box<PhysicsPredictor>),
+    Fitted(Box<FittedPredictor>),
+    Discovered(Box<DiscoveredPredictor>),
     Network(Box<NetworkModel>),
-    Blob(BlobModel),
+    Blob(Box<BlobModel>),
 }
 
 impl Kind {
     fn load(path: &Path) -> anyhow::Result<Self> {
         Ok(match model::format(path)? {
-            Format::Physics => Self::Physics(PhysicsPredictor::load(path)?),
-            Format::Fitted => Self::Fitted(FittedPredictor::load(path)?),
-            Format::Discovered => Self::Discovered(DiscoveredPredictor::load(path)?),
+            Format::Physics => Self::Physics(Box::new(PhysicsPredictor::load(path)?)),
+            Format::Fitted => Self::Fitted(Box::new(FittedPredictor::load(path)?)),
+            Format::Discovered => Self::Discovered(Box::new(DiscoveredPredictor::load(path)?)),
             Format::Network => Self::Network(Box::new(NetworkModel::load(path)?)),
-            Format::Blob => Self::Blob(BlobModel::load(path)?),
+            Format::Blob => Self::Blob(Box::new(BlobModel::load(path)?)),
         })
     }
 
@@ -41,21 +41,22 @@ impl Kind {
         let rung = &outcome.ladder[index];
         let name = Path::new(&rung.name);
         Ok(match &rung.model {
-            fit::RungModel::Physics(model) => Self::Physics(PhysicsPredictor::new((**model).clone(), name)),
+            fit::RungModel::Physics(model) => Self::Physics(Box::new(PhysicsPredictor::new((**model).clone(), name))),
             fit::RungModel::Network(model) => Self::Network(Box::new(NetworkModel::new((**model).clone(), name)?)),
             fit::RungModel::Linear(_) | fit::RungModel::Average(_) => {
-                Self::Fitted(FittedPredictor::new(outcome.fitted(index).with_context(|| format!("`{}` has no file", rung.name))?, name))
+                let fitted = outcome.fitted(index).with_context(|| format!("`{}` has no file", rung.name))?;
+                Self::Fitted(Box::new(FittedPredictor::new(fitted, name)))
             }
         })
     }
 
     pub fn predictor(&self) -> &dyn Predictor {
         match self {
-            Self::Physics(model) => model,
-            Self::Fitted(model) => model,
-            Self::Discovered(model) => model,
+            Self::Physics(model) => model.as_ref(),
+            Self::Fitted(model) => model.as_ref(),
+            Self::Discovered(model) => model.as_ref(),
             Self::Network(model) => model.as_ref(),
-            Self::Blob(model) => model,
+            Self::Blob(model) => model.as_ref(),
         }
     }
 

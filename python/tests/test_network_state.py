@@ -46,10 +46,22 @@ def torch(monkeypatch):
     """Classes with the names that `torch.nn` has."""
     module = types.ModuleType("torch")
     module.__version__ = "2.0.0+cpu"
-    names = ("Sequential", "ModuleList", "ModuleDict", "LSTM", "LSTMCell", "Linear", "Dropout", "Identity", "GRU", "ReLU")
+    names = ("ModuleList", "ModuleDict", "LSTM", "LSTMCell", "GRU", "GRUCell", "RNN", "Linear", "Dropout", "Identity")
+    names += ("Tanh", "ReLU", "Sigmoid", "Hardtanh", "LayerNorm")
     module.nn = types.SimpleNamespace(**{name: type(name, (), {"__module__": "torch.nn.modules"}) for name in names})
+    module.nn.Sequential = Sequential
     monkeypatch.setitem(sys.modules, "torch", module)
     return module
+
+
+class Sequential:
+    """Parts one after the other."""
+
+    def __init__(self, *parts):
+        self.parts = [(str(index), part) for index, part in enumerate(parts)]
+
+    def named_children(self):
+        return self.parts
 
 
 class Network:
@@ -59,7 +71,8 @@ class Network:
         self.parts, self.state = parts, state or {}
 
     def named_modules(self):
-        return [("", self), *self.parts.items()]
+        inside = [(f"{name}.{child}", layer) for name, part in self.parts.items() for child, layer in getattr(part, "parts", [])]
+        return [("", self), *self.parts.items(), *inside]
 
     def state_dict(self):
         return self.state
@@ -120,12 +133,42 @@ def lstm(state, values):
     return np.array(outputs)
 
 
+def metadata_of(network, path, **options):
+    network_state.save_torch(network, path, **CHANNELS, **options)
+    with safe_open(path, framework="numpy") as file:
+        return file.metadata()
+
+
+def test_gru_and_dense_layers_are_written_with_what_follows_them(torch, tmp_path):
+    nn = torch.nn
+    hard = nn.Hardtanh()
+    hard.min_val, hard.max_val = -1.0, 1.0
+    behind = nn.Sequential(nn.Linear(), nn.Dropout(), nn.Tanh(), nn.Linear(), hard, nn.Linear(), nn.Linear())
+    metadata = metadata_of(Network(weights(), gru=nn.GRU(), behind=behind), tmp_path / "a")
+    assert metadata["catheter.dense_activation"] == "tanh,hard,linear"
+    assert metadata["catheter.layers"] == "gru,behind.0,behind.3,behind.5,behind.6"
+    assert metadata["catheter.activation"] == "tanh"
+    lagged = metadata_of(Network(weights(), net=nn.Sequential(nn.Linear(), nn.ReLU(), nn.Linear())), tmp_path / "b", features=("lag:9..0",))
+    assert (lagged["catheter.features"], lagged["catheter.dense_activation"]) == ("lag:9..0", "relu")
+    assert "catheter.activation" not in lagged
+
+
+def test_what_stands_in_a_forward_is_asked_for(torch, tmp_path):
+    nn = torch.nn
+    network = Network(weights(), gru=nn.GRU(), middle=nn.Linear(), head=nn.Linear())
+    with pytest.raises(network_state.CannotRepresent, match="`middle`.*dense_activation"):
+        network_state.save_torch(network, tmp_path / "x", **CHANNELS)
+    assert metadata_of(network, tmp_path / "x", dense_activation=["sigmoid"])["catheter.dense_activation"] == "sigmoid"
+    with pytest.raises(network_state.CannotRepresent, match="output must be linear"):
+        network_state.save_torch(Network(weights(), net=nn.Sequential(nn.Linear(), nn.Tanh())), tmp_path / "y", **CHANNELS)
+
+
 def test_parts_that_have_no_place_are_refused_by_name(torch, tmp_path):
     bidirectional, projected = torch.nn.LSTM(), torch.nn.LSTM()
     bidirectional.bidirectional, projected.proj_size = True, 3
     for part, message in (
-        (torch.nn.GRU(), "`part` is a GRU"),
-        (torch.nn.ReLU(), "`part` is a ReLU"),
+        (torch.nn.RNN(), "`part` is a RNN"),
+        (torch.nn.LayerNorm(), "`part` is a LayerNorm"),
         (bidirectional, "`part` is bidirectional"),
         (projected, "proj_size=3"),
     ):

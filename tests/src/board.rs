@@ -20,7 +20,7 @@ use firmware::device::exchange::DeviceOutputs;
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
-use firmware::seam::{DumpValve, RawSample, SampleSource, ValveDrive};
+use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::tick::{BootReport, Rig, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
@@ -58,6 +58,10 @@ pub struct Unconnected;
 
 impl ValveDrive for Unconnected {
     fn drive(&mut self, _share: u16) {}
+}
+
+impl PulseFrequency for Unconnected {
+    fn set_pulse_hz(&mut self, _pulse_hz: u32) {}
 }
 
 impl ErrorType for Wire {
@@ -177,7 +181,7 @@ impl Board {
             source: wires.clone(),
             analogue: wires.clone(),
             pulse: Unconnected,
-            dump_valve: DumpValve(wires.clone()),
+            dump_valve: DumpValve::new(wires.clone()),
             emergency_stop: wires.clone(),
             watchdog: Watchdog::new(wires.clone()),
             counter: wires.clone(),
@@ -188,7 +192,7 @@ impl Board {
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
-            task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000),
+            task: TickTask::new(Rig::new(tick, boot), hands, queues, exchange, CORE_HZ / 1000, None),
             background: BackgroundTask::new(link, facts, background_queues, exchange),
             place: Heap::default(),
             exchange,
@@ -250,7 +254,7 @@ impl Board {
         // None at all now and then, as while it is busy.
         let rounds = if self.below(8) == 0 { 0 } else { 1 + self.below(150) };
         for _ in 0..rounds {
-            self.background.step(&mut self.cable, &mut self.place, 0);
+            self.background.step(&mut self.cable, &mut self.place, 0, 0);
         }
     }
 }

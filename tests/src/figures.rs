@@ -2,12 +2,12 @@
 
 use firmware::estimator::{Estimator, EstimatorState};
 use host_tool::export::reference::Reference;
-use host_tool::network::{Activation, Mode, TrainedModel};
+use host_tool::network::{Activation, Cell, Mode, TrainedModel};
 use model_export::blob;
 use model_export::schema::{FeatureSource, FrontEnd};
 
 use crate::emulator::{Task, Work};
-use crate::models::{compensation, exported, exported_with, model, network, physics_front_end, plain_front_end, smooth_input};
+use crate::models::{compensation, exported, exported_with, layered, model, network, physics_front_end, plain_front_end, smooth_input};
 
 /// Steps that each count runs over; the front end's branches depend on the data, the network's cost does not.
 const STEPS: u32 = 400;
@@ -51,6 +51,29 @@ pub fn configurations() -> Vec<Configuration> {
             name: "physics-without-curve",
             model: model(FrontEnd { curve: None, ..physics_front_end(SEED, 16, 3) }, None, Mode::Streaming),
         },
+    ]
+}
+
+/// Networks of the layers that are imported and never trained here.
+#[must_use]
+pub fn imported() -> Vec<Configuration> {
+    use Activation::{Hard, Relu, Tanh};
+    use Cell::{Dense, Gru, Lstm};
+
+    let of = |name, sources: &[FeatureSource], layers: &[(Cell, usize)], activation, mode| {
+        let network = layered(SEED, sources.len(), layers, activation);
+        Configuration { name, model: model(plain_front_end(sources), Some(network), mode) }
+    };
+    let (input, streaming) = (&[FeatureSource::Input][..], Mode::Streaming);
+    let lags: Vec<FeatureSource> = (0..20).rev().map(FeatureSource::Past).collect();
+    vec![
+        of("2x64-gru-tanh", input, &[(Gru, 64), (Gru, 64)], Tanh, streaming),
+        of("1x32-gru-relu", input, &[(Gru, 32)], Relu, streaming),
+        of("gru-dense", input, &[(Gru, 32), (Dense(Tanh), 30), (Dense(Hard), 10)], Hard, streaming),
+        of("dense", &lags, &[(Dense(Tanh), 64), (Dense(Relu), 64), (Dense(Relu), 32)], Tanh, streaming),
+        of("dense-relu", input, &[(Dense(Relu), 64), (Dense(Relu), 63)], Tanh, streaming),
+        of("lstm-gru-dense", input, &[(Lstm, 32), (Gru, 17), (Dense(Relu), 31)], Tanh, streaming),
+        of("gru-window-20", input, &[(Gru, 12), (Dense(Hard), 7)], Tanh, Mode::Window { length: 20 }),
     ]
 }
 

@@ -20,7 +20,8 @@ pub struct Emulator {
     child: Child,
     line: ChildStdin,
     payloads: Receiver<Vec<u8>>,
-    token: u16,
+    token: u32,
+    session: u32,
 }
 
 impl Drop for Emulator {
@@ -59,7 +60,7 @@ impl Emulator {
                 }
             }
         });
-        Self { child, line, payloads, token: 0 }
+        Self { child, line, payloads, token: 0, session: 0 }
     }
 
     /// Sends bytes.
@@ -97,6 +98,7 @@ impl Emulator {
             let next = Instant::now() + Duration::from_millis(500);
             while let Ok(payload) = self.payloads.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 if let Ok(hello) = Hello::decode(&payload) {
+                    self.session = hello.session;
                     return hello;
                 }
             }
@@ -110,8 +112,8 @@ impl Emulator {
     /// When none comes.
     pub fn ask(&mut self, request: Request) -> Reply {
         self.token += 1;
-        let token = self.token;
-        self.send(&RequestFrame { token, request }.to_wire().unwrap());
+        let (token, session) = (self.token, self.session);
+        self.send(&RequestFrame { token, session, request }.to_wire().unwrap());
         self.wait_for("reply", |payload| {
             let frame = ReplyFrame::from_payload(payload).ok()?;
             (frame.token == token).then_some(frame.reply)
@@ -151,7 +153,8 @@ pub fn stack_used_bytes(image: &Path, reserved_bytes: u32) -> u32 {
         Request::ModelBegin { length: 512, crc32: 0 },
         Request::ModelChunk { offset: 0, bytes },
         Request::ModelFinish,
-        Request::ModelActivate,
+        Request::ModelActivate { id: [7; 8] },
+        Request::Models,
         Request::Arm,
         Request::Acknowledge,
         Request::FaultRecord,

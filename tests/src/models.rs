@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use firmware::parity::Noise;
-use host_tool::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
+use host_tool::network::{Activation, Cell, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use host_tool::recording::{Recording, Signal};
 use hysteresis::PrandtlIshlinskii;
 use model_export::compensation::Compensation;
@@ -15,11 +15,27 @@ use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
 /// Sample period of all models here, in s.
 pub const PERIOD_S: f64 = 0.02;
 
-/// A network over `features` signals with weights drawn from `seed`.
+/// A network of LSTM layers over `features` signals with weights drawn from `seed`.
 #[must_use]
 pub fn network(seed: u32, features: usize, units: &[usize], activation: Activation, state_limit: f32) -> Network {
+    drawn(seed, Network::zeros(features, units, activation, state_limit))
+}
+
+/// The same of any layers.
+#[must_use]
+pub fn layered(seed: u32, features: usize, layers: &[(Cell, usize)], activation: Activation) -> Network {
+    let mut inputs = features;
+    let mut network = Network::zeros(features, &[], activation, 4.0);
+    for &(cell, units) in layers {
+        network.layers.push(Layer::zeros(cell, inputs, units));
+        inputs = units;
+    }
+    network.dense_weights = vec![0.0; inputs];
+    drawn(seed, network)
+}
+
+fn drawn(seed: u32, mut network: Network) -> Network {
     let mut noise = Noise::new(seed);
-    let mut network = Network::zeros(features, units, activation, state_limit);
     for layer in &mut network.layers {
         let bound = 1.0 / (layer.units as f32).sqrt();
         let weights = layer.input_weights.iter_mut().chain(&mut layer.recurrent_weights);

@@ -13,7 +13,7 @@ use c_source::random::RandomModel;
 use c_source::script::{Script, expected};
 use host_tool::export::c::{Name, generate};
 use model_export::blob::{self, Blob};
-use rig_tests::figures::configurations;
+use rig_tests::figures::{configurations, imported};
 use rig_tests::models::exported;
 
 /// Samples that every model runs when optimised.
@@ -44,7 +44,7 @@ fn meets_the_estimator(what: &str, blob: &Blob<'_>, builds: &[Build], script: &S
 #[test]
 fn every_kind_of_model_gives_the_estimators_bits() {
     let Some(builds) = builds() else { return };
-    for (seed, configuration) in configurations().iter().enumerate() {
+    for (seed, configuration) in configurations().iter().chain(&imported()).enumerate() {
         let seed = u32::try_from(seed).expect("a few configurations");
         let bytes = exported(&configuration.model, 40 + seed);
         let blob = blob::decode(&bytes).expect("a blob just made");

@@ -7,7 +7,7 @@ use firmware::parity::{RandomNetwork, estimator_digest, network_digest, shapes};
 use host_tool::network::{Activation, Mode};
 use model_export::blob;
 use rig_tests::emulator::{Task, Work};
-use rig_tests::figures::{configurations, costs, tick_costs, worst_tick};
+use rig_tests::figures::{configurations, costs, imported, tick_costs, worst_tick};
 use rig_tests::models::{exported, model, network, physics_front_end};
 use rig_tests::snapshot;
 
@@ -26,7 +26,19 @@ fn networks_of_every_shape_give_the_same_bits_as_on_the_desktop() {
         assert_eq!(lines.get(count), Some(&expected), "{inputs} features, {units:?} units");
         count += 1;
     }
-    assert_eq!((count, lines.len()), (4160, 4160));
+    assert_eq!((count, lines.len()), (4544, 4544));
+}
+
+#[test]
+#[ignore = "needs QEMU and the image; `cargo xtask test` runs it"]
+fn imported_layers_take_the_instructions_that_inspect_says() {
+    let configurations = imported();
+    for (configuration, cost) in configurations.iter().zip(costs(&configurations)) {
+        let estimate = step_instructions(&blob::decode(&exported(&configuration.model, 7)).unwrap().model) as f64;
+        println!("{}: {:?} instructions, {estimate} estimated, {} with the portable kernel", cost.name, cost.packed, cost.portable);
+        let ratio = estimate / f64::from(cost.packed[1]);
+        assert!((0.97..=1.03).contains(&ratio), "{}: {estimate} estimated, {cost:?}", cost.name);
+    }
 }
 
 #[test]
@@ -42,6 +54,7 @@ fn golden_vectors_and_ten_thousand_random_steps_give_the_same_bits_as_on_the_des
         blobs.push(exported(&model(front_end.clone(), Some(network.clone()), Mode::Streaming), seed));
         blobs.push(exported(&model(front_end, Some(network), Mode::Window { length: 5 }), seed));
     }
+    blobs.extend(imported().iter().map(|configuration| exported(&configuration.model, seed)));
     let lines = Work { task: Task::Golden, steps, seed, blobs: &blobs }.run();
     assert_eq!(lines.len(), blobs.len());
     for (index, (bytes, line)) in blobs.iter().zip(&lines).enumerate() {

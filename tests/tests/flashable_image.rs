@@ -55,14 +55,15 @@ fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
     }
     let too_fast = Request::SettingSet { number: 101, value: SettingValue::Float(100.0) };
     assert_eq!(device.ask(too_fast), Reply::Refused(Refusal::Uncertified(4)));
-    // Settings work; flash that cannot be written is an answer, not an end.
+    // Settings work; flash is not written while nobody can say that the pressure is gone.
     assert_eq!(device.ask(Request::SettingSet { number: 1, value: SettingValue::Float(2.5) }), Reply::Done);
     assert_eq!(device.ask(Request::SettingGet { number: 1 }), Reply::Setting(SettingValue::Float(2.5)));
-    assert_eq!(device.ask(Request::SettingsSave), Reply::Refused(Refusal::Storage));
+    let not_vented = Refusal::Blocked([Blocker::VentNotVerified].into_iter().collect());
+    assert_eq!(device.ask(Request::SettingsSave), Reply::Refused(not_vented));
     assert_eq!(device.ask(Request::Vent), Reply::Done);
 
     let status = device.status();
-    assert!(status.faults.contains(Fault::StorageFailed) && status.settings_unsaved);
+    assert!(!status.faults.contains(Fault::StorageFailed) && status.settings_unsaved);
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ClockFailed.number()));
     eprintln!("stack never used: {} bytes", status.stack_unused_bytes);
     // No model is ever checked here, which takes about as much as anything that is done.

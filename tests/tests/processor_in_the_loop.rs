@@ -372,7 +372,7 @@ fn damaged_flash_is_a_named_fault_and_nothing_arms() {
     let Some(config) = image() else { return };
     // A settings slot whose payload lost a bit.
     let mut flash = set_point_flash();
-    flash.settings.contents_mut(Slot::A)[520] ^= 1;
+    flash.settings.contents_mut(Slot::A)[1032] ^= 1;
     let mut rig = qemu(&config, &flash);
     rig.transport().advance_for(400).unwrap();
     let status = experiment::status(&mut rig).unwrap();
@@ -395,7 +395,7 @@ fn damaged_flash_is_a_named_fault_and_nothing_arms() {
         firmware::storage::Store::new(FlashMemory::default().models, firmware::model::STORE_KIND, firmware::model::STORE_VERSION);
     store.save(&[7; 400]).unwrap();
     let mut flash = FlashMemory { models: store.release(), ..FlashMemory::default() };
-    flash.models.contents_mut(Slot::A)[700] ^= 1;
+    flash.models.contents_mut(Slot::A)[1212] ^= 1;
     let (mut rig, mut here) = (qemu(&config, &flash), host(&flash));
     rig.transport().advance_for(400).unwrap();
     here.transport().advance_for(400).unwrap();

@@ -2,18 +2,20 @@
 
 use firmware::calibration::ConverterConfig;
 use firmware::control::SetPoint;
-use firmware::estimator::{Estimator, EstimatorState, Portable};
+use firmware::estimator::{Estimator, EstimatorState, Portable, StepBudget, StepTimer};
 use firmware::model::{RunningModel, examine};
 use firmware::seam::RawSample;
 use firmware::self_test::{ClockCheck, Report, SelfTest};
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
+use host_tool::network::{Activation, Mode};
 use model_export::blob::{self, crc32};
 use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::message::Quantity;
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
-use model_export::schema::Model;
+use model_export::schema::{FeatureSource, Model};
+use rig_tests::models;
 
 fn exported() -> Vec<u8> {
     rig_tests::hybrid::exported(&[16])
@@ -99,6 +101,62 @@ fn the_self_test_tells_everything_it_finds() {
     let slow = ClockCheck { counted: 15_800_000, ..clock };
     let bad = SelfTest { program_crc32: 0, clock: Some(slow), ..good }.run();
     assert_eq!(bad.iter().collect::<Vec<_>>(), [Fault::FlashCorrupt, Fault::ClockInaccurate]);
+}
+
+/// Counts as many cycles a step as it is told; an interruption lengthens every so many readings.
+struct Stopwatch {
+    step: u32,
+    tick_every: u32,
+    now: std::cell::Cell<u32>,
+    readings: std::cell::Cell<u32>,
+}
+
+impl Stopwatch {
+    fn new(step: u32, tick_every: u32) -> Self {
+        Self { step, tick_every, now: 0.into(), readings: 0.into() }
+    }
+}
+
+impl StepTimer for Stopwatch {
+    fn cycles(&self) -> u32 {
+        let readings = self.readings.get() + 1;
+        self.readings.set(readings);
+        // Every second reading ends a step.
+        if readings.is_multiple_of(2) {
+            let interrupted = self.tick_every > 0 && !(readings / 2).is_multiple_of(self.tick_every);
+            self.now.set(self.now.get().wrapping_add(self.step + if interrupted { 40_000 } else { 0 }));
+        }
+        self.now.get()
+    }
+}
+
+#[test]
+fn a_model_is_measured_at_its_golden_vectors_and_refused_above_its_share_of_a_tick() {
+    let bytes = exported();
+    let admit = |stopwatch: Stopwatch| {
+        let budget = StepBudget { timer: stopwatch, cycles: 100_800 };
+        let admitted = RunningModel::default().admit_within(&bytes, Portable, &budget).map(|facts| facts.period.get());
+        (admitted, budget.timer.readings.get() / 2)
+    };
+    assert_eq!(admit(Stopwatch::new(100_800, 0)).0, Ok(20));
+    assert_eq!(admit(Stopwatch::new(100_801, 0)), (Err(Fault::ModelTooSlow), 4), "it is given up at once, not after minutes");
+    // Two of three steps are interrupted by a tick.
+    assert_eq!(admit(Stopwatch::new(90_000, 3)).0, Ok(20));
+    assert_eq!(admit(Stopwatch::new(110_000, 3)).0, Err(Fault::ModelTooSlow));
+}
+
+#[test]
+fn a_window_model_that_no_board_could_run_in_a_tick_is_refused_without_measuring() {
+    let front_end = models::plain_front_end(&[FeatureSource::Input]);
+    let window = |length, units: &[usize]| {
+        let network = models::network(5, 1, units, Activation::Tanh, 1.5);
+        models::exported(&models::model(front_end.clone(), Some(network), Mode::Window { length }), 5)
+    };
+    for (length, units, admitted) in [(50, &[32][..], false), (50, &[64, 64][..], false), (5, &[16][..], true)] {
+        let outcome = examine(&window(length, units), Portable).map(|_| ());
+        let expected = if admitted { Ok(()) } else { Err(Fault::ModelTooSlow) };
+        assert_eq!(outcome, expected, "a window of {length} over {units:?} units");
+    }
 }
 
 /// A rig whose sensors follow the output at once, with a code of noise.

@@ -215,7 +215,8 @@ fn a_lost_frame_cuts_the_journal_there_and_all_before_it_is_run_again() {
     let passed_ms = (client.elapsed() - before).as_millis() as usize;
     let journal = tracing.end(&mut client);
     let replay = replay(&journal).unwrap();
-    assert!(matches!(replay.cut, Some(Cut::Lost { bytes: 128..=256 })), "{:?}", replay.cut);
+    // A piece, or two in a row where the next loss follows at once.
+    assert!(matches!(replay.cut, Some(Cut::Lost { bytes: 128..=512 })), "{:?}", replay.cut);
     assert!(replay.is_identical() && replay.ticks > 100 && (replay.ticks as usize) < passed_ms, "{} ticks", replay.ticks);
 }
 
@@ -281,8 +282,7 @@ fn a_trace_begins_only_idle_and_vented_and_with_the_model_at_hand_and_nothing_ge
         Request::TraceBegin,
         Request::ModelBegin { length: 4, crc32: 0 },
         Request::ModelFinish,
-        Request::ModelActivate,
-        Request::ModelRollback,
+        Request::ModelActivate { id: [7; 8] },
         Request::SettingsRevert(model_export::link::message::Baseline::Saved),
     ] {
         assert_eq!(refused(&mut client, &request), Some(Refusal::Traced), "{request:?}");

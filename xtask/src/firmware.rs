@@ -40,15 +40,19 @@ pub fn build() -> Result<Sizes> {
     // Code that occurs more than once becomes a function: a fifth of the program. The budgets of `memory.x` hold for this build.
     run(
         "firmware",
-        cargo().args(["rustc", "--profile", "flash", "--target", TARGET, "-p", "firmware", "--bin", "rig", "--"]).args([
-            "-C",
-            "llvm-args=-enable-machine-outliner=always",
-            // Functions that came out alike are one.
-            "-C",
-            "link-arg=--icf=all",
-            "-C",
-            "link-arg=--defsym=_budgeted=1",
-        ]),
+        cargo()
+            .args(["rustc", "--profile", "flash", "--target", TARGET, "-p", "firmware", "--bin", "rig", "--"])
+            .args([
+                "-C",
+                "llvm-args=-enable-machine-outliner=always",
+                // Functions that came out alike are one.
+                "-C",
+                "link-arg=--icf=all",
+                "-C",
+                "link-arg=--defsym=_budgeted=1",
+            ])
+            // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
+            .env("DEFMT_LOG", "info"),
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;

@@ -1,6 +1,7 @@
 //! The project's chores: `cargo xtask test | ci | bench | firmware | flash | python | setup`, the same for a person and for continuous integration.
 
 mod bench;
+mod board_model;
 mod checks;
 mod demo;
 mod emulator;
@@ -23,13 +24,16 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Chore {
-    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the demo, the Python package.
+    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the board's
+    /// model, the demo, the Python package.
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
     Ci,
     Bench(bench::Arguments),
     /// Build and seal the flashable image.
     Firmware,
+    /// Build the flashable image, and the program that runs it on a model of its chip (`catheter ... --backend board-model`).
+    BoardModel,
     /// Prove at link time that no panic is reachable from the tick.
     PanicFree,
     /// Build, seal and flash the image with a debug probe, then show its logs.
@@ -46,6 +50,7 @@ fn main() -> ExitCode {
         Chore::Ci => checks::desktop(),
         Chore::Bench(arguments) => bench::bench(&arguments),
         Chore::Firmware => setup::target().and_then(|()| firmware::build()).map(drop),
+        Chore::BoardModel => setup::target().and_then(|()| firmware::build()).and_then(|_| board_model::build()),
         Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
         Chore::Flash => setup::target().and_then(|()| firmware::flash()),
         Chore::Python => python::tests(),
@@ -70,6 +75,7 @@ fn test() -> anyhow::Result<()> {
     emulator::tests()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
+    board_model::tests()?;
     demo::runs()?;
     python::tests()
 }

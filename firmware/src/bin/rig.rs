@@ -59,17 +59,18 @@ mod image {
         use core::mem::MaybeUninit;
 
         use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
+        use firmware::board::brown_out;
         use firmware::board::chip::drives::{AnalogueDrive, PulseDrive};
         use firmware::board::chip::flash::Controller;
         use firmware::board::chip::models::{BoardModel, Room, Tenant};
         use firmware::board::chip::pac::{Interrupt, PWR};
         use firmware::board::chip::sampling::{Cycles, Milliseconds, Sampler};
         use firmware::board::chip::serial::{Port, ReceiveQueue, SerialLine, TransmitQueue};
-        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, sampling, serial as uart, supply, watchdog};
+        use firmware::board::chip::{BoardTask, clock, crash, memory, pins, protection, sampling, serial as uart, supply, watchdog};
         use firmware::board::clock::Source;
         use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
         use firmware::board::flash::InternalFlash;
-        use firmware::board::hardware::{BOARD_NAME, FACTS, MODEL_SECTORS, SETTINGS_SECTORS};
+        use firmware::board::hardware::{BOARD_NAME, CRYSTAL_HZ, FACTS, MODEL_SECTORS, Pll, SETTINGS_SECTORS};
         use firmware::board::tick_task::{Hands, TickQueues, TickTask};
         use firmware::estimator::EstimatorState;
         use firmware::link::{Link, LinkBuffers, LinkConfig};
@@ -97,6 +98,7 @@ mod image {
             line: SerialLine,
             port: Port,
             place: Option<&'static mut BoardModel>,
+            cycles_per_tick: u32,
             power: PWR,
             ticks_seen: u32,
         }
@@ -125,14 +127,22 @@ mod image {
             let reset_cause = firmware::board::reset_cause(rcc.csr().read().bits());
             rcc.csr().modify(|_, w| w.rmvf().set_bit());
             let retained = crash::take();
-            let clock = firmware::board::clock::start(&mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 });
-            let rates = clock.source.rates();
+            let clock = firmware::board::clock::start(
+                &mut clock::Registers { rcc, flash: &device.FLASH, timer: &device.TIM11 },
+                CRYSTAL_HZ,
+                Pll::CRYSTAL,
+            );
+            let rates = clock.rates;
             let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
+
+            let level = brown_out::ensure(&mut &device.FLASH);
+            defmt::debug!("brown-out level: changed {=bool}", level == brown_out::Outcome::Programmed);
+            protection::start(&core.MPU);
 
             // Hands, all of them at rest.
             let (dump_valve, emergency_stop) = pins::set_up(rcc, &device.GPIOA, device.GPIOB);
             let analogue = AnalogueDrive::new(rcc, device.DAC);
-            let pulse = PulseDrive::new(rcc, device.TIM3);
+            let pulse = PulseDrive::new(rcc, device.TIM3, rates);
             let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
             boot_faults.insert_if(!watchdog_lives, Fault::ClockInaccurate);
             boot_faults.insert_if(supply::start(rcc, &device.PWR, &device.EXTI), Fault::BrownOut);
@@ -194,32 +204,43 @@ mod image {
             let contents = in_place(context.local.model_contents, Model::default);
             let place = in_place(context.local.model_home, || BoardModel::over(context.local.model_state, contents));
             let settings = background.link().settings();
+            // SAFETY: a crystal that runs is on the chip itself.
+            let reference = (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() });
             let task = in_place(context.local.task_home, || {
                 // The link's settings go together, and so do the defaults; a test holds the latter.
                 let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { crash::crash(Fault::Panicked) };
-                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick())
+                TickTask::new(Rig::new(tick, boot), hands, queues, &EXCHANGE, rates.cycles_per_tick(), reference)
             });
 
             log_start(clock.source, boot.faults);
             task.hands_mut().source.begin();
-            sampling::start_guard(&mut core.SYST, rates);
+            sampling::start_guard(&mut core.SYST, &task.hands_mut().source, rates);
             (
                 Shared { tenant: Tenant::none() },
-                Local { task, background, line, port, place: Some(place), power: device.PWR, ticks_seen: 0 },
+                Local {
+                    task,
+                    background,
+                    line,
+                    port,
+                    place: Some(place),
+                    cycles_per_tick: rates.cycles_per_tick(),
+                    power: device.PWR,
+                    ticks_seen: 0,
+                },
             )
         }
 
-        #[idle(local = [background, line, place], shared = [tenant])]
+        #[idle(local = [background, line, place, cycles_per_tick], shared = [tenant])]
         fn idle(context: idle::Context) -> ! {
-            let idle::LocalResources { background, line, place, .. } = context.local;
+            let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
             // SAFETY: the only room; the background holds the slot of a model while it is in use.
-            let mut room = unsafe { Room::new(context.shared.tenant, place.take()) };
+            let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
             let mut state = EXCHANGE.state();
             let mut stack_unused_bytes = memory::stack_unused_bytes();
             let mut round = 0u32;
             loop {
                 round = round.wrapping_add(1);
-                background.step(line, &mut room, stack_unused_bytes);
+                background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                 if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                     stack_unused_bytes = memory::stack_unused_bytes();
                 }

@@ -12,7 +12,7 @@ use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkBuffers, Measured};
 use crate::self_test::{ClockCheck, SelfTest};
 use crate::storage::Flash;
-use crate::tick::{Answer, Command};
+use crate::tick::{Action, Answer, Command};
 
 /// The line to the host.
 pub trait Line {
@@ -80,12 +80,13 @@ pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
     exchange: &'q Exchange,
     tests_done: u32,
     dropped: u32,
+    raised: FaultSet,
 }
 
 impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M, B> {
     /// A background that has not run yet.
     pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, exchange: &'q Exchange) -> Self {
-        Self { background: Background::new(link), facts, queues, exchange, tests_done: 0, dropped: 0 }
+        Self { background: Background::new(link), facts, queues, exchange, tests_done: 0, dropped: 0, raised: FaultSet::EMPTY }
     }
 
     /// The link.
@@ -94,13 +95,24 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     }
 
     /// One round: takes what came, does what is wanted, sends what fits. Called over and over.
-    pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32) {
+    ///
+    /// `noise` is a fast counter's value: see [`Measured::noise`].
+    pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32, noise: u32) {
         self.exchange.show_life();
-        self.look(stack_unused_bytes);
+        self.look(stack_unused_bytes, noise);
         self.take_from_tick();
-        let Self { background, facts, queues, exchange, .. } = self;
+        let Self { background, facts, queues, exchange, raised, .. } = self;
         let mut sink = Sink { commands: &mut queues.commands, exchange };
-        background.self_test(|| facts.examine(), place, &mut sink);
+        let outputs = exchange.output_faults();
+        for fault in outputs.iter() {
+            // What the queue does not take now, it takes in one of the next rounds.
+            if !raised.contains(fault) && sink.send(Command { token: None, action: Action::Raise(fault) }) {
+                raised.insert(fault);
+            }
+        }
+        // What is over may come again.
+        *raised = FaultSet(raised.0 & outputs.0);
+        background.self_test(|| facts.examine().union(outputs), place, &mut sink);
         if let Some(byte) = line.receive() {
             background.receive(byte, place, &mut sink);
         }
@@ -110,10 +122,14 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     // What follows stays out of its caller: answers and frames are long, and none of them needs to be on the stack with another.
 
     #[inline(never)]
-    fn look(&mut self, stack_unused_bytes: u32) {
+    fn look(&mut self, stack_unused_bytes: u32, noise: u32) {
         let Self { background, exchange, tests_done, dropped, .. } = self;
         let link = background.link_mut();
-        link.observe(exchange.state(), Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes });
+        link.observe(
+            exchange.state(),
+            exchange.vent_verified(),
+            Measured { longest_tick_cycles: exchange.longest_tick_cycles(), stack_unused_bytes, noise },
+        );
         let lost = exchange.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));
         *dropped = lost;

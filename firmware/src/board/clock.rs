@@ -16,7 +16,7 @@
 
 use model_export::link::fault::{Fault, FaultSet};
 
-use super::hardware::{CRYSTAL_HZ, INTERNAL_HZ, INTERNAL_TOLERANCE_PER_MILLE, Rates};
+use super::hardware::{INTERNAL_HZ, INTERNAL_TOLERANCE_PER_MILLE, Pll, Rates, rounded};
 use crate::self_test::ClockCheck;
 
 /// Polls to wait for the crystal: each takes at least four cycles of 16 MHz, so 50 ms at least; typical is 2 ms (DS8626 table 38).
@@ -28,9 +28,11 @@ pub const SWITCH_POLLS: u32 = 1_000;
 
 /// Crystal periods counted: 64 captures of every eighth edge of the crystal over 31.
 pub const COUNTED_PERIODS: u32 = 64 * 8 * 31;
-/// What the internal oscillator should count meanwhile; fits the 16-bit timer for every crystal the chip takes (4 to 26 MHz).
-pub const EXPECTED_COUNT: u32 = COUNTED_PERIODS * (INTERNAL_HZ / CRYSTAL_HZ);
-const _: () = assert!(COUNTED_PERIODS * (INTERNAL_HZ / 1_000_000) / 4 < 65_536);
+
+/// What the internal oscillator should count meanwhile, rounded to nearest.
+pub const fn expected_count(crystal_hz: u32) -> u32 {
+    rounded(COUNTED_PERIODS as u64 * INTERNAL_HZ as u64, crystal_hz as u64)
+}
 
 /// Where the time comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,21 +45,13 @@ pub enum Source {
     Internal,
 }
 
-impl Source {
-    /// The frequencies that go with it.
-    pub const fn rates(self) -> Rates {
-        match self {
-            Self::Crystal | Self::InternalFast => Rates::FAST,
-            Self::Internal => Rates::INTERNAL,
-        }
-    }
-}
-
 /// How the clock came up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockReport {
     /// Where the time comes from.
     pub source: Source,
+    /// The frequencies that go with it.
+    pub rates: Rates,
     /// What went wrong; it stays true until the next start, so every self-test repeats it.
     pub faults: FaultSet,
     /// The crystal against the internal oscillator, if the crystal ran.
@@ -75,7 +69,7 @@ pub trait ClockTree {
     /// Switches the crystal oscillator off.
     fn stop_crystal(&mut self);
     /// Switches the phase-locked loop on, fed by the crystal or by the internal oscillator.
-    fn start_pll(&mut self, from_crystal: bool);
+    fn start_pll(&mut self, from_crystal: bool, pll: Pll);
     /// Whether it has locked.
     fn pll_is_ready(&mut self) -> bool;
     /// Switches it off.
@@ -97,15 +91,15 @@ pub fn wait(polls: u32, mut ready: impl FnMut() -> bool) -> bool {
     (0..polls).any(|_| ready())
 }
 
-/// Brings the clock up.
-pub fn start(tree: &mut impl ClockTree) -> ClockReport {
+/// Brings the clock up with the crystal that should be fitted, and what the phase-locked loop makes of it.
+pub fn start(tree: &mut impl ClockTree, crystal_hz: u32, from_crystal_pll: Pll) -> ClockReport {
     let mut faults = FaultSet::EMPTY;
     tree.start_crystal();
     let mut check = None;
     if wait(CRYSTAL_POLLS, || tree.crystal_is_ready()) {
         // A crystal without edges counts as none: it differs from any expectation.
         let counted = tree.count_crystal().unwrap_or(0);
-        check = Some(ClockCheck { counted, expected: EXPECTED_COUNT, tolerance_per_mille: INTERNAL_TOLERANCE_PER_MILLE });
+        check = Some(ClockCheck { counted, expected: expected_count(crystal_hz), tolerance_per_mille: INTERNAL_TOLERANCE_PER_MILLE });
     } else {
         faults.insert(Fault::ClockFailed);
     }
@@ -114,7 +108,8 @@ pub fn start(tree: &mut impl ClockTree) -> ClockReport {
     if !from_crystal {
         tree.stop_crystal();
     }
-    tree.start_pll(from_crystal);
+    let pll = if from_crystal { from_crystal_pll } else { Pll::INTERNAL };
+    tree.start_pll(from_crystal, pll);
     let fast = wait(PLL_POLLS, || tree.pll_is_ready())
         && {
             tree.prepare_fast();
@@ -124,34 +119,42 @@ pub fn start(tree: &mut impl ClockTree) -> ClockReport {
             tree.select_pll(true);
             wait(SWITCH_POLLS, || tree.runs_from_pll())
         };
-    let source = match (fast, from_crystal) {
+    let (source, rates) = match (fast, from_crystal) {
         (true, true) => {
             tree.watch_crystal();
-            Source::Crystal
+            (Source::Crystal, Rates::fast(pll.core_hz))
         }
-        (true, false) => Source::InternalFast,
+        (true, false) => (Source::InternalFast, Rates::fast(pll.core_hz)),
         (false, _) => {
             tree.select_pll(false);
             tree.stop_pll();
             faults.insert(Fault::ClockFailed);
-            Source::Internal
+            (Source::Internal, Rates::INTERNAL)
         }
     };
-    ClockReport { source, faults, check }
+    ClockReport { source, rates, faults, check }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::hardware::{CORE_HZ, CRYSTAL_HZ, PLL_CORE_DIVIDER};
     use super::*;
+
+    /// With the board's own crystal.
+    fn start(tree: &mut Tree) -> ClockReport {
+        super::start(tree, CRYSTAL_HZ, Pll::CRYSTAL)
+    }
 
     /// A clock tree that does what it is told, but for what is broken in it.
     #[derive(Default)]
     struct Tree {
         crystal_hz: Option<u32>,
+        /// Of the internal oscillator's frequency.
+        internal_error: f64,
         pll_never_locks: bool,
         wait_states_do_not_hold: bool,
         crystal_on: bool,
-        pll: Option<bool>,
+        pll: Option<(bool, Pll)>,
         prepared: bool,
         on_pll: bool,
         watched: bool,
@@ -169,14 +172,15 @@ mod tests {
         }
         fn count_crystal(&mut self) -> Option<u32> {
             assert!(!self.on_pll, "the count is of the internal oscillator");
-            self.crystal_hz.filter(|hz| *hz > 0).map(|hz| (u64::from(COUNTED_PERIODS) * u64::from(INTERNAL_HZ) / u64::from(hz)) as u32)
+            let counted = |hz| f64::from(COUNTED_PERIODS) * f64::from(INTERNAL_HZ) * (1.0 + self.internal_error) / f64::from(hz);
+            self.crystal_hz.filter(|hz| *hz > 0).map(|hz| counted(hz) as u32)
         }
         fn stop_crystal(&mut self) {
-            assert_ne!(self.pll, Some(true));
+            assert!(!matches!(self.pll, Some((true, _))));
             self.crystal_on = false;
         }
-        fn start_pll(&mut self, from_crystal: bool) {
-            self.pll = Some(from_crystal);
+        fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
+            self.pll = Some((from_crystal, pll));
         }
         fn pll_is_ready(&mut self) -> bool {
             self.polls += 1;
@@ -194,7 +198,11 @@ mod tests {
             self.prepared
         }
         fn select_pll(&mut self, pll: bool) {
-            self.overclocked |= pll && (!self.prepared || (self.pll == Some(true) && self.crystal_hz != Some(CRYSTAL_HZ)));
+            let core_hz = self.pll.map_or(0, |(from_crystal, pll)| {
+                let input_hz = if from_crystal { self.crystal_hz.unwrap_or(0) } else { INTERNAL_HZ };
+                u64::from(input_hz) * u64::from(pll.multiplier) / u64::from(pll.divider) / u64::from(PLL_CORE_DIVIDER)
+            });
+            self.overclocked |= pll && (!self.prepared || core_hz > u64::from(CORE_HZ));
             self.on_pll = pll;
         }
         fn runs_from_pll(&mut self) -> bool {
@@ -217,8 +225,8 @@ mod tests {
         let mut tree = Tree { crystal_hz: Some(CRYSTAL_HZ), ..Tree::default() };
         let report = start(&mut tree);
         assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()));
-        assert_eq!(report.check.unwrap().counted, EXPECTED_COUNT);
-        assert!(tree.watched && tree.on_pll && tree.pll == Some(true) && !tree.overclocked);
+        assert_eq!(report.check.unwrap().counted, expected_count(CRYSTAL_HZ));
+        assert!(tree.watched && tree.on_pll && tree.pll == Some((true, Pll::CRYSTAL)) && !tree.overclocked);
     }
 
     #[test]
@@ -226,7 +234,42 @@ mod tests {
         let mut tree = Tree::default();
         let report = start(&mut tree);
         assert_eq!((report.source, faults(report.faults), report.check), (Source::InternalFast, [Fault::ClockFailed].to_vec(), None));
-        assert!(tree.on_pll && tree.pll == Some(false) && !tree.crystal_on && !tree.watched && !tree.overclocked);
+        assert!(tree.on_pll && tree.pll == Some((false, Pll::INTERNAL)) && !tree.crystal_on && !tree.watched && !tree.overclocked);
+    }
+
+    #[test]
+    fn every_crystal_that_the_chip_takes_drives_the_processor_and_no_other_in_its_place_does() {
+        // Every megahertz, and those that divide nothing here.
+        let odd = [7_372_800, 8_388_608, 11_059_200, 12_288_000, 14_745_600, 18_432_000, 24_576_000];
+        for crystal_hz in (4..=26).map(|mhz| mhz * 1_000_000).chain(odd) {
+            let pll = Pll::from_input(crystal_hz).unwrap();
+            let divided_hz = f64::from(crystal_hz) / f64::from(pll.divider);
+            assert!((1e6..=2e6).contains(&divided_hz) && (50..=432).contains(&pll.multiplier) && (2..=63).contains(&pll.divider));
+            let core_hz = divided_hz * f64::from(pll.multiplier) / f64::from(PLL_CORE_DIVIDER);
+            // Exact wherever it can be, and nowhere slower by more than 1 %.
+            assert!(core_hz <= f64::from(CORE_HZ) && core_hz > 0.99 * f64::from(CORE_HZ), "{crystal_hz} Hz: {core_hz} Hz");
+            assert!(crystal_hz % 1_000_000 != 0 || pll.core_hz == CORE_HZ, "{crystal_hz} Hz: {core_hz} Hz");
+            let rates = Rates::fast(pll.core_hz);
+            assert_eq!(rates.cycles_per_tick(), 2 * rates.timer_counts_per_tick(), "{crystal_hz} Hz");
+            let tick_s = f64::from(rates.timer_counts_per_tick()) / (core_hz / 2.0);
+            assert!((tick_s * 1000.0 - 1.0).abs() < 12e-6, "{crystal_hz} Hz: a tick of {tick_s} s");
+
+            // The internal oscillator may be 8 % slow to 4.5 % fast.
+            for internal_error in [-0.075, 0.0, 0.045] {
+                let mut tree = Tree { crystal_hz: Some(crystal_hz), internal_error, ..Tree::default() };
+                let report = super::start(&mut tree, crystal_hz, pll);
+                assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()), "{crystal_hz} Hz, {internal_error}");
+                assert!(tree.watched && !tree.overclocked && report.rates == rates, "{crystal_hz} Hz");
+            }
+            for factor in [0.5, 0.66, 0.85, 1.15, 1.5, 2.0, 3.0] {
+                let fitted = (f64::from(crystal_hz) * factor) as u32;
+                let mut tree = Tree { crystal_hz: Some(fitted), ..Tree::default() };
+                let report = super::start(&mut tree, crystal_hz, pll);
+                assert_eq!(report.source, Source::InternalFast, "{fitted} Hz instead of {crystal_hz} Hz");
+                assert!(!tree.overclocked && faults(report.faults) == [Fault::ClockInaccurate]);
+            }
+        }
+        assert_eq!((Pll::from_input(900_000), Pll::from_input(200_000_000)), (None, None));
     }
 
     #[test]

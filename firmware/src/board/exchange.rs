@@ -3,6 +3,7 @@
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use heapless::spsc::{Consumer, Producer, Queue};
+use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 
@@ -47,6 +48,9 @@ pub struct Exchange {
     beat: AtomicU32,
     telemetry_dropped: AtomicU32,
     state: AtomicU8,
+    vent_verified: AtomicBool,
+    reference_is_off: AtomicBool,
+    outputs_differ: AtomicBool,
     self_tests: AtomicU32,
     longest_tick_cycles: AtomicU32,
     periods: AtomicU32,
@@ -62,6 +66,9 @@ impl Exchange {
             beat: AtomicU32::new(0),
             telemetry_dropped: AtomicU32::new(0),
             state: AtomicU8::new(0),
+            vent_verified: AtomicBool::new(false),
+            reference_is_off: AtomicBool::new(false),
+            outputs_differ: AtomicBool::new(false),
             self_tests: AtomicU32::new(0),
             longest_tick_cycles: AtomicU32::new(0),
             periods: AtomicU32::new(0),
@@ -111,8 +118,9 @@ impl Exchange {
         self.telemetry_dropped.load(Ordering::Relaxed)
     }
 
-    /// The tick tells its state.
-    pub fn publish(&self, state: State, tick_cycles: u32) {
+    /// The tick tells its state, and whether the pressure was seen to be gone.
+    pub fn publish(&self, state: State, vent_verified: bool, tick_cycles: u32) {
+        self.vent_verified.store(vent_verified, Ordering::Relaxed);
         let number = State::ALL.iter().zip(0u8..).find(|(candidate, _)| **candidate == state).map_or(0, |(_, number)| number);
         self.state.store(number, Ordering::Relaxed);
         if tick_cycles > self.longest_tick_cycles.load(Ordering::Relaxed) {
@@ -123,6 +131,25 @@ impl Exchange {
     /// State after the last tick.
     pub fn state(&self) -> State {
         State::ALL.get(usize::from(self.state.load(Ordering::Relaxed))).copied().unwrap_or_default()
+    }
+
+    /// Whether the pressure was seen to be gone by the last tick.
+    pub fn vent_verified(&self) -> bool {
+        self.vent_verified.load(Ordering::Relaxed)
+    }
+
+    /// The tick tells what is wrong with supply and outputs.
+    pub fn report_outputs(&self, faults: FaultSet) {
+        self.reference_is_off.store(faults.contains(Fault::ReferenceVoltage), Ordering::Relaxed);
+        self.outputs_differ.store(faults.contains(Fault::OutputMismatch), Ordering::Relaxed);
+    }
+
+    /// What is wrong with supply and outputs.
+    pub fn output_faults(&self) -> FaultSet {
+        let mut faults = FaultSet::EMPTY;
+        faults.insert_if(self.reference_is_off.load(Ordering::Relaxed), Fault::ReferenceVoltage);
+        faults.insert_if(self.outputs_differ.load(Ordering::Relaxed), Fault::OutputMismatch);
+        faults
     }
 
     /// Longest tick so far, processor cycles; 0 if not measured.

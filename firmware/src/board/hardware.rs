@@ -24,7 +24,8 @@ use crate::tick::RigFacts;
 /// Name in the Hello.
 pub const BOARD_NAME: &str = "stm32f405-rig";
 
-/// The crystal that must be fitted, Hz. Another one is found out before it drives anything ([`super::clock`]).
+/// The crystal that must be fitted, Hz: any of 4 to 26 MHz (DS8626 table 38). Another one is found out before it drives anything
+/// ([`super::clock`]).
 pub const CRYSTAL_HZ: u32 = 8_000_000;
 /// Internal oscillator, Hz (RM0090 section 7.2.2).
 pub const INTERNAL_HZ: u32 = 16_000_000;
@@ -33,18 +34,76 @@ pub const INTERNAL_TOLERANCE_PER_MILLE: u32 = 80;
 /// Processor with the phase-locked loop running, Hz; the most the chip does.
 pub const CORE_HZ: u32 = 168_000_000;
 
-/// Frequency into the phase-locked loop, Hz: the upper end of 1 to 2 MHz, for the least jitter (RM0090 section 7.3.2).
-pub const PLL_INPUT_HZ: u32 = 2_000_000;
-/// Multiplier of the phase-locked loop: 336 MHz out of its oscillator.
-pub const PLL_MULTIPLIER: u16 = 168;
+/// Frequencies into the phase-locked loop, Hz (RM0090 section 7.3.2): the upper end has the least jitter.
+pub const PLL_INPUT_HZ: (u32, u32) = (1_000_000, 2_000_000);
+/// Dividers and multipliers of the phase-locked loop (RM0090 section 7.3.2).
+const PLL_DIVIDERS: (u32, u32) = (2, 63);
+const PLL_MULTIPLIERS: (u32, u32) = (50, 432);
 /// Divider to the processor's clock.
 pub const PLL_CORE_DIVIDER: u32 = 2;
 /// Divider to the 48 MHz domain, which the board does not use.
 pub const PLL_48_MHZ_DIVIDER: u8 = 7;
 /// Wait states of the flash at 168 MHz and 2.7 to 3.6 V (RM0090 table 10).
 pub const FLASH_WAIT_STATES: u8 = 5;
-const _: () = assert!(CRYSTAL_HZ.is_multiple_of(PLL_INPUT_HZ) && INTERNAL_HZ.is_multiple_of(PLL_INPUT_HZ));
-const _: () = assert!(PLL_INPUT_HZ * PLL_MULTIPLIER as u32 == CORE_HZ * PLL_CORE_DIVIDER);
+
+/// What the phase-locked loop does with its input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pll {
+    /// Divider of the input.
+    pub divider: u8,
+    /// Multiplier of the divided input.
+    pub multiplier: u16,
+    /// Processor frequency that comes of it, Hz, rounded to nearest.
+    pub core_hz: u32,
+}
+
+impl Pll {
+    /// The fastest processor up to [`CORE_HZ`] from this input, with the fastest divided input that gives it; `None` if the loop takes no such
+    /// input.
+    pub const fn from_input(input_hz: u32) -> Option<Self> {
+        let mut best: Option<Self> = None;
+        let mut divider = PLL_DIVIDERS.0;
+        while divider <= PLL_DIVIDERS.1 {
+            if input_hz >= PLL_INPUT_HZ.0 * divider && input_hz <= PLL_INPUT_HZ.1 * divider {
+                let full = CORE_HZ as u64 * PLL_CORE_DIVIDER as u64 * divider as u64;
+                let multiplier = full / input_hz as u64;
+                let product = input_hz as u64 * multiplier;
+                let divisor = divider as u64 * PLL_CORE_DIVIDER as u64;
+                let core_hz = rounded(product, divisor);
+                let is_faster = match best {
+                    None => true,
+                    Some(best) => core_hz > best.core_hz,
+                };
+                if is_faster && multiplier >= PLL_MULTIPLIERS.0 as u64 && multiplier <= PLL_MULTIPLIERS.1 as u64 {
+                    let ([divider, ..], [low, high, ..]) = (divider.to_le_bytes(), multiplier.to_le_bytes());
+                    best = Some(Self { divider, multiplier: u16::from_le_bytes([low, high]), core_hz });
+                }
+            }
+            divider += 1;
+        }
+        best
+    }
+
+    /// From an input that the board was built for.
+    const fn of(input_hz: u32) -> Self {
+        match Self::from_input(input_hz) {
+            Some(pll) => pll,
+            None => unreachable!(),
+        }
+    }
+
+    /// From the crystal.
+    pub const CRYSTAL: Self = Self::of(CRYSTAL_HZ);
+    /// From the internal oscillator.
+    pub const INTERNAL: Self = Self::of(INTERNAL_HZ);
+}
+const _: () = assert!(Pll::INTERNAL.core_hz == CORE_HZ);
+
+/// The quotient rounded to nearest, of numbers whose quotient has 32 bits.
+pub const fn rounded(product: u64, divisor: u64) -> u32 {
+    let [a, b, c, d, ..] = ((product + divisor / 2) / divisor).to_le_bytes();
+    u32::from_le_bytes([a, b, c, d])
+}
 
 /// Divider of the slow bus, at most 42 MHz; its timers run at twice that (RM0090 section 7.2).
 pub const SLOW_BUS_DIVIDER: u32 = 4;
@@ -66,19 +125,24 @@ pub struct Rates {
 }
 
 impl Rates {
-    /// With the phase-locked loop.
-    pub const FAST: Self = Self { core_hz: CORE_HZ, timer_hz: CORE_HZ / SLOW_BUS_DIVIDER * 2, fast_bus_hz: CORE_HZ / FAST_BUS_DIVIDER };
+    /// With the phase-locked loop at its full frequency.
+    pub const FAST: Self = Self::fast(CORE_HZ);
     /// On the internal oscillator alone, nothing divided.
     pub const INTERNAL: Self = Self { core_hz: INTERNAL_HZ, timer_hz: INTERNAL_HZ, fast_bus_hz: INTERNAL_HZ };
 
-    /// Timer counts in a tick.
-    pub const fn timer_counts_per_tick(self) -> u32 {
-        self.timer_hz / TICK_HZ
+    /// With the phase-locked loop at this frequency.
+    pub const fn fast(core_hz: u32) -> Self {
+        Self { core_hz, timer_hz: core_hz / SLOW_BUS_DIVIDER * 2, fast_bus_hz: core_hz / FAST_BUS_DIVIDER }
     }
 
-    /// Processor cycles in a tick.
+    /// Timer counts in a tick, rounded to nearest: 12 ppm off at most with the phase-locked loop.
+    pub const fn timer_counts_per_tick(self) -> u32 {
+        (self.timer_hz + TICK_HZ / 2) / TICK_HZ
+    }
+
+    /// Processor cycles in a tick: exactly the timers' one, since the tick monitor must not drift against the sampling.
     pub const fn cycles_per_tick(self) -> u32 {
-        self.core_hz / TICK_HZ
+        self.timer_counts_per_tick() * ((self.core_hz + self.timer_hz / 2) / self.timer_hz)
     }
 
     /// USART divider of the link, rounded to nearest; with 16-fold oversampling it is the register's value (RM0090 section 30.3.4).
@@ -88,7 +152,6 @@ impl Rates {
         u16::from_le_bytes([low, high])
     }
 }
-const _: () = assert!(Rates::FAST.timer_hz.is_multiple_of(TICK_HZ) && Rates::INTERNAL.timer_hz.is_multiple_of(TICK_HZ));
 
 // 0.2 % off with the phase-locked loop; a receiver tolerates about 3 %.
 const _: () = assert!((Rates::FAST.link_divider() as u32 * LINE_BAUD).abs_diff(Rates::FAST.fast_bus_hz) < Rates::FAST.fast_bus_hz / 333);
@@ -99,6 +162,11 @@ pub const TRANSMIT_QUEUE: usize = 768;
 
 /// Sequence of the injected conversions. Mirrored, so that the means of both channels belong to the same instant.
 pub const SAMPLING_SEQUENCE: [Channel; 4] = [Channel::Laser, Channel::Pressure, Channel::Pressure, Channel::Laser];
+/// Channel of the chip's own reference voltage (RM0090 section 13.3.3), and of PA4, where the analogue drive can be read back. A regular
+/// conversion a tick reads them in turn, behind the injected ones.
+pub const READ_BACK_CHANNELS: [u8; 2] = [17, 4];
+/// Where the factory left the reference voltage's code at 3.3 V and 30 degrees (DS8626 table 77).
+pub const REFERENCE_CALIBRATION: usize = 0x1fff_7a2a;
 /// Conversions of each channel in a tick, summed.
 pub const CONVERSIONS_PER_CHANNEL: u16 = 2;
 /// Code of one conversion at the reference voltage.
@@ -122,9 +190,6 @@ pub enum Channel {
     /// PA1.
     Pressure = 1,
 }
-
-/// Full duty of the valve's pulse width: 20 kHz with the phase-locked loop.
-pub const PULSE_PERIOD_COUNTS: u16 = 4200;
 
 /// Port B pin of the emergency stop.
 pub const EMERGENCY_STOP_PIN: u32 = 0;

@@ -23,16 +23,20 @@
 //!
 //! 1. Before there is RAM: dump valve released (`chip::entry`).
 //! 2. Clocks ([`clock`]), reset cause ([`reset_cause()`]), what survived in RAM (`retain`).
-//! 3. Pins, drives at zero, watchdog, supply monitor.
+//! 3. Brown-out level, memory protection, pins, drives at zero, watchdog, supply monitor.
 //! 4. Settings from flash, rig, queues.
 //! 5. Sampling begins; from now on the tick decides about the dump valve.
 
 pub mod background_task;
+pub mod brown_out;
 pub mod clock;
 pub mod exchange;
 pub mod flash;
 pub mod hardware;
+pub mod memory_map;
 pub mod periods;
+pub mod pulse;
+pub mod read_back;
 mod reset_cause;
 pub mod tick_task;
 pub mod watchdog;

@@ -10,9 +10,10 @@ use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
 use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
+use super::read_back::{PutOut, ReadBackMonitor};
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::retain::{Retained, SEALED_BYTES};
-use crate::seam::{DumpValve, SampleSource, ValveDrive};
+use crate::seam::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
 use crate::tick::{Answer, Command, ModelStep, Rig, TickInputs, ValveOutput};
 
 /// Counts processor cycles.
@@ -71,11 +72,21 @@ pub struct TickTask<'q, H> {
     overran: bool,
     tests_itself: bool,
     trace_put: u32,
+    pulse_hz: u32,
+    put_out: PutOut,
+    monitor: ReadBackMonitor,
 }
 
 impl<'q, H> TickTask<'q, H> {
-    /// A task that has not run yet. `cycles_per_tick` is the deadline.
-    pub fn new(rig: Rig, hands: H, queues: TickQueues<'q>, exchange: &'q Exchange, cycles_per_tick: u32) -> Self {
+    /// A task that has not run yet. `cycles_per_tick` is the deadline, `reference_calibration` the factory's code of the reference voltage.
+    pub fn new(
+        rig: Rig,
+        hands: H,
+        queues: TickQueues<'q>,
+        exchange: &'q Exchange,
+        cycles_per_tick: u32,
+        reference_calibration: Option<u16>,
+    ) -> Self {
         Self {
             rig,
             hands,
@@ -86,6 +97,9 @@ impl<'q, H> TickTask<'q, H> {
             overran: false,
             tests_itself: false,
             trace_put: 0,
+            pulse_hz: 0,
+            put_out: PutOut::default(),
+            monitor: ReadBackMonitor::new(reference_calibration),
         }
     }
 
@@ -122,7 +136,7 @@ impl<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper>
 where
     Source: SampleSource,
     Analogue: ValveDrive,
-    Pulse: ValveDrive,
+    Pulse: ValveDrive + PulseFrequency,
     Dump: OutputPin,
     Stop: InputPin,
     Timer: WatchdogTimer,
@@ -147,14 +161,26 @@ where
             command: if exchange::has_room(&self.queues.answers) { exchange::take(&mut self.queues.commands) } else { None },
             telemetry_dropped: self.exchange.telemetry_dropped(),
         };
+        // What was read is what the last tick put out.
+        if let Some(read) = self.hands.source.read_back() {
+            self.exchange.report_outputs(self.monitor.step(&read, self.put_out));
+        }
         let outputs = self.rig.tick(model, inputs);
 
+        // New settings come only while vented, with the drive at zero.
+        let pulse_hz = self.rig.built().pulse_hz();
+        if pulse_hz != self.pulse_hz && !outputs.energised {
+            self.hands.pulse.set_pulse_hz(pulse_hz);
+            self.pulse_hz = pulse_hz;
+        }
         let (analogue, pulse) = match self.rig.built().valve_output() {
             ValveOutput::Analogue => (outputs.valve_share, 0),
             ValveOutput::PulseWidth => (0, outputs.valve_share),
         };
         // On the chip setting a pin cannot fail. The watchdog and the pressure watch are there for one that does.
-        let _ = self.hands.dump_valve.set_energised(outputs.energised);
+        let order = self.rig.supervisor().dump_order();
+        let _ = self.hands.dump_valve.obey(&order);
+        self.put_out = PutOut { share: analogue, closes: order.closes() };
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);
         self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
@@ -181,6 +207,6 @@ where
         }
         let cycles = self.hands.counter.cycles().wrapping_sub(began);
         self.overran = cycles > self.cycles_per_tick;
-        self.exchange.publish(outputs.state, cycles);
+        self.exchange.publish(outputs.state, outputs.vent_verified, cycles);
     }
 }

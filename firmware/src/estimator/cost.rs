@@ -4,9 +4,9 @@
 //! (rustc 1.95, release), and a test holds the whole to within 3 % of what the emulator counts. A board's cycles are more, by an
 //! estimated 1.3 to 1.5 for each instruction: loads of several words, taken branches, flash wait states.
 
-use model_export::schema::{Activation, Layer, Mode, Model};
+use model_export::schema::{Activation, Cell, Layer, Mode, Model};
 
-use super::packed::Shape;
+use super::shape::Shape;
 
 /// A step without network, operators, filters and features.
 const STEP: usize = 174;
@@ -44,9 +44,9 @@ pub fn step_instructions(model: &Model<'_>) -> usize {
 
 /// Instructions of the assembly for one layer, as it stands in `smlad`.
 fn layer_instructions(layer: &Layer<'_>, activation: Activation) -> usize {
-    let shape = Shape { inputs: usize::from(layer.inputs), units: usize::from(layer.units) };
-    // Loops that copy four samples each; the input's may be half empty.
-    let groups = shape.recurrent_words() / 4;
+    let shape = Shape { cell: layer.cell, inputs: usize::from(layer.inputs), units: usize::from(layer.units) };
+    // Loops that copy four samples each; the input's may be half empty, and a dense layer's copy is made all the same.
+    let fours = shape.recurrent_words() / 4;
     let (input, copied) = if shape.has_pairs() {
         let pairs = shape.input_words() / 4;
         (6 * pairs, pairs.div_ceil(2))
@@ -54,12 +54,19 @@ fn layer_instructions(layer: &Layer<'_>, activation: Activation) -> usize {
         let groups = shape.input_words() / 4;
         (14 * groups + 8, groups)
     };
-    let elements = match activation {
-        Activation::Tanh => 60,
-        Activation::Relu => 53,
-        Activation::Hard => 55,
+    let elements = match (layer.cell, layer.cell.activation(activation)) {
+        (Cell::Lstm, Activation::Tanh) => 60,
+        (Cell::Lstm, Activation::Relu) => 53,
+        (Cell::Lstm, Activation::Hard) => 55,
+        (Cell::Gru, Activation::Tanh) => 53,
+        (Cell::Gru, Activation::Relu) => 51,
+        (Cell::Gru, Activation::Hard) => 49,
+        // Of four units.
+        (Cell::Dense(_), Activation::Tanh) => 67,
+        (Cell::Dense(_), Activation::Relu) => 63,
+        (Cell::Dense(_), Activation::Hard) => 51,
     };
     // Entering the columns, six accumulators to start from and four sums to keep: 3 and 3; 8 to tell rows apart and 1 to leave.
-    let unit = 3 + input + 3 + 14 * groups + 8 + 1 + elements;
-    40 + 7 * (copied + groups) + shape.units * unit
+    let group = 3 + input + 3 + 14 * fours + 8 + 1 + elements;
+    40 + 7 * (copied + fours.max(1)) + shape.groups() * group
 }

@@ -106,6 +106,13 @@ impl FrontEndState {
         self.held_samples
     }
 
+    /// The normalised input so many samples ago, less than [`DELAY_LINE`].
+    fn past(&self, age: usize) -> f32 {
+        let index = self.newest + age;
+        let index = if index >= DELAY_LINE { index - DELAY_LINE } else { index };
+        self.delay_line.get(index).copied().unwrap_or(self.input)
+    }
+
     /// Forgets everything: the next good sample starts from its equilibrium.
     pub fn reset(&mut self) {
         // In place: a fresh one would be built on the stack of the tick first. What the first step sets itself is left to it.
@@ -216,6 +223,7 @@ impl FrontEnd {
                 FeatureSource::Stop(index) => (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index),
                 FeatureSource::Readout => readout,
                 FeatureSource::Creep(index) => element(&state.creeps, index),
+                FeatureSource::Past(age) => state.past(usize::from(age)),
             };
             *value = T::from_feature((signal - feature.offset) * feature.gain);
         }
@@ -228,12 +236,7 @@ impl FrontEnd {
         if let Some(slot) = state.delay_line.get_mut(state.newest) {
             *slot = input;
         }
-        let at = |age: usize| {
-            let index = state.newest + age;
-            let index = if index >= DELAY_LINE { index - DELAY_LINE } else { index };
-            state.delay_line.get(index).copied().unwrap_or(input)
-        };
-        let (younger, older) = (at(self.delay_whole), at(self.delay_whole + 1));
+        let (younger, older) = (state.past(self.delay_whole), state.past(self.delay_whole + 1));
         younger + self.delay_fraction * (older - younger)
     }
 }

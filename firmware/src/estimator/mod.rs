@@ -8,6 +8,7 @@ mod cost;
 mod front_end;
 mod network;
 mod packed;
+mod shape;
 #[cfg(target_os = "none")]
 #[allow(unsafe_code, reason = "the assembly of the fast kernel; every block says why it is sound")]
 mod smlad;
@@ -118,7 +119,43 @@ pub struct GoldenReplay {
     pub within_tolerance: bool,
     /// The output bits are those that the exporter saw.
     pub same_bits: bool,
+    /// The steps took longer than they may, and the replay ended there.
+    pub too_slow: bool,
 }
+
+/// What a step's execution time is measured with: on the board the processor's cycle counter.
+pub trait StepTimer {
+    /// Free-running cycles; the difference across a step is what it took.
+    fn cycles(&self) -> u32;
+}
+
+/// Where there is nothing to measure with: the emulator's counter stands still, and the desktop's time says nothing about the board.
+#[derive(Clone, Copy, Debug)]
+pub struct Untimed;
+
+impl StepTimer for Untimed {
+    fn cycles(&self) -> u32 {
+        0
+    }
+}
+
+/// How long a step of a model may take.
+#[derive(Clone, Copy, Debug)]
+pub struct StepBudget<T> {
+    /// What it is measured with.
+    pub timer: T,
+    /// Cycles that are allowed.
+    pub cycles: u32,
+}
+
+impl StepBudget<Untimed> {
+    /// Without a limit.
+    pub const UNLIMITED: Self = Self { timer: Untimed, cycles: u32::MAX };
+}
+
+/// Steps in a row beyond the budget that make a model too slow. The tick interrupts the replay once a millisecond, and so lengthens at most two of three
+/// steps that last more than half a millisecond; one of four is undisturbed.
+pub const OVER_BUDGET_STEPS: u32 = 4;
 
 impl GoldenReplay {
     /// Whether the estimator may be trusted.
@@ -249,15 +286,36 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     /// # Deadline
     /// Not for the control tick: up to 512 steps.
     pub fn replay_in(&self, state: &mut EstimatorState, golden: &schema::Golden<'_>) -> GoldenReplay {
+        self.replay_timed(state, golden, &StepBudget::UNLIMITED)
+    }
+
+    /// As [`Self::replay_in`], and ends early where the steps take longer than they may.
+    ///
+    /// # Deadline
+    /// Not for the control tick: up to 512 steps within the budget, or [`OVER_BUDGET_STEPS`] beyond it.
+    pub fn replay_timed<T: StepTimer>(
+        &self,
+        state: &mut EstimatorState,
+        golden: &schema::Golden<'_>,
+        budget: &StepBudget<T>,
+    ) -> GoldenReplay {
         state.reset();
         let (mut worst, mut digest, mut samples) = (0.0f32, 0, 0);
+        let (mut over_budget, mut too_slow) = (0, false);
         for (input, expected) in golden.input.as_chunks().0.iter().zip(golden.output.as_chunks().0) {
+            let began = budget.timer.cycles();
             let value = self.step(state, f32::from_le_bytes(*input)).value;
+            let cycles = budget.timer.cycles().wrapping_sub(began);
+            over_budget = if cycles > budget.cycles { over_budget + 1 } else { 0 };
+            if over_budget >= OVER_BUDGET_STEPS {
+                too_slow = true;
+                break;
+            }
             let difference = (value - f32::from_le_bytes(*expected)).abs();
             worst = if difference > worst { difference } else { worst };
             digest = crc32(digest, &value.to_le_bytes());
             samples += 1;
         }
-        GoldenReplay { samples, worst, within_tolerance: worst <= golden.tolerance, same_bits: digest == golden.digest }
+        GoldenReplay { samples, worst, within_tolerance: worst <= golden.tolerance, same_bits: digest == golden.digest, too_slow }
     }
 }

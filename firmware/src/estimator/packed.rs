@@ -2,17 +2,19 @@
 //!
 //! # Terms
 //!
-//! *Row*: the weights of one gate of one unit; a unit has four rows, taken here in the order i, f, o, g. *Column*: a position in the vector
-//! that a row is multiplied with. *Stream*: all 32-bit words of a layer; a step reads it once from the first word to the last.
+//! *Row*: the weights of one gate of one unit. *Group*: four rows that are computed together: those of a unit in the order i, f, o, g (LSTM)
+//! or r, u, m, n (GRU), or those of four units of a dense layer. *Column*: a position in the vector that a row is multiplied with.
+//! *Stream*: all 32-bit words of a layer; a step reads it once from the first word to the last. A weight that there is not is zero: a
+//! GRU's n has none in the recurrent matrix and its m none in the input's, and a last group may have fewer than four units.
 //!
 //! # Layout
 //!
-//! For each unit: the input matrix's columns, the recurrent matrix's columns, then for each row bias (low word, high word), input multiplier
-//! and recurrent multiplier. A matrix comes in one of two forms:
+//! For each group: the input matrix's columns, the recurrent matrix's columns (none in a dense layer), then for each row bias (low word,
+//! high word), input multiplier and recurrent multiplier. A matrix comes in one of two forms:
 //!
 //! ```text
 //! pairs (at most 8 columns)   for columns c, c+1: four words, one a row              w[c] in bits 0..16, w[c+1] in bits 16..32
-//! bytes (any number)          for columns c, c+1 and then c+2, c+3: a word of rows i, f and a word of rows o, g
+//! bytes (any number)          for columns c, c+1 and then c+2, c+3: a word of the first two rows and one of the others
 //!                             each half word, low half column c, is                  256 * second + (first + 128)
 //! ```
 //!
@@ -28,65 +30,28 @@
 //! [`super::Portable`].
 
 use heapless::Vec;
-use model_export::schema::{MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
+use model_export::schema::{Cell, MAX_FEATURES, MAX_LAYERS, MAX_UNITS, MAX_WIDTH};
 use model_export::validate::Invalid;
 
 use super::network::{Kernel, KernelSource, Layer, LayerState, Network};
+use super::shape::Shape;
 #[cfg(target_os = "none")]
 use super::smlad::Plan;
 
-/// Most columns that are kept as pairs: they cost fewer instructions and twice the memory of bytes.
-pub const MAX_PAIR_COLUMNS: usize = 8;
-/// Words for the largest network a blob may hold: 64 KiB.
-pub const MAX_PACKED_WORDS: usize =
-    Shape { inputs: MAX_FEATURES, units: MAX_UNITS }.words() + Shape { inputs: MAX_UNITS, units: MAX_UNITS }.words();
+/// Words that a board has for the packed weights, 64 KiB: those of two LSTM layers as large as a blob may hold. A network that needs
+/// more is not exported.
+pub const MAX_PACKED_WORDS: usize = Shape { cell: Cell::Lstm, inputs: MAX_FEATURES, units: MAX_UNITS }.words()
+    + Shape { cell: Cell::Lstm, inputs: MAX_UNITS, units: MAX_UNITS }.words();
 
-/// Rows of a unit in the stream's order, as gate numbers of the blob's order i, f, g, o.
+/// Rows of a recurrent unit in the stream's order, as numbers of [`Cell::gates`].
 const GATES: [usize; 4] = [0, 1, 3, 2];
-/// Words of a unit behind its matrices.
-const ROW_WORDS: usize = 4 * 4;
-/// What is added to the weight in the low byte.
-pub(super) const BYTE_OFFSET: i32 = 128;
 
-/// Dimensions of a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Shape {
-    /// Width of the input.
-    pub(super) inputs: usize,
-    /// Hidden units.
-    pub(super) units: usize,
-}
-
-impl Shape {
-    /// Whether the input matrix is kept as pairs.
-    pub(super) const fn has_pairs(self) -> bool {
-        self.inputs <= MAX_PAIR_COLUMNS
+/// Gate, by its number, and unit of each row of a group.
+fn rows(shape: Shape, group: usize) -> [(usize, usize); 4] {
+    match shape.cell {
+        Cell::Lstm | Cell::Gru => GATES.map(|gate| (gate, group)),
+        Cell::Dense(_) => [0, 1, 2, 3].map(|row| (0, 4 * group + row)),
     }
-
-    /// Words of a unit's input columns.
-    pub(super) const fn input_words(self) -> usize {
-        if self.has_pairs() { 4 * self.inputs.div_ceil(2) } else { byte_words(self.inputs) }
-    }
-
-    /// Words of a unit's recurrent columns.
-    pub(super) const fn recurrent_words(self) -> usize {
-        byte_words(self.units)
-    }
-
-    /// Words of a unit.
-    const fn unit_words(self) -> usize {
-        self.input_words() + self.recurrent_words() + ROW_WORDS
-    }
-
-    /// Words of the layer.
-    const fn words(self) -> usize {
-        self.units * self.unit_words()
-    }
-}
-
-/// Words of a unit's columns as bytes.
-const fn byte_words(columns: usize) -> usize {
-    4 * columns.div_ceil(4)
 }
 
 /// A network's weights in the fast kernel's layout.
@@ -104,7 +69,7 @@ struct PackedLayer<'b> {
     plan: Plan,
 }
 
-/// Packs into memory of the caller's, [`MAX_PACKED_WORDS`] for any network: on the board the core-coupled memory, which no wait states slow.
+/// Packs into memory of the caller's, [`MAX_PACKED_WORDS`] for any network that is exported: on the board the core-coupled memory, which no wait states slow.
 impl<'b> KernelSource for &'b mut [u32] {
     type Kernel = Packed<'b>;
 
@@ -112,7 +77,7 @@ impl<'b> KernelSource for &'b mut [u32] {
         let mut layers = Vec::new();
         let mut free = self;
         for layer in network.layers() {
-            let shape = Shape { inputs: layer.inputs(), units: layer.units() };
+            let shape = Shape { cell: layer.cell(), inputs: layer.inputs(), units: layer.units() };
             let Some((stream, rest)) = free.split_at_mut_checked(shape.words()) else {
                 return Err(Invalid {
                     field: "network",
@@ -138,10 +103,14 @@ impl<'b> KernelSource for &'b mut [u32] {
 
 fn pack(layer: &Layer<'_>, shape: Shape, stream: &mut [u32]) {
     let wire = layer.wire();
-    for (unit, words) in stream.chunks_exact_mut(shape.unit_words()).enumerate() {
-        let rows = GATES.map(|gate| gate * shape.units + unit);
+    let gates = shape.cell.gates();
+    for (group, words) in stream.chunks_exact_mut(shape.group_words()).enumerate() {
+        let rows =
+            rows(shape, group).map(|(number, unit)| gates.get(number).filter(|_| unit < shape.units).map(|gate| (number, gate, unit)));
+        let input_rows = rows.map(|row| row.and_then(|(_, gate, unit)| Some(gate.input? * shape.units + unit)));
+        let recurrent_rows = rows.map(|row| row.and_then(|(_, gate, unit)| Some(gate.recurrent? * shape.units + unit)));
         let mut words = words.iter_mut();
-        let inputs = Rows { matrix: wire.input_weights, columns: shape.inputs, rows };
+        let inputs = Rows { matrix: wire.input_weights, columns: shape.inputs, rows: input_rows };
         if shape.has_pairs() {
             for column in (0..shape.inputs).step_by(2) {
                 inputs.pairs(column).into_iter().zip(&mut words).for_each(|(word, slot)| *slot = word);
@@ -149,31 +118,36 @@ fn pack(layer: &Layer<'_>, shape: Shape, stream: &mut [u32]) {
         } else {
             inputs.bytes().zip(&mut words).for_each(|(word, slot)| *slot = word);
         }
-        let recurrent = Rows { matrix: wire.recurrent_weights, columns: shape.units, rows };
-        recurrent.bytes().zip(&mut words).for_each(|(word, slot)| *slot = word);
-        for row in rows {
-            let [bias_low, bias_high] = *wire.biases.as_chunks::<4>().0.as_chunks::<2>().0.get(row).unwrap_or(&[[0; 4]; 2]);
-            let multiplier = |bytes: &[u8]| bytes.as_chunks::<4>().0.get(row).copied().unwrap_or_default();
-            let constants = [bias_low, bias_high, multiplier(wire.input_multipliers), multiplier(wire.recurrent_multipliers)];
+        if shape.recurrent_words() > 0 {
+            let recurrent = Rows { matrix: wire.recurrent_weights, columns: shape.units, rows: recurrent_rows };
+            recurrent.bytes().zip(&mut words).for_each(|(word, slot)| *slot = word);
+        }
+        for ((row, input_row), recurrent_row) in rows.into_iter().zip(input_rows).zip(recurrent_rows) {
+            let bias = row.and_then(|(number, _, unit)| wire.biases.as_chunks::<4>().0.as_chunks::<2>().0.get(number * shape.units + unit));
+            let [bias_low, bias_high] = bias.copied().unwrap_or_default();
+            let multiplier =
+                |bytes: &[u8], row: Option<usize>| row.and_then(|row| bytes.as_chunks::<4>().0.get(row).copied()).unwrap_or_default();
+            let by_input = multiplier(wire.input_multipliers, input_row);
+            let constants = [bias_low, bias_high, by_input, multiplier(wire.recurrent_multipliers, recurrent_row)];
             constants.into_iter().zip(&mut words).for_each(|(bytes, slot)| *slot = u32::from_le_bytes(bytes));
         }
     }
 }
 
-/// The four rows of a unit in one matrix.
+/// The four rows of a group in one matrix; none where a row is not in it.
 struct Rows<'a> {
     matrix: &'a [u8],
     columns: usize,
-    rows: [usize; 4],
+    rows: [Option<usize>; 4],
 }
 
 impl Rows<'_> {
     /// A weight; zero behind the last column.
-    fn weight(&self, row: usize, column: usize) -> i8 {
-        if column >= self.columns {
-            return 0;
+    fn weight(&self, row: Option<usize>, column: usize) -> i8 {
+        match row {
+            Some(row) if column < self.columns => self.matrix.get(row * self.columns + column).copied().unwrap_or(0).cast_signed(),
+            _ => 0,
         }
-        self.matrix.get(row * self.columns + column).copied().unwrap_or(0).cast_signed()
     }
 
     fn pairs(&self, column: usize) -> [u32; 4] {
@@ -181,10 +155,10 @@ impl Rows<'_> {
     }
 
     fn bytes(&self) -> impl Iterator<Item = u32> {
-        let [input, forget, output, candidate] = self.rows;
+        let [first, second, third, fourth] = self.rows;
         let columns = (0..self.columns.next_multiple_of(4)).step_by(2);
         columns.flat_map(move |column| {
-            [(input, forget), (output, candidate)].map(|(first, second)| {
+            [(first, second), (third, fourth)].map(|(first, second)| {
                 word([column, column + 1].map(|column| {
                     // The low byte is the first weight with 128 added, which flips its upper bit.
                     let low = self.weight(first, column).cast_unsigned() ^ 0x80;
@@ -214,8 +188,7 @@ impl Kernel for Packed<'_> {
     fn step(&self, index: usize, layer: &Layer<'_>, input: &[i16; MAX_WIDTH], state: &mut LayerState) {
         let Some(PackedLayer { stream, shape }) = self.layers.get(index) else { return };
         let last = state.hidden;
-        let memory = state.hidden.iter_mut().zip(&mut state.cell);
-        for ((hidden, cell), words) in memory.zip(stream.chunks_exact(shape.unit_words())) {
+        for (group, words) in stream.chunks_exact(shape.group_words()).enumerate() {
             let (inputs, words) = words.split_at_checked(shape.input_words()).unwrap_or_default();
             let (recurrent, rows) = words.split_at_checked(shape.recurrent_words()).unwrap_or_default();
             let from_input = if shape.has_pairs() { pair_sums(inputs, input) } else { byte_sums(inputs, input) };
@@ -224,8 +197,17 @@ impl Kernel for Packed<'_> {
             for ((z, sums), constants) in pre_activations.iter_mut().zip(sums).zip(rows.as_chunks().0) {
                 *z = pre_activation(sums, *constants);
             }
-            let [input_z, forget_z, output_z, candidate_z] = pre_activations;
-            (*cell, *hidden) = layer.next([input_z, forget_z, candidate_z, output_z], *cell);
+            let [first, second, third, fourth] = pre_activations;
+            match shape.cell {
+                Cell::Lstm | Cell::Gru => {
+                    let memory = state.cell.iter_mut().zip(&mut state.hidden).nth(group);
+                    memory.into_iter().for_each(|(cell, hidden)| (*cell, *hidden) = layer.next([first, second, fourth, third], *cell));
+                }
+                Cell::Dense(_) => {
+                    let outputs = state.hidden.iter_mut().skip(4 * group).zip(pre_activations);
+                    outputs.for_each(|(hidden, z)| (_, *hidden) = layer.next([z, 0, 0, 0], 0));
+                }
+            }
         }
     }
 }
@@ -261,7 +243,7 @@ fn pair_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
 #[cfg(not(target_os = "none"))]
 fn byte_sums(words: &[u32], samples: &[i16; MAX_WIDTH]) -> [i32; 4] {
     let read = samples.iter().take(words.len());
-    let start = -BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
+    let start = -super::shape::BYTE_OFFSET * read.map(|sample| i32::from(*sample)).sum::<i32>();
     let (mut low, mut whole) = ([start; 2], [i64::from(start); 2]);
     for (rows, pair) in words.as_chunks::<2>().0.iter().zip(samples.as_chunks::<2>().0) {
         for ((low, whole), word) in low.iter_mut().zip(&mut whole).zip(rows) {

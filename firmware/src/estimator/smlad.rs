@@ -11,15 +11,17 @@
 //! r0 stream    r1 samples    r2 row i    r3:r4 rows i, f    r5 row o    r6:r7 rows o, g    r8-r11 weights    r12, lr samples
 //! ```
 //!
-//! Then, element by element, `r2 r3 r5` hold the gates i, f, o, `r7` the candidate and later the activated cell, `r8` the cell. All else is
-//! in the frame below, where one `LDM` or `LDRD` fetches what is needed next.
+//! Then, element by element, `r2 r3 r5` hold the gates i, f, o, `r7` the candidate and later the activated cell, `r8` the cell. In a GRU the
+//! rows are r, u, m, n: `r3` holds u and `r2` what is left to one, so that the state is made as an LSTM's cell. In a dense layer the rows are
+//! four units, whose outputs take the places of their sums. All else is in the frame below, where one `LDM` or `LDRD` fetches what is
+//! needed next.
 //!
 //! # Frame, offsets from the stack pointer
 //!
 //! ```text
-//!   0  sums over the input columns, i, f, o, g             48  cell, hidden: where the next unit's are
+//!   0  sums over the input columns, row by row             48  cell, hidden: where the next group's are
 //!  16  where to enter input columns, recurrent columns,     56  rounding and shift of the hidden state
-//!      element-wise part                                    64  end of the cells
+//!      element-wise part                                    64  end of the groups' cells
 //!  28  sigmoid table                                        68  start of the input sums (6 words), input samples,
 //!  32  tanh table, or the relu's or hard tanh's room            start of the recurrent sums (6 words), hidden samples
 //!  36  cell exponent, 14 minus it, room above the cell
@@ -36,10 +38,10 @@
 use core::arch::global_asm;
 
 use model_export::fixed::{CELL_FRACTION, SEGMENTS, SIGMOID, SIGMOID_STEP_BITS, TANH, TANH_STEP_BITS, Table};
-use model_export::schema::{Activation, MAX_UNITS, MAX_WIDTH};
+use model_export::schema::{Activation, Cell, MAX_UNITS, MAX_WIDTH};
 
 use super::network::{Layer, LayerState};
-use super::packed::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
+use super::shape::{BYTE_OFFSET, MAX_PAIR_COLUMNS, Shape};
 
 /// Bytes of code for two columns as pairs.
 const PAIR_CODE_BYTES: usize = 6 * 4;
@@ -154,10 +156,90 @@ global_asm!(
     asr     r8, r8, r9
     ssat    r8, #16, r8
     strh    r8, [lr], #2
+    smlad_next
+.endm
+
+// Back to the first column of the next group, if there is one.
+.macro smlad_next
     strd    r12, lr, [sp, #48]
     cmp     r12, r10
     bne.w   firmware_smlad_unit
     b.w     firmware_smlad_end
+.endm
+
+// Gates of a GRU, u into r3 and the rest to one into r2, the candidate's pre-activation into r7; then the constants.
+.macro smlad_gru_gates
+    ldm     sp, {r10, r11, r12, lr}
+    ldr     r1, [sp, #28]
+    smlad_pre_activation r10, r2
+    smlad_curve r2, r1, r7, 21, 12
+    smlad_pre_activation r11, r3
+    smlad_curve r3, r1, r7, 21, 12
+    smlad_pre_activation r12, r5
+    smmulr  r5, r2, r7
+    smlad_pre_activation lr, r6
+    qdadd   r7, r7, r5
+    mvn     r2, r3
+    bic     r2, r2, #0x80000000
+    add     r1, sp, #32
+    ldm     r1!, {r4, r6, r10, r11, r12, lr}
+.endm
+
+// The state in r8, in 16 bits to memory, and on to the next unit.
+.macro smlad_gru_hidden
+    ldm     r1, {r7, r9, r10}
+    add     r8, r8, r7
+    asr     r8, r8, r9
+    ssat    r8, #16, r8
+    strh    r8, [lr], #2
+    smlad_next
+.endm
+
+.macro smlad_dense_tanh
+    ldrd    r1, r4, [sp, #32]
+    smlad_curve r7, r1, r7, 20, 11
+    asr     r7, r7, r4
+.endm
+
+.macro smlad_dense_relu
+    ldr     r1, [sp, #32]
+    ldr     r4, [sp, #40]
+    bic     r7, r7, r7, asr #31
+    qadd    r7, r7, r1
+    sub     r7, r7, r1
+    lsl     r7, r7, r4
+.endm
+
+.macro smlad_dense_hard
+    ldr     r4, [sp, #40]
+    ssat    r7, #17, r7
+    lsl     r7, r7, r4
+.endm
+
+// Output of a row of a dense layer, into the place of its sum over recurrent columns, which its multiplier of zero takes out.
+.macro smlad_dense_row activation, from_input, output
+    smlad_pre_activation \from_input, \output
+    smlad_dense_\activation
+    ldrd    r8, r9, [sp, #56]
+    add     r7, r7, r8
+    asr     r7, r7, r9
+    ssat    \output, #16, r7
+.endm
+
+// Outputs of four units to memory, and on to the next four.
+.macro smlad_dense activation
+    ldm     sp, {r10, r11, r12, lr}
+    smlad_dense_row \activation, r10, r2
+    smlad_dense_row \activation, r11, r3
+    smlad_dense_row \activation, r12, r5
+    smlad_dense_row \activation, lr, r6
+    pkhbt   r2, r2, r3, lsl #16
+    pkhbt   r5, r5, r6, lsl #16
+    ldrd    r12, lr, [sp, #48]
+    strd    r2, r5, [lr], #8
+    add     r12, r12, #4
+    ldr     r10, [sp, #64]
+    smlad_next
 .endm
 
     .balign 4
@@ -193,6 +275,7 @@ firmware_smlad_unit:
     ldr     pc, [sp, #16]
 
 // Two columns as pairs; 6 instructions of 4 bytes.
+firmware_smlad_pairs:
     .rept 4
     ldm.w   r0!, {r8-r11}
     ldr.w   r12, [r1], #4
@@ -201,6 +284,7 @@ firmware_smlad_unit:
     smlad   r5, r10, r12, r5
     smlad   r6, r11, r12, r6
     .endr
+firmware_smlad_pairs_end:
     .global firmware_smlad_after_pairs
     .type firmware_smlad_after_pairs, %function
     .thumb_func
@@ -209,9 +293,11 @@ firmware_smlad_after_pairs:
     ldm     r1!, {r2-r7}
     ldr     pc, [sp, #20]
 
+firmware_smlad_bytes:
     .rept 16
     smlad_four_columns
     .endr
+firmware_smlad_bytes_end:
     .global firmware_smlad_after_bytes
     .type firmware_smlad_after_bytes, %function
     .thumb_func
@@ -222,9 +308,11 @@ firmware_smlad_after_bytes:
     ldm     r1!, {r2-r7}
     ldr     pc, [sp, #20]
 
+firmware_smlad_recurrent:
     .rept 16
     smlad_four_columns
     .endr
+firmware_smlad_recurrent_end:
     .global firmware_smlad_after_recurrent
     .type firmware_smlad_after_recurrent, %function
     .thumb_func
@@ -273,13 +361,76 @@ firmware_smlad_hard:
     lsl     r7, r7, r6
     smlad_hidden
 
+    .global firmware_smlad_gru_tanh
+    .type firmware_smlad_gru_tanh, %function
+    .thumb_func
+firmware_smlad_gru_tanh:
+    smlad_gru_gates
+    smlad_curve r7, r4, r7, 20, 11
+    asr     r7, r7, r6
+    smlad_cell
+    smlad_gru_hidden
+
+    .global firmware_smlad_gru_relu
+    .type firmware_smlad_gru_relu, %function
+    .thumb_func
+firmware_smlad_gru_relu:
+    smlad_gru_gates
+    bic     r7, r7, r7, asr #31
+    qadd    r7, r7, r4
+    sub     r7, r7, r4
+    lsl     r7, r7, r10
+    smlad_cell
+    smlad_gru_hidden
+
+    .global firmware_smlad_gru_hard
+    .type firmware_smlad_gru_hard, %function
+    .thumb_func
+firmware_smlad_gru_hard:
+    smlad_gru_gates
+    ssat    r7, #17, r7
+    lsl     r7, r7, r10
+    smlad_cell
+    smlad_gru_hidden
+
+    .global firmware_smlad_dense_tanh
+    .type firmware_smlad_dense_tanh, %function
+    .thumb_func
+firmware_smlad_dense_tanh:
+    smlad_dense tanh
+
+    .global firmware_smlad_dense_relu
+    .type firmware_smlad_dense_relu, %function
+    .thumb_func
+firmware_smlad_dense_relu:
+    smlad_dense relu
+
+    .global firmware_smlad_dense_hard
+    .type firmware_smlad_dense_hard, %function
+    .thumb_func
+firmware_smlad_dense_hard:
+    smlad_dense hard
+
 firmware_smlad_end:
     add     sp, sp, #372
     pop     {r4-r11, pc}
+
+// Jumps into the three runs of columns count on these lengths: no bytes follow where they are right, and the assembler stops where one is
+// longer or shorter.
+.macro smlad_is_exactly begin, end, bytes
+    .space  (\end - \begin) - \bytes
+    .space  \bytes - (\end - \begin)
+.endm
+    smlad_is_exactly firmware_smlad_pairs, firmware_smlad_pairs_end, 4 * 24
+    smlad_is_exactly firmware_smlad_bytes, firmware_smlad_bytes_end, 16 * 56
+    smlad_is_exactly firmware_smlad_recurrent, firmware_smlad_recurrent_end, 16 * 56
     .size firmware_smlad_step, . - firmware_smlad_step
 "#,
     options(raw)
 );
+
+// The lengths that the assembler has checked.
+const _: () = assert!(PAIR_CODE_BYTES == 24 && BYTES_CODE_BYTES == 56);
 
 // SAFETY: the signature is that of the assembly above. The others are places inside it, declared for their addresses and never called.
 unsafe extern "C" {
@@ -290,13 +441,19 @@ unsafe extern "C" {
     fn firmware_smlad_tanh();
     fn firmware_smlad_relu();
     fn firmware_smlad_hard();
+    fn firmware_smlad_gru_tanh();
+    fn firmware_smlad_gru_relu();
+    fn firmware_smlad_gru_hard();
+    fn firmware_smlad_dense_tanh();
+    fn firmware_smlad_dense_relu();
+    fn firmware_smlad_dense_hard();
 }
 
 /// A layer's constants in the order in which the assembly reads them; only [`Plan::new`] makes one.
 #[repr(C)]
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    units: usize,
+    groups: usize,
     input_samples_words: usize,
     input_offset: i32,
     hidden_samples_words: usize,
@@ -318,12 +475,26 @@ impl Plan {
         let wire = layer.wire();
         let exponent = i32::from(wire.cell_exponent);
         let to_cell = 14 - exponent;
-        let (enter_elements, activation) = match layer.activation() {
-            Activation::Tanh => (address(firmware_smlad_tanh), middle(&TANH_LOW_HALF)),
-            Activation::Relu => (address(firmware_smlad_relu), room_above(wire.cell_limit >> to_cell).cast_unsigned() as usize),
-            Activation::Hard => {
-                (address(firmware_smlad_hard), room_above((1 << (i32::from(CELL_FRACTION) - exponent)) - 1).cast_unsigned() as usize)
-            }
+        let activation = match layer.activation() {
+            Activation::Tanh => middle(&TANH_LOW_HALF),
+            Activation::Relu => room_above(wire.cell_limit >> to_cell).cast_unsigned() as usize,
+            Activation::Hard => room_above((1 << (i32::from(CELL_FRACTION) - exponent)) - 1).cast_unsigned() as usize,
+        };
+        let enter_elements = address(match (layer.cell(), layer.activation()) {
+            (Cell::Lstm, Activation::Tanh) => firmware_smlad_tanh,
+            (Cell::Lstm, Activation::Relu) => firmware_smlad_relu,
+            (Cell::Lstm, Activation::Hard) => firmware_smlad_hard,
+            (Cell::Gru, Activation::Tanh) => firmware_smlad_gru_tanh,
+            (Cell::Gru, Activation::Relu) => firmware_smlad_gru_relu,
+            (Cell::Gru, Activation::Hard) => firmware_smlad_gru_hard,
+            (Cell::Dense(_), Activation::Tanh) => firmware_smlad_dense_tanh,
+            (Cell::Dense(_), Activation::Relu) => firmware_smlad_dense_relu,
+            (Cell::Dense(_), Activation::Hard) => firmware_smlad_dense_hard,
+        });
+        // The product of gate and activated cell has a fractional bit less than a state.
+        let hidden_shift = match layer.cell() {
+            Cell::Lstm => i32::from(wire.hidden_shift),
+            Cell::Gru | Cell::Dense(_) => i32::from(wire.hidden_shift) + 1,
         };
         let (hidden_samples_words, recurrent_code_bytes) = (shape.recurrent_words() / 2, shape.recurrent_words() / 4 * BYTES_CODE_BYTES);
         let (input_samples_words, input_offset, enter_input) = if shape.has_pairs() {
@@ -334,7 +505,7 @@ impl Plan {
             (2 * fours, -BYTE_OFFSET, address(firmware_smlad_after_bytes) - fours * BYTES_CODE_BYTES)
         };
         Self {
-            units: shape.units,
+            groups: shape.groups(),
             input_samples_words,
             input_offset,
             hidden_samples_words,
@@ -347,8 +518,8 @@ impl Plan {
             to_cell,
             // Half the limit less one, doubled: the largest cell.
             cell_room: room_above(wire.cell_limit - 2),
-            rounding: 1 << (wire.hidden_shift - 1),
-            hidden_shift: i32::from(wire.hidden_shift),
+            rounding: 1 << (hidden_shift - 1),
+            hidden_shift,
         }
     }
 

@@ -74,9 +74,9 @@ fn observations(state: &SupervisorState) -> Vec<Observation> {
     // One tick, almost to every deadline, and past all of them.
     for elapsed_ticks in [1, VENT_WITHIN_TICKS - 1, u16::MAX] {
         for fault in [false, true] {
-            for cause in either(state.state == Faulted) {
-                for blocker in either(matches!(state.state, Idle | Armed)) {
-                    for finished in either(state.state == Running) {
+            for cause in either(state.state() == Faulted) {
+                for blocker in either(matches!(state.state(), Idle | Armed)) {
+                    for finished in either(state.state() == Running) {
                         for pressure_bar in [None, Some(0.05), Some(1.0)] {
                             for request in [None].into_iter().chain(Event::ALL.map(Some)) {
                                 let blockers = if blocker { blocked } else { BlockerSet::EMPTY };
@@ -104,7 +104,7 @@ fn observations(state: &SupervisorState) -> Vec<Observation> {
 /// What tells two supervisors apart: counters are cut off where they have had their effect, times are before or past their deadline, and of
 /// the faults only the one that has a cause is told from the others.
 fn key(state: &SupervisorState) -> (State, Vent, [u32; 4], [bool; 3]) {
-    let deadline = match state.state {
+    let deadline = match state.state() {
         Boot => BOOT_TICKS,
         SelfTest => SELF_TEST_TICKS,
         Armed => 60_000,
@@ -112,12 +112,12 @@ fn key(state: &SupervisorState) -> (State, Vent, [u32; 4], [bool; 3]) {
     };
     let counters = [
         u32::from(state.ticks_in_state >= deadline),
-        u32::from(state.vent_ticks >= VENT_WITHIN_TICKS) + u32::from(state.vent_ticks >= VENT_WITHIN_TICKS - 1),
+        u32::from(state.vent_ticks.saturating_sub(VENT_WITHIN_TICKS - VENT_SEEN_TICKS - 1).min(VENT_SEEN_TICKS + 1)),
         u32::from(state.low_ticks.min(VENTED_FOR_TICKS)),
         u32::from(state.back_ticks.min(PRESSURE_BACK_TICKS)),
     ];
     let record = &state.record;
-    (state.state, state.vent, counters, [record.first != 0, record.all.contains(Fault::EmergencyStop), record.second != 0])
+    (state.state(), state.vent(), counters, [record.first != 0, record.all.contains(Fault::EmergencyStop), record.second != 0])
 }
 
 /// Checks one step against everything the supervisor promises.
@@ -199,4 +199,30 @@ fn an_armed_device_disarms_itself_when_nobody_starts() {
     assert_eq!(state.state(), State::Armed);
     let expired = (1..5_000).find(|_| supervisor.step(&mut state, &quiet).arm_expired);
     assert_eq!((expired, state.state()), (Some(2_000), State::Idle));
+}
+
+#[test]
+fn any_flipped_bit_of_the_state_or_the_vent_is_a_fault_and_opens_the_dump_valve() {
+    let supervisor = SupervisorConfig { arming_timeout_s: 60 }.build();
+    let quiet = Observation { elapsed_ticks: 1, pressure_bar: Some(0.0), ..Observation::default() };
+    for state in State::ALL {
+        for vent in [Vent::Unverified, Vent::Watching, Vent::Verified, Vent::Failed] {
+            for (bit, of_vent) in (0..16).flat_map(|bit| [(bit, false), (bit, true)]) {
+                let mut damaged =
+                    SupervisorState { state: Redundant::new(state), vent: Redundant::new(vent), ..SupervisorState::default() };
+                assert_eq!(damaged.dump_order().closes(), state.is_energised());
+                if of_vent {
+                    damaged.vent = damaged.vent.flipped(bit);
+                } else {
+                    damaged.state = damaged.state.flipped(bit);
+                    assert!(!damaged.dump_order().closes(), "{state:?} bit {bit}: before the next tick");
+                }
+                let decision = supervisor.step(&mut damaged, &Observation { request: Some(Event::Arm), ..quiet.clone() });
+                assert_eq!((decision.state, decision.energised), (State::Fault, false), "{state:?} {vent:?} bit {bit}");
+                assert_eq!(damaged.record().first, Fault::InternalInconsistent.number());
+                assert!(!damaged.dump_order().closes());
+                assert_eq!(damaged.vent(), Vent::Watching, "the way down is watched");
+            }
+        }
+    }
 }

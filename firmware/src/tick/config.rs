@@ -51,6 +51,7 @@ pub struct Tick {
     pub(super) limiter: Limiter,
     pub(super) over_pressure_bar: f32,
     pub(super) valve_full_scale_ubar: u32,
+    pub(super) pulse_hz: u32,
     pub(super) valve_output: ValveOutput,
     pub(super) host_timeout_ticks: u16,
     pub(super) maximum_late_ticks: u16,
@@ -87,6 +88,8 @@ impl TickConfig<'_> {
                 rejected_ms: narrow(settings.rejected_ms),
                 stuck_ms: narrow(settings.stuck_ms),
                 stuck_command,
+                still_command_bar: settings.still_command_bar,
+                still_response_ms: settings.still_response_ms,
                 calibration,
             }
             .build()
@@ -147,6 +150,7 @@ impl TickConfig<'_> {
             limiter,
             over_pressure_bar,
             valve_full_scale_ubar: u32::try_from(full_scale.0).map_err(|_| Inconsistent::Setting(50))?,
+            pulse_hz: settings.pulse_hz,
             valve_output: if settings.valve_drive == 0 { ValveOutput::Analogue } else { ValveOutput::PulseWidth },
             host_timeout_ticks: narrow(settings.host_timeout_ms),
             maximum_late_ticks: narrow(settings.maximum_late_ticks),
@@ -244,6 +248,11 @@ impl Tick {
     /// The pressure sensor's checks.
     pub fn pressure(&self) -> &Sensor {
         &self.pressure
+    }
+
+    /// Frequency of the pulse width, Hz.
+    pub fn pulse_hz(&self) -> u32 {
+        self.pulse_hz
     }
 
     /// What drives the valve.

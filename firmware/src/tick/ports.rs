@@ -92,7 +92,7 @@ impl ModelStep for NoModel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command {
     /// Token of the request that asked for it; `None` if nobody waits for an answer.
-    pub token: Option<u16>,
+    pub token: Option<u32>,
     /// What to do.
     pub action: Action,
 }
@@ -135,7 +135,7 @@ pub enum Action {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// The command's token.
-    pub token: u16,
+    pub token: u32,
     /// What to tell the host.
     pub reply: Reply,
 }
@@ -180,6 +180,8 @@ pub struct TickOutputs {
     pub valve_share: u16,
     /// What that drive means.
     pub output: MicroBar,
+    /// The pressure was seen to be gone, and nothing put it in doubt since: flash may be erased.
+    pub vent_verified: bool,
     /// Whether to feed the watchdog.
     pub feed_watchdog: bool,
     /// The state after this tick.

@@ -224,7 +224,10 @@ mod tests {
             let noise = u16::try_from(round * 7 % 5).unwrap();
             // The muscle follows the output at once.
             let pressure_code = rig.tick.pressure.calibration().code(rig.state.limiter.output().bar()) + noise;
-            let sample = RawSample { laser_code: rig.tick.laser.calibration().code(5.0) + noise, pressure_code };
+            let sample = RawSample {
+                laser_code: rig.tick.laser.calibration().code(5.0 + 2.0 * rig.state.limiter.output().bar()) + noise,
+                pressure_code,
+            };
             let action = match round {
                 250 => Some(Action::SelfTestReport { faults: FaultSet::EMPTY, model_period: None }),
                 400 => Some(Action::Request(Event::Arm)),

@@ -27,9 +27,13 @@ const REST_MM: f32 = 2.0;
 pub enum Breakage {
     LaserCode(u16),
     LaserFrozen,
+    /// Frozen, with the noise of a live one.
+    LaserFrozenNoisy,
     LaserOffsetMm(f32),
     PressureCode(u16),
     PressureFrozen,
+    /// Frozen, with the noise of a live one.
+    PressureFrozenNoisy,
     PressureOffsetBar(f32),
     EmergencyStop,
     HostSilent,
@@ -72,7 +76,7 @@ impl Plant {
         }
     }
 
-    fn advance(&mut self, energised: bool, output_bar: f32, breakage: Option<Breakage>) {
+    pub fn advance(&mut self, energised: bool, output_bar: f32, breakage: Option<Breakage>) {
         let dump_open = !energised && breakage != Some(Breakage::DumpValveStuckClosed);
         let (target_bar, time_constant_ms) = match breakage {
             Some(Breakage::MuscleBursts) => (0.0, 12.0),
@@ -107,6 +111,14 @@ impl Plant {
             Some(Breakage::PressureCode(code)) => sample.pressure_code = code,
             Some(Breakage::LaserFrozen) => sample.laser_code = *self.frozen_laser.get_or_insert(sample.laser_code),
             Some(Breakage::PressureFrozen) => sample.pressure_code = *self.frozen_pressure.get_or_insert(sample.pressure_code),
+            Some(Breakage::LaserFrozenNoisy) => {
+                let frozen = *self.frozen_laser.get_or_insert(sample.laser_code);
+                sample.laser_code = noisy(frozen, self.noise());
+            }
+            Some(Breakage::PressureFrozenNoisy) => {
+                let frozen = *self.frozen_pressure.get_or_insert(sample.pressure_code);
+                sample.pressure_code = noisy(frozen, self.noise());
+            }
             _ => {}
         }
         sample

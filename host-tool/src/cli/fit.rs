@@ -233,7 +233,12 @@ fn print(fitted: &Fitted, model: &Path, blob: Option<&BlobFile>) {
             say!("blob: {}, {} bytes, {} instructions a step", blob.file, blob.bytes, blob.step_instructions)
         }
         Some(blob) => {
-            say!("blob: {} holds `{}`, the best that the microcontroller can; {} does not fit it", blob.file, blob.rung, chosen.name)
+            say!("blob: {} holds `{}`, the best that the microcontroller can; {} does not fit it", blob.file, blob.rung, chosen.name);
+            say!(
+                "expect {:.4} {unit} of the blob on the next recording, {:.2} times that of the model",
+                blob.cv_rmse,
+                blob.cv_rmse / chosen.cv_rmse
+            )
         }
         None => say!("no blob: the microcontroller holds none of these rungs"),
     }

@@ -6,18 +6,20 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::Outcome;
-use crate::import::options::{FeatureKind, Options, activation, features, names, number, positive, range, signal};
+use crate::import::options::{
+    DenseActivation, FeatureKind, Options, activation, dense_activations, features, names, number, positive, range, signal,
+};
 use crate::import::{self, CheckVectors, Found, PARITY, Parity};
-use crate::network::{self, Activation, Mode, TrainedModel};
+use crate::network::{self, Activation, Mode, Network, TrainedModel};
 use crate::recording::Signal;
 use crate::{output, say};
 
 /// Most bytes of check vectors that are read.
 const MOST_CHECK_BYTES: u64 = 1 << 26;
 
-/// Make a model from an LSTM network trained in PyTorch, Keras or anything that writes ONNX.
+/// Make a model from a network trained in PyTorch, Keras or anything that writes ONNX.
 ///
-/// Reads one or two LSTM layers of at most 64 units and a dense output. What the model cannot represent is refused by name. With --check,
+/// Reads up to four LSTM, GRU and dense layers of at most 64 units and a dense output. What the model cannot represent is refused by name. With --check,
 /// nothing is written unless the model computes what the framework did.
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -60,7 +62,8 @@ pub struct Arguments {
     /// The network gave `(output - LOW) / (HIGH - LOW)`.
     #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true, conflicts_with_all = ["output_offset", "output_scale"])]
     output_min_max: Option<Ends>,
-    /// The network's inputs in their order: `input`, `input,difference` or `difference,input`.
+    /// The network's inputs in their order: `input`, `difference`, and `lag:N`, the input N samples ago; `lag:9..0` is the last ten samples,
+    /// the oldest first.
     #[arg(long, value_name = "LIST", value_parser = feature_list)]
     features: Option<FeatureList>,
     /// What the difference of two samples was divided by; the scale of the input when absent.
@@ -75,10 +78,14 @@ pub struct Arguments {
     /// The state is carried from sample to sample.
     #[arg(long)]
     streaming: bool,
-    /// Cell activation of the LSTM layers, where the file does not tell: `tanh`, `relu` or `hard` (-1 to 1).
+    /// Activation of the recurrent layers, where the file does not tell: `tanh`, `relu` or `hard` (-1 to 1).
     #[arg(long, value_name = "NAME", value_parser = activation)]
     activation: Option<Activation>,
-    /// The LSTM layers in the order of the signal, where their widths leave a choice.
+    /// What follows the dense layers before the output, where the file does not tell: `tanh`, `relu`, `hard`, `sigmoid` or `linear`, one for
+    /// all or one each.
+    #[arg(long, value_name = "NAME,NAME", value_parser = dense_activation_list)]
+    dense_activation: Option<DenseActivationList>,
+    /// The layers in the order of the signal, where their widths leave a choice; the output may be left out.
     #[arg(long, value_name = "NAME,NAME", value_parser = name_list)]
     layers: Option<NameList>,
     /// CSV file with the columns `input` and `output` as the framework computes them, in the channels' units; an optional column
@@ -94,6 +101,7 @@ pub struct Arguments {
 type Ends = Box<[f64; 2]>;
 type FeatureList = std::sync::Arc<[FeatureKind]>;
 type NameList = std::sync::Arc<[String]>;
+type DenseActivationList = std::sync::Arc<[DenseActivation]>;
 
 fn two_numbers(text: &str) -> Result<Ends, String> {
     range(text).map(Box::new)
@@ -101,6 +109,10 @@ fn two_numbers(text: &str) -> Result<Ends, String> {
 
 fn feature_list(text: &str) -> Result<FeatureList, String> {
     features(text).map(Into::into)
+}
+
+fn dense_activation_list(text: &str) -> Result<DenseActivationList, String> {
+    dense_activations(text).map(Into::into)
 }
 
 fn name_list(text: &str) -> Result<NameList, String> {
@@ -113,6 +125,8 @@ struct Summary<'a> {
     source: &'a str,
     framework: &'a str,
     units: Vec<usize>,
+    /// The layers in words.
+    layers: String,
     parameters: usize,
     activation: Option<Activation>,
     mode: Mode,
@@ -145,6 +159,7 @@ impl Arguments {
                 None => self.streaming.then_some(Mode::Streaming),
             },
             activation: self.activation,
+            dense_activation: self.dense_activation.as_deref().map(<[DenseActivation]>::to_vec),
             layers: self.layers.as_deref().map(<[String]>::to_vec),
             framework: None,
         }
@@ -175,6 +190,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             source: found.network.kind,
             framework: &model.provenance.preset,
             units: network.map_or_else(Vec::new, |network| network.layers.iter().map(|layer| layer.units).collect()),
+            layers: network.map_or_else(String::new, Network::described),
             parameters: network.map_or(0, network::Network::parameters),
             activation: network.map(|network| network.activation),
             mode: model.mode,
@@ -199,12 +215,12 @@ fn vectors(path: &Path, found: &Found) -> Result<CheckVectors> {
 fn print(arguments: &Arguments, found: &Found, model: &TrainedModel, parity: Option<Parity>) {
     let unit = &model.output.unit;
     if parity.is_none_or(|parity| parity.passed) {
-        let units: Vec<String> = found.network.layers.iter().map(|layer| layer.units.to_string()).collect();
         let time = match model.mode {
             Mode::Streaming => "streaming".to_owned(),
             Mode::Window { length } => format!("window of {length}"),
         };
-        say!("{}: {}, LSTM of {} units, {time}", arguments.out.display(), model.provenance.preset, units.join(" and "));
+        let layers = model.network.as_ref().map_or_else(String::new, Network::described);
+        say!("{}: {}, {layers}, {time}", arguments.out.display(), model.provenance.preset);
     }
     for note in &found.notes {
         say!("note: {note}");

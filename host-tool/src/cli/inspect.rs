@@ -8,11 +8,12 @@ use model_export::blob::{self, Blob};
 use model_export::certificate::certificate;
 use model_export::fixed::Table;
 use model_export::headroom::{Headroom, headroom};
-use model_export::schema::{Channel, Mode, Model, Network};
+use model_export::schema::{Cell, Channel, Mode, Model, Network};
 use serde::Serialize;
 
 use super::{Common, Outcome};
 use crate::export::hexadecimal;
+use crate::network::described;
 use crate::{output, say};
 
 /// Print everything about a model blob, and check it.
@@ -68,7 +69,7 @@ struct Summary<'a> {
     model: &'a Model<'a>,
     activation: Option<&'static str>,
     headroom: Option<HeadroomSummary>,
-    /// Absent without a network, or with one that runs over windows.
+    /// Absent without a network, with one of other layers than LSTM, or with one that runs over windows.
     stability: Option<StabilitySummary>,
     compensates: bool,
     cost: Cost,
@@ -247,18 +248,26 @@ fn span(bytes: &[u8], fraction: i32) -> (f64, f64) {
 
 fn print_network(network: &Network<'_>, room: Headroom) {
     let Ok(activation) = network.activation() else { return };
-    say!("network (fixed point, {}, {} layers)", activation.name(), network.layers.len());
+    let layers = network.layers.iter().map(|layer| (layer.cell, usize::from(layer.units)));
+    say!("network (fixed point, {})", described(layers, activation));
     let mut input_fraction = i32::from(model_export::fixed::FEATURE_FRACTION);
     for (index, layer) in network.layers.iter().enumerate() {
-        let hidden_fraction = model_export::fixed::hidden_fraction(activation, layer.cell_exponent, layer.hidden_shift);
+        let own = layer.cell.activation(activation);
+        let hidden_fraction = model_export::fixed::hidden_fraction(layer.cell, own, layer.cell_exponent, layer.hidden_shift);
         let (input, recurrent) = (span(layer.input_multipliers, input_fraction), span(layer.recurrent_multipliers, hidden_fraction));
         let limit = f64::from(layer.cell_limit) * 2f64.powi(i32::from(layer.cell_exponent) - 30);
         say!(
-            "  layer {index}       {} inputs, {} units; cell limit {limit:.4}, hidden state in steps of 2^-{hidden_fraction}",
+            "  layer {index}       {}, {} inputs, {} units; {} limit {limit:.4}, hidden state in steps of 2^-{hidden_fraction}",
+            layer.cell.name(),
             layer.inputs,
-            layer.units
+            layer.units,
+            if layer.cell == Cell::Lstm { "cell" } else { "output" }
         );
-        say!("    row scales  input {:.3e} to {:.3e}, recurrent {:.3e} to {:.3e}", input.0, input.1, recurrent.0, recurrent.1);
+        if layer.recurrent_multipliers.is_empty() {
+            say!("    row scales  input {:.3e} to {:.3e}", input.0, input.1);
+        } else {
+            say!("    row scales  input {:.3e} to {:.3e}, recurrent {:.3e} to {:.3e}", input.0, input.1, recurrent.0, recurrent.1);
+        }
         input_fraction = hidden_fraction;
     }
     say!("  dense         {} weights, bias {}", network.dense.weights.len() / 2, network.dense.bias);

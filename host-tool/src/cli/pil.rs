@@ -9,10 +9,10 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::Outcome;
-use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated};
+use crate::backend::{BOARD_MODEL, Backend, EMULATED_BOARD, Rig, Simulated};
 use crate::excitation::{self, ExcitationConfig, Limits, Segment, Signal};
-use crate::experiment;
-use crate::journal::{Event, Journal};
+use crate::experiment::{self, OverTheLink};
+use crate::journal::{self, Event, Journal};
 use crate::link::{Client, FlashMemory, fault_in_words};
 use crate::plant::Plant;
 use crate::recording;
@@ -21,7 +21,9 @@ use crate::{output, say};
 /// Run a closed-loop experiment with the whole firmware logic as ARM code in QEMU, once more in this process, and compare every tick.
 ///
 /// Tick, supervisor, link, storage and model run as ARM code; valve, muscle, sensors and watchdog are simulated; the host plays an
-/// excitation over the link. Every output of every tick and every byte on the link must be the same in both runs, to the bit.
+/// excitation over the link. Every output of every tick and every byte on the link must be the same in both runs, to the bit. With
+/// `--backend board-model` the flashable image runs, drivers and all, on a model of the chip, and every output of its ticks must be the same
+/// when this process runs them again.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The model that runs on both.
@@ -39,7 +41,10 @@ pub struct Arguments {
     /// Seed of the sensors' noise.
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-    /// The image that the emulator runs, if it is not where cargo leaves it.
+    /// What runs the ARM code.
+    #[arg(long, value_enum, default_value_t = Target::Qemu)]
+    backend: Target,
+    /// The image that runs there, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
     /// Leave the recording of the ARM run here, and its journal beside it.
@@ -48,6 +53,14 @@ pub struct Arguments {
     /// Write the result as JSON to this file; folders on the way are created.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
     json: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Target {
+    /// The firmware's logic in the emulator; everything is compared.
+    Qemu,
+    /// The flashable image on a model of its chip; this process runs again what it tells of its ticks, and compares their outputs.
+    BoardModel,
 }
 
 /// The first tick in which the two logs differ.
@@ -96,17 +109,43 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         simulated.image.clone_from(&arguments.image);
         Ok(simulated)
     };
-    let (target, outcome) = experiment_on(Rig::open(&Backend::Qemu, simulated)?, &excitation)?;
-    let (host, _) = experiment_on(Rig::open(&Backend::Virtual, simulated)?, &excitation)?;
+    let (target, outcome, host_sha256, difference) = match arguments.backend {
+        Target::Qemu => {
+            let (target, outcome) = experiment_on(Rig::open(&Backend::Qemu, simulated)?, &excitation)?;
+            let (host, _) = experiment_on(Rig::open(&Backend::Virtual, simulated)?, &excitation)?;
+            let difference = first_difference(&host, &target);
+            (target, outcome, digest(&host)?, difference)
+        }
+        Target::BoardModel => {
+            let mut client = Client::connect(Rig::open(&Backend::BoardModel, simulated)?)?;
+            experiment::settle(&mut client)?;
+            let over_the_link = OverTheLink { backend: BOARD_MODEL, blob: Some(&bytes) };
+            let outcome = experiment::record(&mut client, &excitation, &Limits::default(), Some(over_the_link))?;
+            let target = outcome.journal.clone().context("the device told no journal")?;
+            let replay = journal::replay(&target)?;
+            ensure!(
+                replay.cut.is_none(),
+                "the journal of the device is not complete: {}",
+                replay.cut.map_or_else(String::new, |cut| cut.in_words())
+            );
+            let difference = replay.first_difference.map(|difference| FirstDifference {
+                tick: usize::try_from(difference.tick).unwrap_or(usize::MAX),
+                host: format!("{:?}", difference.replayed),
+                target: format!("{:?}", difference.recorded),
+            });
+            // What came out equal has the same digest.
+            let sha256 = if difference.is_none() { digest(&target)? } else { String::new() };
+            (target, outcome, sha256, difference)
+        }
+    };
     let wall_seconds = begun.elapsed().as_secs_f64();
 
-    let difference = first_difference(&host, &target);
     let written = Written {
         identical: difference.is_none(),
         ticks: target.ticks(),
         samples: outcome.samples.len(),
         first_difference: difference,
-        host_sha256: digest(&host)?,
+        host_sha256,
         target_sha256: digest(&target)?,
         blob_sha256: target.header.blob_sha256(),
         fault: outcome.fault.as_ref().map(|record| fault_in_words(record.first)),
@@ -118,7 +157,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     say!("{} ticks as ARM code and in this process, {} samples recorded, in {:.1} s", written.ticks, written.samples, written.wall_seconds);
     match &written.first_difference {
-        None => say!("identical to the bit: every output of every tick, every byte on the link (SHA-256 {})", &written.target_sha256[..16]),
+        None => {
+            let what = match arguments.backend {
+                Target::Qemu => "every output of every tick, every byte on the link",
+                Target::BoardModel => "every output of every tick",
+            };
+            say!("identical to the bit: {what} (SHA-256 {})", &written.target_sha256[..16]);
+        }
         Some(difference) => {
             say!("DIFFERENT from tick {} on\n  host   {}\n  target {}", difference.tick, difference.host, difference.target);
         }

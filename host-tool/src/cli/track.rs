@@ -7,6 +7,7 @@ use model_export::link::settings::{INFO, SettingValue, by_name};
 use serde::Serialize;
 
 use super::{Common, Outcome};
+use crate::backend::BOARD_MODEL;
 use crate::journal::Tracing;
 use crate::link::{Client, FlashMemory, InProcess, Processor, Serial};
 use crate::track::compare::{self, Run};
@@ -27,6 +28,7 @@ Examples:
   catheter track --reference point-to-point --controllers open-loop,physics-inverse,sensorless --json tracking.json
   catheter track --reference a --controllers pid,physics-inverse+pid --report tracking.html --seed 7
   catheter track --backend qemu --reference steps --controllers sensorless
+  catheter track --backend board-model --reference steps --controllers sensorless
   catheter track --backend serial --port /dev/ttyACM0 --settings tuned/settings.toml --model tuned/control.blob --reference path.csv --controllers physics-inverse+pid")]
 pub struct Arguments {
     /// Where to run.
@@ -35,7 +37,7 @@ pub struct Arguments {
     /// Serial port of the board.
     #[arg(long, value_name = "PORT", required_if_eq("backend", "serial"))]
     port: Option<PathBuf>,
-    /// The image that the emulator runs, if it is not where cargo leaves it.
+    /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
     /// The virtual rig.
@@ -50,8 +52,8 @@ pub struct Arguments {
     /// Settings that `catheter tune` wrote.
     #[arg(long, value_name = "FILE.toml", requires = "model")]
     settings: Option<PathBuf>,
-    /// The model that `catheter tune` wrote.
-    #[arg(long, value_name = "FILE.blob", requires = "settings")]
+    /// The model that `catheter tune` wrote, or `result/model` of `catheter fit`: the blob beside it is taken.
+    #[arg(long, value_name = "FILE", requires = "settings")]
     model: Option<PathBuf>,
     /// The model of learned-inverse: `catheter train --inverse`, exported with `--compensation`.
     #[arg(long, value_name = "FILE.blob")]
@@ -88,6 +90,8 @@ enum Backend {
     Virtual,
     /// The firmware as ARM code in QEMU around the same rig.
     Qemu,
+    /// The flashable image on a model of its chip, around the same rig.
+    BoardModel,
     /// A board.
     Serial,
 }
@@ -103,6 +107,27 @@ struct Summary<'a> {
     controllers: Vec<&'a Figures>,
 }
 
+/// The blob of a model: the file itself, or the one that `catheter fit` left beside it.
+fn read_model(path: &Path) -> Result<Vec<u8>> {
+    let read = |path: &Path| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let bytes = read(path)?;
+    if bytes.starts_with(&model_export::blob::MAGIC) {
+        return Ok(bytes);
+    }
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".blob");
+    let beside = PathBuf::from(beside);
+    if !beside.is_file() {
+        bail!(
+            "{} is no blob, and there is no {}: `catheter export` makes one where the model fits the board",
+            path.display(),
+            beside.display()
+        );
+    }
+    say!("{} runs on the desktop; the board gets {}", path.display(), beside.display());
+    read(&beside)
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -116,7 +141,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inverse = arguments.inverse_model.as_ref().map(read).transpose()?;
     let look_ahead = setting("control.learned_look_ahead_ms", SettingValue::Integer(arguments.look_ahead_ms));
     let given = match (&arguments.settings, &arguments.model) {
-        (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read(model)? }),
+        (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read_model(model)? }),
         _ => None,
     };
     let seed = arguments.common.seed;
@@ -171,6 +196,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 let on = Simulated { arguments, settings, blob, controller: *controller, reference: &reference };
                 match simulated {
                     Backend::Qemu => on.run(rig::emulator(arguments.image.as_deref())?, "qemu"),
+                    Backend::BoardModel => on.run_traced(rig::board_model(arguments.image.as_deref())?, BOARD_MODEL),
                     _ => on.run(InProcess::new(FlashMemory::default()), "virtual"),
                 }
             };
@@ -193,6 +219,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         let rig = match arguments.backend {
             Backend::Virtual => "the all-effects rig",
             Backend::Qemu => "the all-effects rig around QEMU",
+            Backend::BoardModel => "the all-effects rig around the board's model",
             Backend::Serial => "a board",
         };
         output::write_atomic(path, report::track::page(&name, rig, &runs).as_bytes())?;
@@ -225,6 +252,23 @@ impl Simulated<'_> {
             journal.write(&journal_path(folder, controller))?;
         }
         Ok(run)
+    }
+}
+
+impl Simulated<'_> {
+    /// As [`Self::run`], with a journal that comes over the link.
+    fn run_traced(self, processor: impl Processor, backend: &str) -> Result<Run> {
+        let Self { arguments, settings, blob, controller, reference } = self;
+        let place = format!("the all-effects rig, {backend}");
+        let (mut client, truth) = rig::connect(processor, arguments.common.seed, 1, &place, None)?;
+        let Some(folder) = &arguments.journals else {
+            return Ok(compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?);
+        };
+        run::prepare(&mut client, &settings, Some(blob))?;
+        let tracing = Tracing::begin(&mut client, backend, Some(blob))?;
+        let run = compare::follow(&mut client, &truth, controller, reference);
+        tracing.end(&mut client).write(&journal_path(folder, controller))?;
+        Ok(run?)
     }
 }
 

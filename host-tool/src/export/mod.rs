@@ -14,7 +14,7 @@ mod tests;
 
 pub mod reference;
 
-use firmware::estimator::{Estimator, EstimatorState};
+use firmware::estimator::{Estimator, EstimatorState, MAX_PACKED_WORDS};
 use model_export::blob::{self, BlobError, crc32};
 use model_export::certificate::certificate;
 use model_export::compensation::{Compensation, Extension};
@@ -26,7 +26,7 @@ use crate::fit::chip;
 use crate::fit::file::FittedModel;
 use crate::identify::{self, PhysicsModel};
 use crate::model::PERIOD_TOLERANCE;
-use crate::network::{Activation, Channel, Mode, Network, Provenance, TrainedModel};
+use crate::network::{Channel, Mode, Network, Provenance, TrainedModel};
 use crate::recording::{Recording, RecordingError};
 
 pub use calibrate::Calibration;
@@ -106,6 +106,7 @@ pub struct Export {
 #[must_use]
 pub fn float_network(network: &Network) -> FloatNetwork<'_> {
     let layers = network.layers.iter().map(|layer| FloatLayer {
+        cell: layer.cell,
         inputs: layer.inputs,
         units: layer.units,
         input_weights: &layer.input_weights,
@@ -113,11 +114,7 @@ pub fn float_network(network: &Network) -> FloatNetwork<'_> {
         bias: &layer.bias,
     });
     FloatNetwork {
-        activation: match network.activation {
-            Activation::Tanh => schema::Activation::Tanh,
-            Activation::Relu => schema::Activation::Relu,
-            Activation::Hard => schema::Activation::Hard,
-        },
+        activation: network.activation,
         state_limit: network.state_limit,
         layers: layers.collect(),
         dense_weights: &network.dense_weights,
@@ -254,7 +251,8 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
             digest: 0,
         };
         let wire = parts.wire()?;
-        wire.validate().map_err(BlobError::from)?;
+        // As the board builds it: what does not fit there is refused here.
+        Estimator::with_kernel(&wire, vec![0; MAX_PACKED_WORDS].as_mut_slice()).map_err(BlobError::from)?;
         let comparison = report::compare(model, &wire, &data).map_err(BlobError::from)?;
         let (worst, digest) = replay(&wire, &golden_output)?;
         parts.metrics = schema::Metrics {

@@ -4,24 +4,20 @@
 
 use model_export::schema::FeatureSource;
 
-use crate::network::{Activation, Layer, Mode, TrainedModel};
+use crate::network::{Activation, Cell, Layer, Mode, Network, TrainedModel};
 
 /// Gates and states of one layer after a step, in `f64`.
 #[derive(Clone, Debug, Default)]
 pub struct LayerSignals {
-    /// Pre-activations, rows in gate order i, f, g, o.
+    /// Pre-activations, rows in the order of [`Cell::gates`].
     pub pre_activations: Vec<f64>,
-    /// Input gate.
-    pub input_gate: Vec<f64>,
-    /// Forget gate.
-    pub forget_gate: Vec<f64>,
-    /// Candidate.
+    /// Gates i, f, o of an LSTM, r, u of a GRU; none of a dense layer.
+    pub gates: Vec<Vec<f64>>,
+    /// Candidate; none in a dense layer.
     pub candidate: Vec<f64>,
-    /// Output gate.
-    pub output_gate: Vec<f64>,
-    /// Cell state.
+    /// Cell state of an LSTM.
     pub cell: Vec<f64>,
-    /// Hidden state.
+    /// Hidden state, or a dense layer's output.
     pub hidden: Vec<f64>,
     /// What the layer saw: its input, then its hidden state before the step, then 1.
     pub seen: Vec<f64>,
@@ -134,6 +130,7 @@ impl<'a> Reference<'a> {
                 FeatureSource::Stop(i) => (path - self.plays[usize::from(i)]) / f64::from(config.play_thresholds[usize::from(i)]),
                 FeatureSource::Readout => readout,
                 FeatureSource::Creep(j) => self.creeps[usize::from(j)],
+                FeatureSource::Past(age) => at(f64::from(age)),
             };
             (signal - f64::from(feature.offset)) * f64::from(feature.gain)
         });
@@ -161,7 +158,7 @@ impl<'a> Reference<'a> {
         }
         for mut input in steps {
             for (layer, signals) in network.layers.iter().zip(&mut self.layers) {
-                layer_step(layer, network.activation, f64::from(network.state_limit), &input, signals);
+                layer_step(network, layer, &input, signals);
                 input.clone_from(&signals.hidden);
             }
             on_network_step(&self.layers);
@@ -171,29 +168,55 @@ impl<'a> Reference<'a> {
     }
 }
 
-fn layer_step(layer: &Layer, activation: Activation, limit: f64, input: &[f64], signals: &mut LayerSignals) {
-    let act = |x: f64| match activation {
-        Activation::Tanh => x.tanh(),
-        Activation::Relu => x.clamp(0.0, limit),
-        Activation::Hard => x.clamp(-1.0, 1.0),
+fn layer_step(network: &Network, layer: &Layer, input: &[f64], signals: &mut LayerSignals) {
+    let limit = f64::from(network.state_limit);
+    let act = |x: f64| match (layer.cell.activation(network.activation), layer.cell) {
+        (Activation::Tanh, _) => x.tanh(),
+        (Activation::Relu, Cell::Dense(_)) => x.max(0.0),
+        (Activation::Relu, _) => x.clamp(0.0, limit),
+        (Activation::Hard, _) => x.clamp(-1.0, 1.0),
     };
     signals.seen.clear();
     signals.seen.extend(input.iter().chain(&signals.hidden).chain([&1.0]));
-    let dot = |weights: &[f32], values: &[f64]| wide(weights).zip(values).map(|(w, v)| w * v).sum::<f64>();
-    signals.pre_activations.clear();
-    let rows = layer.input_weights.chunks(layer.inputs).zip(layer.recurrent_weights.chunks(layer.units)).zip(&layer.bias);
-    for ((from_input, from_hidden), bias) in rows {
-        signals.pre_activations.push(f64::from(*bias) + dot(from_input, input) + dot(from_hidden, &signals.hidden));
-    }
     let n = layer.units;
-    let z = &signals.pre_activations;
-    signals.input_gate = z[..n].iter().copied().map(sigmoid).collect();
-    signals.forget_gate = z[n..2 * n].iter().copied().map(sigmoid).collect();
-    signals.candidate = z[2 * n..3 * n].iter().copied().map(act).collect();
-    signals.output_gate = z[3 * n..].iter().copied().map(sigmoid).collect();
-    for unit in 0..n {
-        let cell = signals.forget_gate[unit] * signals.cell[unit] + signals.input_gate[unit] * signals.candidate[unit];
-        signals.cell[unit] = cell.clamp(-limit, limit);
-        signals.hidden[unit] = signals.output_gate[unit] * act(signals.cell[unit]);
+    let product = |weights: &[f32], gate: usize, values: &[f64]| -> Vec<f64> {
+        let rows = weights[gate * n * values.len()..(gate + 1) * n * values.len()].chunks(values.len());
+        rows.map(|row| wide(row).zip(values).map(|(w, v)| w * v).sum()).collect()
+    };
+    let bias = |part: usize| wide(&layer.bias[part * n..(part + 1) * n]);
+    // With both products where there are both: the equations name them, so that nothing is shared with what is checked.
+    let seen = |gate: usize| -> Vec<f64> {
+        let from_input = product(&layer.input_weights, gate, input);
+        let from_hidden = product(&layer.recurrent_weights, gate, &signals.hidden);
+        bias(gate).zip(from_input).zip(from_hidden).map(|((b, x), h)| b + x + h).collect()
+    };
+    let zip = |left: &[f64], right: &[f64], with: fn(f64, f64) -> f64| -> Vec<f64> {
+        left.iter().zip(right).map(|(left, right)| with(*left, *right)).collect()
+    };
+    let sigmoids = |z: &[f64]| -> Vec<f64> { z.iter().copied().map(sigmoid).collect() };
+    match layer.cell {
+        Cell::Lstm => {
+            let z = [0, 1, 2, 3].map(seen);
+            let [i, f, o] = [&z[0], &z[1], &z[3]].map(|z| sigmoids(z));
+            let g: Vec<f64> = z[2].iter().copied().map(act).collect();
+            let sum = zip(&zip(&f, &signals.cell, |f, c| f * c), &zip(&i, &g, |i, g| i * g), |kept, new| kept + new);
+            signals.cell = sum.iter().map(|c| c.clamp(-limit, limit)).collect();
+            signals.hidden = o.iter().zip(&signals.cell).map(|(o, c)| o * act(*c)).collect();
+            (signals.gates, signals.candidate, signals.pre_activations) = (vec![i, f, o], g, z.concat());
+        }
+        Cell::Gru => {
+            let [r_z, u_z] = [0, 1].map(seen);
+            let n_z: Vec<f64> = bias(2).zip(product(&layer.input_weights, 2, input)).map(|(b, x)| b + x).collect();
+            let m_z: Vec<f64> = bias(3).zip(product(&layer.recurrent_weights, 2, &signals.hidden)).map(|(b, h)| b + h).collect();
+            let (r, u) = (sigmoids(&r_z), sigmoids(&u_z));
+            let candidate: Vec<f64> = zip(&n_z, &zip(&r, &m_z, |r, m| r * m), |n, rm| n + rm).into_iter().map(act).collect();
+            let new = zip(&u, &candidate, |u, n| (1.0 - u) * n);
+            signals.hidden = zip(&new, &zip(&u, &signals.hidden, |u, h| u * h), |new, kept| new + kept);
+            (signals.gates, signals.candidate, signals.pre_activations) = (vec![r, u], candidate, [r_z, u_z, n_z, m_z].concat());
+        }
+        Cell::Dense(_) => {
+            signals.pre_activations = bias(0).zip(product(&layer.input_weights, 0, input)).map(|(b, x)| b + x).collect();
+            signals.hidden = signals.pre_activations.iter().copied().map(act).collect();
+        }
     }
 }

@@ -7,13 +7,13 @@ use serde::Serialize;
 
 use super::reference::{LayerSignals, Reference};
 use super::single::Single;
-use crate::network::TrainedModel;
+use crate::network::{Cell, TrainedModel};
 use crate::recording::Recording;
 
 /// One inner signal of a layer, fixed point against the `f64` reference, over all units.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct SignalReport {
-    /// `input gate`, `forget gate`, `candidate`, `output gate`, `cell` or `hidden`.
+    /// `input gate`, `forget gate`, `output gate`, `reset gate`, `update gate`, `candidate`, `cell` or `hidden`.
     pub name: &'static str,
     /// Largest magnitude in the reference.
     pub largest: f64,
@@ -58,7 +58,27 @@ pub struct Comparison {
 /// Parts of a recording for growth over time.
 const PARTS: usize = 10;
 
-const NAMES: [&str; 6] = ["input gate", "forget gate", "candidate", "output gate", "cell", "hidden"];
+/// What is compared in a layer, in the order of [`pairs`].
+fn names(cell: Cell) -> &'static [&'static str] {
+    match cell {
+        Cell::Lstm => &["input gate", "forget gate", "candidate", "output gate", "cell", "hidden"],
+        Cell::Gru => &["reset gate", "update gate", "candidate", "hidden"],
+        Cell::Dense(_) => &["hidden"],
+    }
+}
+
+/// A unit's signals, exact and in fixed point.
+fn pairs(cell: Cell, exact: &LayerSignals, unit: usize, fixed: &UnitTrace) -> Vec<(f64, f32)> {
+    let gate = |number: usize| (exact.gates[number][unit], fixed.gates[number]);
+    let hidden = (exact.hidden[unit], fixed.hidden);
+    match cell {
+        Cell::Lstm => {
+            vec![gate(0), gate(1), (exact.candidate[unit], fixed.candidate), gate(2), (exact.cell[unit], fixed.cell), hidden]
+        }
+        Cell::Gru => vec![gate(0), gate(1), (exact.candidate[unit], fixed.candidate), hidden],
+        Cell::Dense(_) => vec![hidden],
+    }
+}
 
 #[derive(Clone, Default)]
 struct Power {
@@ -68,9 +88,10 @@ struct Power {
     largest: f64,
 }
 
-#[derive(Clone, Default)]
+#[derive(Clone)]
 struct LayerPower {
-    signals: [Power; 6],
+    cell: Cell,
+    signals: Vec<Power>,
     cell_saturations: u64,
     hidden_saturations: u64,
     largest_pre_activation: f64,
@@ -95,17 +116,14 @@ impl Trace for Collect {
 }
 
 impl LayerPower {
+    fn new(cell: Cell) -> Self {
+        let signals = vec![Power::default(); names(cell).len()];
+        Self { cell, signals, cell_saturations: 0, hidden_saturations: 0, largest_pre_activation: 0.0 }
+    }
+
     fn add(&mut self, part: usize, reference: &LayerSignals, fixed: &[UnitTrace]) {
         for (unit, values) in fixed.iter().enumerate() {
-            let pairs = [
-                (reference.input_gate[unit], values.input_gate),
-                (reference.forget_gate[unit], values.forget_gate),
-                (reference.candidate[unit], values.candidate),
-                (reference.output_gate[unit], values.output_gate),
-                (reference.cell[unit], values.cell),
-                (reference.hidden[unit], values.hidden),
-            ];
-            for (power, (exact, value)) in self.signals.iter_mut().zip(pairs) {
+            for (power, (exact, value)) in self.signals.iter_mut().zip(pairs(self.cell, reference, unit, values)) {
                 power.signal += exact * exact;
                 power.noise[part] += (f64::from(value) - exact).powi(2);
                 power.count[part] += 1.0;
@@ -118,7 +136,7 @@ impl LayerPower {
     }
 
     fn finish(&self) -> LayerReport {
-        let signals = self.signals.iter().zip(NAMES).map(|(power, name)| {
+        let signals = self.signals.iter().zip(names(self.cell)).map(|(power, name)| {
             let noise: f64 = power.noise.iter().sum();
             let ratio = (noise > 0.0).then(|| 10.0 * (power.signal / noise).log10());
             let rms_over_time = power.noise.iter().zip(power.count).map(|(noise, count)| (noise / count.max(1.0)).sqrt()).collect();
@@ -176,7 +194,7 @@ fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<(
     let Some(network) = &wire.network else { return Ok((Vec::new(), 0)) };
     let front_end = FrontEnd::new(&wire.front_end, &wire.input)?;
     let network = Network::new(network, front_end.features())?;
-    let mut powers = vec![LayerPower::default(); network.layers().len()];
+    let mut powers: Vec<LayerPower> = network.layers().iter().map(|layer| LayerPower::new(layer.cell())).collect();
     let mut saturations = 0;
     let streamed = TrainedModel { mode: crate::network::Mode::Streaming, ..model.clone() };
     // A window starts from zero state every `length` samples, so no longer stream than that is compared.

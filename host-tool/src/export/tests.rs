@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::reference::Reference;
 use super::*;
-use crate::network::{Channel, Layer, Provenance};
+use crate::network::{Activation, Cell, Channel, Layer, Provenance};
 use crate::recording::Signal;
 
 fn channel(quantity: &str, unit: &str, scale: f32) -> Channel {
@@ -25,7 +25,7 @@ fn uniform(random: &mut ChaCha8Rng, count: usize, bound: f32) -> Vec<f32> {
 /// Weights as PyTorch starts an LSTM and a dense layer: uniform within one over the square root of the units.
 fn random_network(random: &mut ChaCha8Rng, features: usize, units: &[usize], activation: Activation, state_limit: f32) -> Network {
     let mut network = Network::zeros(features, units, activation, state_limit);
-    for Layer { inputs, units, input_weights, recurrent_weights, bias } in &mut network.layers {
+    for Layer { cell: _, inputs, units, input_weights, recurrent_weights, bias } in &mut network.layers {
         let bound = 1.0 / (*units as f32).sqrt();
         *input_weights = uniform(random, 4 * *units * *inputs, bound);
         *recurrent_weights = uniform(random, 4 * *units * *units, bound);
@@ -306,6 +306,102 @@ fn every_truncation_is_refused_and_named() {
     let mut shorter = bare[..bare.len() - 1].to_vec();
     seal(&mut shorter);
     assert_eq!(blob::decode(&shorter).unwrap_err(), BlobError::Payload);
+}
+
+/// Layers of small random weights, times `gain`.
+fn layered(random: &mut ChaCha8Rng, features: usize, cells: &[(Cell, usize)], activation: Activation, gain: f32) -> Network {
+    let mut inputs = features;
+    let mut network = Network::zeros(features, &[], activation, 4.0);
+    for &(cell, units) in cells {
+        let mut layer = Layer::zeros(cell, inputs, units);
+        let bound = gain / (inputs.max(units) as f32).sqrt();
+        let values = layer.input_weights.iter_mut().chain(&mut layer.recurrent_weights).chain(&mut layer.bias);
+        values.for_each(|value| *value = random.random_range(-bound..bound));
+        network.layers.push(layer);
+        inputs = units;
+    }
+    let bound = 1.0 / (inputs as f32).sqrt();
+    network.dense_weights = (0..inputs).map(|_| random.random_range(-bound..bound)).collect();
+    network
+}
+
+fn cells(kind: usize, units: usize) -> Vec<(Cell, usize)> {
+    use Activation::{Hard, Relu, Tanh};
+    match kind % 4 {
+        0 => vec![(Cell::Gru, units)],
+        1 => vec![(Cell::Gru, units), (Cell::Gru, 5), (Cell::Dense(Relu), 9)],
+        2 => vec![(Cell::Dense(Tanh), units), (Cell::Dense(Relu), 8), (Cell::Dense(Hard), 6)],
+        _ => vec![(Cell::Lstm, 4), (Cell::Gru, units), (Cell::Dense(Hard), 7)],
+    }
+}
+
+#[test]
+fn only_what_needs_it_is_written_in_the_newer_schema_version() {
+    assert_eq!(small_blob()[8], 2, "an LSTM's blob runs on firmware of before");
+    let mut random = ChaCha8Rng::seed_from_u64(61);
+    let network = layered(&mut random, 1, &cells(1, 6), Activation::Tanh, 1.0);
+    let mut trained = model(Some(network), features(&[FeatureSource::Input]), Mode::Streaming);
+    let other = export(&trained, &[recording(&mut random, 300)]).unwrap().bytes;
+    assert_eq!(other[8], 3);
+    let decoded = blob::decode(&other).unwrap().model;
+    assert_eq!(blob::encode(&decoded).unwrap(), other);
+    // Read as the version before, its layers are none.
+    let mut older = other.clone();
+    older[8] = 2;
+    seal(&mut older);
+    assert!(blob::decode(&older).is_err());
+    // What is written in version 2 reads the same in version 3 but for the cells, which are LSTM.
+    trained.network = Some(random_network(&mut random, 1, &[5], Activation::Tanh, 4.0));
+    trained.front_end.features[0].source = FeatureSource::Past(3);
+    let past = export(&trained, &[recording(&mut random, 300)]).unwrap().bytes;
+    assert_eq!(past[8], 3, "older firmware does not know past inputs");
+    assert!(blob::decode(&past).unwrap().model.network.unwrap().layers.iter().all(|layer| layer.cell == Cell::Lstm));
+}
+
+#[test]
+fn a_network_that_does_not_fit_the_boards_memory_is_refused_by_name() {
+    let mut random = ChaCha8Rng::seed_from_u64(62);
+    let network = layered(&mut random, 1, &[(Cell::Gru, 64), (Cell::Gru, 64), (Cell::Lstm, 32)], Activation::Tanh, 1.0);
+    let model = model(Some(network), features(&[FeatureSource::Input]), Mode::Streaming);
+    let error = export(&model, &[recording(&mut random, 100)]).unwrap_err().to_string();
+    assert!(error.contains("memory its weights are packed into"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// From nearly linear to saturated: the blob stays near the `f64` reference, and no sum can overflow.
+    #[test]
+    fn random_imported_layers_stay_near_their_reference(
+        seed in any::<u64>(),
+        (kind, code) in (0usize..4, 0u8..3),
+        units in 1usize..=24,
+        gain in 0.1f32..2.0,
+    ) {
+        let activation = Activation::from_code(code).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let network = layered(&mut random, 2, &cells(kind, units), activation, gain);
+        let sources = [FeatureSource::Past(2), FeatureSource::Input];
+        let model = model(Some(network), features(&sources), Mode::Streaming);
+        let export = export(&model, &[recording(&mut random, 400)]).unwrap();
+        prop_assert!(export.headroom > 1.0, "{}", export.headroom);
+        prop_assert!(export.comparison.rmse_normalised < 0.02, "{:?}", export.comparison.rmse_normalised);
+        for layer in &export.comparison.layers {
+            prop_assert!(layer.signals.last().unwrap().signal_to_noise_db.is_none_or(|ratio| ratio > 20.0), "{:?}", layer.signals);
+        }
+    }
+
+    /// Weights of any size either have a fixed-point form that cannot overflow, or are refused.
+    #[test]
+    fn weights_of_any_size_never_overflow(seed in any::<u64>(), kind in 0usize..4, exponent in -3f32..4.0) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let network = layered(&mut random, 1, &cells(kind, 7), Activation::Tanh, 10f32.powf(exponent));
+        let model = model(Some(network), features(&[FeatureSource::Input]), Mode::Streaming);
+        match export(&model, &[recording(&mut random, 60)]) {
+            Ok(export) => prop_assert!(export.headroom > 1.0 && export.comparison.max_abs.is_finite()),
+            Err(error) => prop_assert!(matches!(error, ExportError::Quantise(_)), "{error}"),
+        }
+    }
 }
 
 #[test]

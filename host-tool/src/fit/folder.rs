@@ -23,6 +23,8 @@ pub struct BlobFile {
     pub file: String,
     /// The rung that it holds: the chosen one, or else the best that the microcontroller can.
     pub rung: String,
+    /// That rung's mean error on recordings that took no part, in the output's unit.
+    pub cv_rmse: f64,
     /// Its size.
     pub bytes: usize,
     /// Instructions of one step on the Cortex-M4F.
@@ -58,6 +60,7 @@ pub fn write(fitted: &Outcome, folder: &Path) -> Result<Option<BlobFile>> {
     Ok(Some(BlobFile {
         file: path.display().to_string(),
         rung: fitted.ladder[index].name.clone(),
+        cv_rmse: fitted.ladder[index].cv_rmse,
         bytes: bytes.len(),
         step_instructions: firmware::estimator::step_instructions(&decoded.model),
     }))

@@ -4,13 +4,13 @@
 //! network saw in training, so each gets a gain that is a power of two and brings its range to within -1 to 1; the first layer's weights
 //! are divided by it, which in floating point changes nothing but exponents.
 
-use model_export::schema::{Feature, FeatureSource, FrontEnd, MAX_WINDOW_VALUES};
+use model_export::schema::{Feature, FeatureSource, FrontEnd, MAX_FEATURES, MAX_WINDOW_VALUES};
 
 use super::ImportError;
 use super::check::CheckVectors;
 use super::options::{FeatureKind, Options};
 use super::source::{SourceLayer, SourceNetwork};
-use crate::network::{Channel, Layer, Mode, Network, Provenance, TrainedModel};
+use crate::network::{Activation, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use crate::recording::Signal;
 
 /// Bound of the cell state: the largest that fixed point holds, because a foreign network was trained without one.
@@ -102,13 +102,17 @@ pub fn assemble(
         let problem = format!("{said:?} was given, the {} has {found:?}; leave the option out", source.kind);
         return Err(ImportError::Value { name: "--activation".to_owned(), problem });
     }
-    let activation = known(&activation, "the LSTM layers' activation", "--activation, for example --activation tanh, Keras' default")?;
+    let activation = if source.has_memory() {
+        known(&activation, "the recurrent layers' activation", "--activation, for example --activation tanh, Keras' default")?
+    } else {
+        Activation::Tanh
+    };
 
     let mut front_end = FrontEnd { lag_coefficient: 1.0, ..FrontEnd::default() };
     let mut factors = Vec::new();
     for kind in features {
         let (feature, factor) = feature(kind, &input, options, check, notes)?;
-        // Note: as many features as there are kinds, two, far below the capacity.
+        // No more than fit were let in.
         let _ = front_end.features.push(feature);
         factors.push(factor);
     }
@@ -150,19 +154,32 @@ fn features(source: &SourceNetwork, options: &Options) -> Result<Vec<FeatureKind
     match (&options.features, inputs) {
         (Some(features), _) if features.len() == inputs => Ok(features.clone()),
         (None, 1) => Ok(vec![FeatureKind::Input]),
-        (None, 2) => Err(ImportError::Unknown { what: "what the two inputs of the network are", option: "--features input,difference" }),
-        (Some(features), 1 | 2) => {
+        _ if inputs > MAX_FEATURES => {
+            let remedy = format!("at most {MAX_FEATURES} fit; train with fewer");
+            Err(ImportError::refuse(format!("`{name}` with {inputs} inputs"), remedy))
+        }
+        (None, _) => Err(ImportError::Unknown {
+            what: "what the inputs of the network are",
+            option: "--features, for example --features input,difference or, for the last ten samples, the oldest first, lag:9..0",
+        }),
+        (Some(features), _) => {
             let problem = format!("{} given, `{name}` takes {inputs}", features.len());
             Err(ImportError::Value { name: "--features".to_owned(), problem })
         }
-        _ => Err(ImportError::refuse(
-            format!("`{name}` with {inputs} inputs"),
-            "the model offers the input and its difference; train with these",
-        )),
     }
 }
 
 fn mode(source: &SourceNetwork, options: &Options, features: usize) -> Result<Mode, ImportError> {
+    if !source.has_memory() {
+        return match options.mode {
+            Some(Mode::Window { length }) => {
+                let last = length.saturating_sub(1);
+                let problem = format!("dense layers carry no state through a window; give its samples as inputs, --features lag:{last}..0");
+                Err(ImportError::Value { name: "--window".to_owned(), problem })
+            }
+            _ => Ok(Mode::Streaming),
+        };
+    }
     let mode = match (options.mode, source.last_step_only) {
         (Some(mode), _) => mode,
         // State is carried where every step is an output.
@@ -191,9 +208,10 @@ fn feature(
 ) -> Result<(Feature, f64), ImportError> {
     let scale = f64::from(input.scale);
     let (source, largest, ratio) = match kind {
-        FeatureKind::Input => {
+        FeatureKind::Input | FeatureKind::Lag(_) => {
             let normalised = |value: f32| ((f64::from(value) - f64::from(input.offset)) / scale).abs();
-            (FeatureSource::Input, normalised(input.minimum).max(normalised(input.maximum)), 1.0)
+            let source = if let FeatureKind::Lag(age) = kind { FeatureSource::Past(age) } else { FeatureSource::Input };
+            (source, normalised(input.minimum).max(normalised(input.maximum)), 1.0)
         }
         FeatureKind::Difference => {
             let seen = check.and_then(CheckVectors::largest_step);
@@ -216,6 +234,7 @@ fn converted(layer: &SourceLayer, factors: Option<&[f64]>) -> Result<Layer, Impo
     let factor = |index: usize| factors.map_or(1.0, |factors| factors[index % columns]);
     let input_weights = layer.input_weights.iter().enumerate().map(|(index, weight)| weight * factor(index));
     Ok(Layer {
+        cell: layer.cell,
         inputs: layer.inputs,
         units: layer.units,
         input_weights: weights(&layer.name, input_weights)?,

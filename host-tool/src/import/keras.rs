@@ -1,13 +1,16 @@
-//! Keras: the weights of LSTM and Dense layers, under any prefix.
+//! Keras: the weights of LSTM, GRU and Dense layers, under any prefix.
 //!
 //! `kernel` is `inputs x 4 units`, `recurrent_kernel` `units x 4 units`: columns, not rows, in gate order i, f, c, o, which is ours with
-//! c for g. There is one `bias` of `4 units`. A GRU has three columns a unit.
+//! c for g. There is one `bias` of `4 units`. A GRU has three columns a unit, in the order z, r, h of our u, r and n; with `reset_after`
+//! its bias has two rows, that of the input and that of the hidden state. What follows a Dense layer is not in the state.
 
 use std::collections::BTreeMap;
 
-use super::source::{SourceDense, SourceLayer, SourceNetwork, expect_lstm, ordered, without_dense};
+use super::ImportError;
+use super::options::Options;
+use super::source::{SourceLayer, SourceNetwork, SourceStage, joined, joined_biases, ordered, recurrent_cell, with_activations};
 use super::tensors::{State, Tensor, transposed};
-use super::{ImportError, dense};
+use crate::network::Cell;
 
 #[derive(Default)]
 struct Group<'a> {
@@ -16,10 +19,10 @@ struct Group<'a> {
     bias: Option<&'a Tensor>,
 }
 
-/// Whether these are names of Keras' recurrent layers.
+/// Whether these are names of Keras' layers.
 #[must_use]
 pub fn is_state(state: &State) -> bool {
-    state.tensors.keys().any(|name| split(name).1 == "recurrent_kernel")
+    state.tensors.keys().any(|name| ["recurrent_kernel", "kernel"].contains(&split(name).1))
 }
 
 /// Layer and weight of a name such as `lstm/lstm_cell/kernel`; TensorFlow adds `:0`.
@@ -56,41 +59,29 @@ fn groups(state: &State) -> Result<BTreeMap<&str, Group<'_>>, ImportError> {
             "mean" | "variance" | "count" => {
                 return refuse("part of a Normalization layer", "take the layer out and give --input-offset and --input-scale");
             }
-            _ => return refuse("a tensor that belongs to no LSTM and no dense layer", "leave it out if the network does not use it"),
+            _ => return refuse("a tensor that belongs to no LSTM, GRU or dense layer", "leave it out if the network does not use it"),
         };
         *slot = Some(tensor);
     }
     Ok(groups)
 }
 
-/// Reads the network of a state; `named` is the order of its LSTM layers where somebody gave it.
+/// Reads the network of a state, with the order of its layers and the activations of its Dense layers where somebody gave them.
 ///
 /// # Errors
 /// What is missing, does not fit, or cannot be represented, by name.
-pub fn read(state: &State, named: Option<&[String]>) -> Result<SourceNetwork, ImportError> {
+pub fn read(state: &State, options: &Options) -> Result<SourceNetwork, ImportError> {
     let mut notes = Vec::new();
     let mut modules = Vec::new();
-    let mut heads: Vec<(&str, Group<'_>)> = Vec::new();
     for (name, group) in groups(state)? {
-        match group.recurrent {
-            Some(recurrent) => modules.push((name.to_owned(), vec![layer(name, &group, recurrent, &mut notes)?])),
-            None => heads.push((name, group)),
-        }
+        let stage = match group.recurrent {
+            Some(recurrent) => SourceStage::Recurrent(layer(name, &group, recurrent, &mut notes)?),
+            None => SourceStage::Dense(dense(name, &group)?, None),
+        };
+        modules.push((name.to_owned(), vec![stage]));
     }
-    let dense = match &heads[..] {
-        [] => None,
-        [(name, group)] => Some(head(name, group)?),
-        [(first, _), (second, _), ..] => return Err(dense::two_dense(first, second)),
-    };
-    let layers = ordered(modules, named, dense.as_ref().map(|dense| dense.weights.len()))?;
-    let dense = match dense {
-        Some(dense) => dense,
-        None => {
-            let (dense, note) = without_dense(&layers)?;
-            notes.push(note);
-            dense
-        }
-    };
+    let stages = with_activations(ordered(modules, options.layers.as_deref())?, options.dense_activation.as_deref())?;
+    let (layers, dense) = joined(stages, &mut notes)?;
     Ok(SourceNetwork { kind: "Keras state", layers, dense, activation: None, last_step_only: None, notes })
 }
 
@@ -101,29 +92,51 @@ fn missing(layer: &str, weight: &str) -> ImportError {
 fn layer(name: &str, group: &Group<'_>, recurrent: &Tensor, notes: &mut Vec<String>) -> Result<SourceLayer, ImportError> {
     let kernel = group.kernel.ok_or_else(|| missing(name, "kernel"))?;
     let (units, columns) = recurrent.matrix()?;
-    expect_lstm(&recurrent.name, columns, units)?;
+    let cell = recurrent_cell(&recurrent.name, columns, units)?;
     let (inputs, _) = kernel.matrix()?;
-    let bias = match group.bias {
-        Some(bias) => bias.shaped(&[columns])?.to_vec(),
-        None => {
+    let bias = match (cell, group.bias) {
+        (Cell::Gru, Some(bias)) if bias.shape == [2, columns] => {
+            let (of_input, of_hidden) = bias.values.split_at(columns);
+            joined_biases(cell, units, &our_order(of_input, units), &our_order(of_hidden, units))
+        }
+        (Cell::Gru, Some(bias)) if bias.shape == [columns] => {
+            let what = format!("`{}`, of a GRU with reset_after=False,", bias.name);
+            return Err(ImportError::refuse(what, "its reset gate comes before the product; train with reset_after=True, Keras' default"));
+        }
+        (Cell::Gru, None) => {
+            let what = format!("`{name}`, a GRU without biases, which does not tell where its reset gate is,");
+            return Err(ImportError::refuse(what, "train with use_bias=True"));
+        }
+        (_, Some(bias)) => bias.shaped(&[columns])?.to_vec(),
+        (_, None) => {
             notes.push(format!("`{name}` has no bias: it is zero"));
             vec![0.0; columns]
         }
     };
+    let rows = |values: &[f64], width: usize| {
+        let rows = transposed(values, width, columns);
+        if cell == Cell::Gru { our_order(&rows, units * width) } else { rows }
+    };
     Ok(SourceLayer {
         name: name.to_owned(),
+        cell,
         inputs,
         units,
-        input_weights: transposed(kernel.shaped(&[inputs, columns])?, inputs, columns),
-        recurrent_weights: transposed(&recurrent.values, units, columns),
+        input_weights: rows(kernel.shaped(&[inputs, columns])?, inputs),
+        recurrent_weights: rows(&recurrent.values, units),
         bias,
     })
 }
 
-fn head(name: &str, group: &Group<'_>) -> Result<SourceDense, ImportError> {
+/// Rows of a GRU in the order z, r, h to r, u, n.
+pub fn our_order(values: &[f64], width: usize) -> Vec<f64> {
+    let gate = |index: usize| &values[index * width..(index + 1) * width];
+    [gate(1), gate(0), gate(2)].concat()
+}
+
+fn dense(name: &str, group: &Group<'_>) -> Result<SourceLayer, ImportError> {
     let kernel = group.kernel.ok_or_else(|| missing(name, "kernel"))?;
     let (inputs, outputs) = kernel.matrix()?;
-    dense::one_output(&kernel.name, outputs)?;
-    let bias = group.bias.map_or(Ok(0.0), |bias| bias.shaped(&[1]).map(|values| values[0]))?;
-    Ok(SourceDense { name: kernel.name.clone(), weights: kernel.shaped(&[inputs, 1])?.to_vec(), bias })
+    let bias = group.bias.map_or(Ok(Vec::new()), |bias| bias.shaped(&[outputs]).map(<[f64]>::to_vec))?;
+    SourceLayer::dense(kernel.name.clone(), [outputs, inputs], transposed(&kernel.values, inputs, outputs), bias)
 }

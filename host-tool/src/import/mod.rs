@@ -1,12 +1,11 @@
 //! Networks trained elsewhere: PyTorch and Keras states as safetensors, ONNX graphs.
 //!
-//! [`read`] finds the LSTM layers and the dense output in a file and puts their weights into our gate order; [`Found::model`] joins them
+//! [`read`] finds the LSTM, GRU and dense layers in a file and puts their weights into our gate order; [`Found::model`] joins them
 //! with what weights do not tell ([`Options`]) into a [`TrainedModel`]. What the model has no place for is refused by its name; nothing
 //! is guessed. [`CheckVectors`] then show whether the model computes what the framework did.
 
 mod assemble;
 mod check;
-mod dense;
 mod error;
 mod keras;
 mod onnx;
@@ -97,22 +96,18 @@ fn refuse_other_formats(bytes: &[u8]) -> Result<(), ImportError> {
 }
 
 fn from_state(state: &State, options: &Options) -> Result<SourceNetwork, ImportError> {
-    let named = options.layers.as_deref();
-    if torch::is_state(state) {
-        return torch::read(state, named);
-    }
+    // A Keras state has no `weight`, and a PyTorch state no `kernel`.
     if keras::is_state(state) {
-        return keras::read(state, named);
+        return keras::read(state, options);
+    }
+    if torch::is_state(state) {
+        return torch::read(state, options);
     }
     let names: Vec<&str> = state.tensors.keys().map(String::as_str).collect();
-    let is_dense = |name: &&str| name.ends_with("weight") || name.ends_with("kernel") || name.ends_with("bias");
-    if !names.is_empty() && names.iter().all(is_dense) {
-        return Err(dense::no_memory(&names));
-    }
     let some = names.iter().take(4).copied().collect::<Vec<_>>().join("`, `");
     Err(ImportError::refuse(
-        format!("a state without an LSTM (its tensors are `{some}`{})", if names.len() > 4 { " and others" } else { "" }),
-        "names such as `weight_ih_l0` (PyTorch) or `recurrent_kernel` (Keras) are wanted; save the state of the trained network",
+        format!("a state without a layer (its tensors are `{some}`{})", if names.len() > 4 { " and others" } else { "" }),
+        "names such as `weight_ih_l0` and `weight` (PyTorch) or `recurrent_kernel` and `kernel` (Keras) are wanted; save the state of the trained network",
     ))
 }
 

@@ -4,7 +4,10 @@
 
 use std::collections::BTreeMap;
 
+use model_export::schema::{MAX_DEAD_TIME_SAMPLES, MAX_FEATURES};
+
 use super::ImportError;
+pub use super::source::DenseActivation;
 use crate::network::{Activation, Mode};
 use crate::recording::Signal;
 
@@ -15,6 +18,8 @@ pub enum FeatureKind {
     Input,
     /// Its change since the last sample; zero at the first.
     Difference,
+    /// The input so many samples ago; before the first sample it is taken to have rested where it begins.
+    Lag(u8),
 }
 
 /// What was said; nothing has a silent default but the normalisation, which is none.
@@ -46,9 +51,11 @@ pub struct Options {
     pub largest_step: Option<f64>,
     /// Streaming or window.
     pub mode: Option<Mode>,
-    /// The cell activation.
+    /// The activation of the recurrent layers.
     pub activation: Option<Activation>,
-    /// The LSTM layers in their order.
+    /// What follows the dense layers before the output: one for all, or one each.
+    pub dense_activation: Option<Vec<DenseActivation>>,
+    /// The layers in their order.
     pub layers: Option<Vec<String>>,
     /// Which framework made it.
     pub framework: Option<String>,
@@ -95,19 +102,39 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// Reads `input`, `input,difference` or `difference,input`.
+/// Reads a list of `input`, `difference`, `lag:N` (the input N samples ago) and `lag:N..M`, a row of them.
 ///
 /// # Errors
-/// For anything else.
+/// For anything else, and for more than fit.
 pub fn features(text: &str) -> Result<Vec<FeatureKind>, String> {
-    match text {
-        "input" => Ok(vec![FeatureKind::Input]),
-        "input,difference" => Ok(vec![FeatureKind::Input, FeatureKind::Difference]),
-        "difference,input" => Ok(vec![FeatureKind::Difference, FeatureKind::Input]),
-        _ => {
-            Err(format!("`{text}` is none of `input`, `input,difference` and `difference,input`: other inputs have no place in the model"))
+    let mut features = Vec::new();
+    for part in text.split(',').map(str::trim) {
+        match (part, part.strip_prefix("lag:")) {
+            ("input", _) => features.push(FeatureKind::Input),
+            ("difference", _) => features.push(FeatureKind::Difference),
+            (_, Some(lags)) => features.extend(self::lags(lags)?.into_iter().map(FeatureKind::Lag)),
+            _ => {
+                return Err(format!(
+                    "`{part}` is none of `input`, `difference`, `lag:3` and `lag:9..0`: other inputs have no place in the model"
+                ));
+            }
         }
     }
+    if features.len() > MAX_FEATURES {
+        return Err(format!("{} inputs, at most {MAX_FEATURES} fit; train with fewer", features.len()));
+    }
+    Ok(features)
+}
+
+/// The ages of `3`, or of `9..0` or `0..9`, both ends included.
+fn lags(text: &str) -> Result<Vec<u8>, String> {
+    let age = |text: &str| {
+        let age = text.trim().parse().ok().filter(|age| usize::from(*age) <= MAX_DEAD_TIME_SAMPLES);
+        age.ok_or_else(|| format!("`lag:{text}` is not 0 to {MAX_DEAD_TIME_SAMPLES} samples ago, which is as far as the model sees"))
+    };
+    let Some((first, last)) = text.split_once("..") else { return Ok(vec![age(text)?]) };
+    let (first, last): (u8, u8) = (age(first)?, age(last)?);
+    Ok(if first <= last { (first..=last).collect() } else { (last..=first).rev().collect() })
 }
 
 /// Reads `streaming` or the length of a window.
@@ -133,6 +160,21 @@ pub fn activation(text: &str) -> Result<Activation, String> {
         "hard" => Ok(Activation::Hard),
         _ => Err(format!("`{text}` is none of `tanh`, `relu` and `hard` (-1 to 1): other activations have no fixed-point form")),
     }
+}
+
+/// Reads `tanh`, `relu`, `hard`, `sigmoid` or `linear`, or several between commas.
+///
+/// # Errors
+/// For anything else.
+pub fn dense_activations(text: &str) -> Result<Vec<DenseActivation>, String> {
+    let one = |name: &str| match name.trim() {
+        "linear" => Ok(DenseActivation::Linear),
+        "sigmoid" => Ok(DenseActivation::Sigmoid),
+        name => activation(name)
+            .map(DenseActivation::Ours)
+            .map_err(|problem| format!("{problem}; dense layers know `sigmoid` and `linear` too")),
+    };
+    text.split(',').map(one).collect()
 }
 
 /// Reads names between commas.
@@ -175,6 +217,7 @@ impl Options {
             "largest_step" => self.largest_step = Some(positive(text)?),
             "window" => self.mode = Some(mode(text)?),
             "activation" => self.activation = Some(activation(text)?),
+            "dense_activation" => self.dense_activation = Some(dense_activations(text)?),
             "layers" => self.layers = Some(names(text)?),
             "framework" => self.framework = Some(text.to_owned()),
             _ => return Err("is not known to this version of the tool; remove it, or check its spelling".to_owned()),
@@ -211,6 +254,7 @@ impl Options {
             largest_step,
             mode,
             activation,
+            dense_activation,
             layers,
             framework
         );

@@ -50,7 +50,13 @@ fn networks() -> Vec<(&'static str, Options)> {
         ("keras_relu.safetensors", Options::default()),
         ("onnx_by_hand.onnx", Options::default()),
         ("onnx_torch_double.onnx", Options { mode: None, ..difference }),
-        ("onnx_torch_window.onnx", window),
+        ("onnx_torch_window.onnx", window.clone()),
+        ("torch_gru.safetensors", Options::default()),
+        ("torch_gru_dense.safetensors", Options::default()),
+        ("torch_dense.safetensors", Options::default()),
+        ("keras_gru_dense.safetensors", Options::default()),
+        ("onnx_torch_gru.onnx", Options { mode: None, ..window.clone() }),
+        ("onnx_torch_dense.onnx", Options { mode: None, features: Some((0..10).rev().map(FeatureKind::Lag).collect()), ..window }),
     ]
 }
 
@@ -75,6 +81,7 @@ fn every_framework_s_network_computes_what_the_framework_did_to_a_millionth_of_t
 
 #[test]
 fn every_imported_network_s_blob_stays_within_a_thousandth_of_the_range() {
+    let mut far = Vec::new();
     for (name, options) in networks() {
         let (model, vectors) = imported(name, options);
         let time_s = (0..vectors.input.len()).map(|index| index as f64 * 0.02).collect();
@@ -86,8 +93,11 @@ fn every_imported_network_s_blob_stays_within_a_thousandth_of_the_range() {
         let [low, high] = vectors.output_range().expect("outputs");
         let worst = export.comparison.max_abs / (high - low);
         println!("{name}: largest {worst:.2e}, RMSE {:.2e} of the range", export.comparison.rmse / (high - low));
-        assert!(worst <= 1e-3, "{name}: {worst:.2e} of the range");
+        if worst > 1e-3 {
+            far.push(format!("{name}: {worst:.2e}"));
+        }
     }
+    assert!(far.is_empty(), "of the range: {far:?}");
 }
 
 #[test]
@@ -165,35 +175,33 @@ fn what_a_pytorch_state_holds_that_the_model_does_not_is_refused_by_name() {
     let good = || torch(1, 8, 4);
     let streaming = || Options { mode: Some(Mode::Streaming), ..said() };
     assert!(from_bytes(&changed(&good(), &[]), streaming()).and_then(|mut found| found.model(None)).is_ok());
-    let two: [(&str, Option<&[usize]>); 4] = [
-        ("lstm.weight_ih_l1", Some(&[32, 8])),
-        ("lstm.weight_hh_l1", Some(&[32, 8])),
-        ("lstm.weight_ih_l2", Some(&[32, 8])),
-        ("lstm.weight_hh_l2", Some(&[32, 8])),
-    ];
+    let four: Vec<(String, &[usize])> =
+        (1..5).flat_map(|layer| ["ih", "hh"].map(|kind| (format!("lstm.weight_{kind}_l{layer}"), &[32, 8][..]))).collect();
+    let four: Vec<(&str, Option<&[usize]>)> = four.iter().map(|(name, shape)| (name.as_str(), Some(*shape))).collect();
     let cases: Vec<(Vec<u8>, &[&str])> = vec![
-        (changed(&torch(1, 8, 3), &[]), &["lstm.weight_hh_l0", "GRU", "train an LSTM"]),
-        (changed(&torch(1, 8, 1), &[]), &["lstm.weight_hh_l0", "plain recurrent"]),
+        (changed(&torch(1, 8, 1), &[]), &["lstm.weight_hh_l0", "plain recurrent", "LSTM, GRU"]),
         (changed(&torch(1, 65, 4), &[]), &["65 units", "64"]),
-        (changed(&good(), &two), &["3 LSTM layers", "2"]),
+        (changed(&good(), &four), &["5 layers", "4"]),
         (changed(&good(), &[("lstm.weight_ih_l0_reverse", Some(&[32, 1]))]), &["lstm.weight_ih_l0_reverse", "bidirectional"]),
         (changed(&good(), &[("lstm.weight_hr_l0", Some(&[4, 8]))]), &["lstm.weight_hr_l0", "projection", "proj_size"]),
         (changed(&good(), &[("norm.weight", Some(&[8])), ("norm.bias", Some(&[8]))]), &["norm.weight", "normalisation"]),
         (changed(&good(), &[("batch.running_mean", Some(&[8]))]), &["batch.running_mean", "batch normalisation"]),
         (changed(&good(), &[("conv.weight", Some(&[4, 1, 3]))]), &["conv.weight", "convolution"]),
-        (changed(&good(), &[("middle.weight", Some(&[8, 8])), ("middle.bias", Some(&[8]))]), &["two dense layers", "`head`", "`middle`"]),
+        (changed(&good(), &[("middle.weight", Some(&[8, 8])), ("middle.bias", Some(&[8]))]), &["dense layers", "--dense-activation"]),
+        (changed(&good(), &[("middle.weight", Some(&[6, 8])), ("head.weight", Some(&[1, 6]))]), &["dense layers", "--dense-activation"]),
         (changed(&good(), &[("head.weight", Some(&[3, 8])), ("head.bias", Some(&[3]))]), &["head.weight", "3 outputs"]),
         (changed(&good(), &[("head.weight", None), ("head.bias", None)]), &["without a dense output", "8 units"]),
-        (changed(&good(), &[("head.weight", Some(&[1, 16]))]), &["head.weight", "16 inputs"]),
+        (changed(&good(), &[("head.weight", Some(&[1, 16]))]), &["`head.weight` with 16 inputs", "8 units"]),
         (changed(&good(), &[("lstm.bias_hh_l0", None)]), &["lstm.bias_hh_l0", "missing"]),
         (changed(&good(), &[("lstm.bias_hh_l0", Some(&[31]))]), &["lstm.bias_hh_l0", "[31]", "[32]"]),
         (changed(&good(), &[("lstm.weight_ih_l0", Some(&[30, 1]))]), &["lstm.weight_ih_l0", "[30, 1]", "[32, 1]"]),
         (changed(&good(), &[("lstm.weight_hh_l0", Some(&[0, 0]))]), &["lstm.weight_hh_l0", "[0, 0]"]),
-        (changed(&good(), &[("in_proj", Some(&[1, 1, 1]))]), &["in_proj", "belongs to no LSTM"]),
-        (changed(&torch(3, 8, 4), &[]), &["3 inputs", "difference"]),
-        (changed(&torch(2, 8, 4), &[]), &["two inputs", "--features"]),
-        (changed(&[], &[("fc1.weight", Some(&[8, 1])), ("fc2.weight", Some(&[1, 8]))]), &["dense layers only", "fc1.weight"]),
-        (changed(&[], &[("anything", Some(&[8, 1]))]), &["without an LSTM", "anything"]),
+        (changed(&good(), &[("in_proj", Some(&[1, 1, 1]))]), &["in_proj", "belongs to no LSTM, GRU or dense"]),
+        (changed(&torch(33, 8, 4), &[]), &["33 inputs", "32"]),
+        (changed(&torch(2, 8, 4), &[]), &["the inputs", "--features"]),
+        (changed(&[], &[("fc1.weight", Some(&[8, 1])), ("fc2.weight", Some(&[1, 8]))]), &["--dense-activation"]),
+        (changed(&[], &[("fc.weight", Some(&[1, 1]))]), &["fc.weight", "linear map"]),
+        (changed(&[], &[("anything", Some(&[8, 1]))]), &["without a layer", "anything"]),
     ];
     for (bytes, words) in cases {
         let complaint = complaint(&bytes, streaming());
@@ -207,17 +215,20 @@ fn what_a_keras_state_holds_that_the_model_does_not_is_refused_by_name() {
     let streaming = || Options { mode: Some(Mode::Streaming), activation: Some(Activation::Tanh), ..said() };
     assert!(from_bytes(&changed(&good(), &[]), streaming()).and_then(|mut found| found.model(None)).is_ok());
     let gru: [(&str, Option<&[usize]>); 1] = [("lstm/lstm_cell/bias", Some(&[2, 24]))];
+    assert!(from_bytes(&changed(&keras(8, 3), &gru), streaming()).and_then(|mut found| found.model(None)).is_ok());
     let cases: Vec<(Vec<u8>, &[&str])> = vec![
-        (changed(&keras(8, 3), &gru), &["recurrent_kernel", "GRU"]),
+        (changed(&keras(8, 3), &[]), &["lstm/lstm_cell/bias", "reset_after=False", "reset_after=True"]),
+        (changed(&keras(8, 3), &[("lstm/lstm_cell/bias", None)]), &["GRU without biases", "use_bias"]),
         (changed(&keras(8, 1), &[]), &["recurrent_kernel", "plain recurrent"]),
         (changed(&keras(65, 4), &[]), &["65 units"]),
         (changed(&good(), &[("bidirectional/backward_lstm/kernel", Some(&[1, 32]))]), &["bidirectional/backward_lstm/kernel", "future"]),
         (changed(&good(), &[("norm/gamma", Some(&[8]))]), &["norm/gamma", "normalisation"]),
         (changed(&good(), &[("normalization/mean", Some(&[1]))]), &["normalization/mean", "--input-offset"]),
-        (changed(&good(), &[("middle/kernel", Some(&[8, 8]))]), &["two dense layers", "middle"]),
-        (changed(&good(), &[("dense/kernel", Some(&[8, 2]))]), &["dense/kernel", "2 outputs"]),
+        (changed(&good(), &[("middle/kernel", Some(&[8, 8]))]), &["dense layers", "--dense-activation"]),
+        (changed(&good(), &[("dense/kernel", Some(&[8, 2])), ("dense/bias", Some(&[2]))]), &["dense/kernel", "2 outputs"]),
+        (changed(&good(), &[("dense/kernel", Some(&[8, 2]))]), &["dense/bias", "[1]", "[2]"]),
         (changed(&good(), &[("lstm/lstm_cell/kernel", None)]), &["lstm/kernel", "missing"]),
-        (changed(&good(), &[("embedding/embeddings", Some(&[8, 2]))]), &["embedding/embeddings", "belongs to no LSTM"]),
+        (changed(&good(), &[("embedding/embeddings", Some(&[8, 2]))]), &["embedding/embeddings", "belongs to no LSTM, GRU or dense"]),
     ];
     for (bytes, words) in cases {
         let complaint = complaint(&bytes, streaming());

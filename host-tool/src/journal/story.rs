@@ -123,7 +123,7 @@ struct Teller {
     at_ms: Option<u64>,
     time_ms: u64,
     decoder: Decoder,
-    requests: BTreeMap<u16, (u64, Request)>,
+    requests: BTreeMap<u32, (u64, Request)>,
     state: State,
     since_ms: u64,
     cause: Option<Cause>,
@@ -189,7 +189,7 @@ impl Teller {
 
     fn hear(&mut self, time_ms: u64, byte: u8) {
         if let Some(Ok(payload)) = self.decoder.push(byte)
-            && let Ok(RequestFrame { token, request }) = RequestFrame::from_payload(payload)
+            && let Ok(RequestFrame { token, request, .. }) = RequestFrame::from_payload(payload)
         {
             self.requests.insert(token, (time_ms, request));
         }

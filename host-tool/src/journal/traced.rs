@@ -126,7 +126,8 @@ impl TracedRig {
             previous_record: None,
             facts: FACTS,
         };
-        let link = Link::new(config, settings, models);
+        let mut link = Link::new(config, settings, models);
+        link.take_every_session();
         let tick = TickConfig { settings: link.settings(), facts: FACTS }.build();
         let tick = tick.map_err(|number| LinkError::Rig(format!("the journal's settings do not go together: {number:?}")))?;
         Ok(Self { rig: Rig::begun_again(tick, origin), link, place: Heap::default(), beat: 0 })
@@ -157,7 +158,7 @@ impl TracedRig {
             telemetry_dropped: 0,
         };
         let outputs = self.rig.tick(&mut self.place, inputs);
-        self.link.observe(outputs.state, Measured::default());
+        self.link.observe(outputs.state, outputs.vent_verified, Measured::default());
         if let Some(answer) = &outputs.answer {
             self.link.answer(answer.clone());
         }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use firmware::tick::Origin;
 use model_export::link::frame::{self, Decoder};
 use model_export::link::hello::Hello;
-use model_export::link::message::{Message, Reply, ReplyFrame, Request, RequestFrame, Telemetry};
+use model_export::link::message::{Message, Refusal, Reply, ReplyFrame, Request, RequestFrame, Telemetry};
 use model_export::link::trace::TracePiece;
 use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
@@ -73,7 +73,7 @@ pub struct Client<T: Transport> {
     transport: T,
     hello: Hello,
     line: Line,
-    token: u16,
+    token: u32,
 }
 
 /// What comes down the line.
@@ -225,9 +225,9 @@ impl<T: Transport> Client<T> {
     ///
     /// # Errors
     /// When the device is gone.
-    pub fn send(&mut self, request: &Request) -> Result<u16, LinkError> {
+    pub fn send(&mut self, request: &Request) -> Result<u32, LinkError> {
         self.token = self.token.wrapping_add(1);
-        let frame = RequestFrame { token: self.token, request: request.clone() };
+        let frame = RequestFrame { token: self.token, session: self.hello.session, request: request.clone() };
         let wire = frame.to_wire().map_err(|_| LinkError::Rig(format!("the request {request:?} fits no frame")))?;
         self.transport.send(&wire)?;
         if let Some(stream) = &mut self.line.trace {
@@ -245,7 +245,7 @@ impl<T: Transport> Client<T> {
     }
 
     /// The reply to a request sent before, if it has come.
-    pub fn take_reply(&mut self, token: u16) -> Option<Reply> {
+    pub fn take_reply(&mut self, token: u32) -> Option<Reply> {
         let at = self.line.replies.iter().position(|reply| reply.token == token)?;
         Some(self.line.replies.remove(at).reply)
     }
@@ -321,12 +321,22 @@ impl<T: Transport> Client<T> {
     /// # Errors
     /// [`LinkError::NoAnswer`] or the transport's.
     pub fn ask(&mut self, request: &Request) -> Result<Reply, LinkError> {
+        let reply = self.ask_once(request)?;
+        if reply != Reply::Refused(Refusal::OtherSession) || !request.only_asks() {
+            return Ok(reply);
+        }
+        // The device has restarted. What moves something must not be repeated unseen; what only asks may.
+        self.greet_again()?;
+        self.ask_once(request)
+    }
+
+    fn ask_once(&mut self, request: &Request) -> Result<Reply, LinkError> {
         // Replies nobody waited for are of no use any more.
         self.line.replies.clear();
         let token = self.send(request)?;
         let limit = match request {
             Request::SettingsSave | Request::ModelBegin { .. } | Request::ModelChunk { .. } | Request::ModelFinish => FLASH_WITHIN,
-            Request::ModelActivate | Request::ModelRollback => FLASH_WITHIN,
+            Request::ModelActivate { .. } => FLASH_WITHIN,
             _ => REPLY_WITHIN,
         };
         let until = self.transport.elapsed() + limit;

@@ -1,9 +1,11 @@
 //! The host's side of the link: one [`Client`] for a board on a serial port, for the emulator and for a rig in this process.
 //!
 //! Terms. A [`Transport`] carries bytes and has a clock. On a serial port ([`Serial`]) that is the clock on the wall. [`Lockstep`] is a rig in
-//! simulated time: a [`Processor`] (the firmware library in this process, or ARM code in QEMU) and simulated [`Hardware`] around it; time
+//! simulated time: a [`Processor`] (the firmware library in this process, ARM code in QEMU, or the flashable image on a model of its chip)
+//! and simulated [`Hardware`] around it; time
 //! passes only while somebody waits for bytes, one tick of 1 ms after the other. Code written against [`Client`] cannot tell them apart.
 
+mod board_model;
 mod client;
 mod error;
 mod flash;
@@ -20,6 +22,7 @@ mod tests;
 
 use std::time::Duration;
 
+pub use board_model::{BOARD_MODEL_BUILD, BoardModel, BoardModelConfig, BoardPins};
 pub use client::{Account, Client, Gap, version};
 pub use error::LinkError;
 pub use flash::{FlashMemory, SlotPair};

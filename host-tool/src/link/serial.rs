@@ -118,7 +118,15 @@ mod tests {
             let mut byte = [0; 64];
             while device.read(&mut byte).is_ok_and(|count| count == 0) {}
             let board = heapless::String::try_from("old").unwrap_or_default();
-            let hello = Hello { firmware: [0, 0, 9], protocol: 0, schema_hash: 1, model_id: [0; 8], reset_cause: ResetCause::Pin, board };
+            let hello = Hello {
+                firmware: [0, 0, 9],
+                protocol: 0,
+                schema_hash: 1,
+                model_id: [0; 8],
+                reset_cause: ResetCause::Pin,
+                board,
+                session: 0,
+            };
             device.write_all(&frame::encode(&hello.encode()).expect("a frame")).expect("the host listens");
             device
         });

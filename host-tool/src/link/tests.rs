@@ -139,6 +139,7 @@ fn hello(protocol: u16, schema_hash: u32) -> Vec<u8> {
         model_id: [0; 8],
         reset_cause: ResetCause::PowerOn,
         board: heapless::String::try_from("other").unwrap(),
+        session: 5,
     };
     frame::encode(&hello.encode()).unwrap().to_vec()
 }
@@ -146,7 +147,7 @@ fn hello(protocol: u16, schema_hash: u32) -> Vec<u8> {
 #[test]
 fn whoever_does_not_speak_our_language_is_named() {
     assert!(matches!(meets(hello(PROTOCOL, SCHEMA_HASH)), Ok(())));
-    assert!(matches!(meets(hello(PROTOCOL - 1, SCHEMA_HASH)), Err(LinkError::OldFirmware { theirs: 0, .. })));
+    assert!(matches!(meets(hello(PROTOCOL - 1, SCHEMA_HASH)), Err(LinkError::OldFirmware { theirs: 1, .. })));
     assert!(matches!(meets(hello(PROTOCOL + 1, 5)), Err(LinkError::NewFirmware { .. })));
     assert!(matches!(meets(hello(PROTOCOL, SCHEMA_HASH ^ 1)), Err(LinkError::OtherSchema { .. })));
     assert!(matches!(meets(Vec::new()), Err(LinkError::NoAnswer { .. })));

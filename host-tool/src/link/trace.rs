@@ -45,7 +45,7 @@ pub enum Cut {
     /// A tick took a request that this program did not send.
     Stranger {
         /// The request's token.
-        token: u16,
+        token: u32,
     },
     /// Bytes that are no record.
     NoRecord,
@@ -88,7 +88,7 @@ pub(super) struct Stream {
     /// What is no whole record yet.
     rest: Vec<u8>,
     /// Frames sent and not yet taken, by token.
-    sent: HashMap<u16, Vec<u8>>,
+    sent: HashMap<u32, Vec<u8>>,
     /// The frame of the last vent, which no token names.
     vent: Vec<u8>,
     ticks: Vec<TracedTick>,
@@ -97,7 +97,7 @@ pub(super) struct Stream {
 
 impl Stream {
     /// Keeps a request's frame.
-    pub(super) fn sent(&mut self, token: u16, is_vent: bool, frame: &[u8]) {
+    pub(super) fn sent(&mut self, token: u32, is_vent: bool, frame: &[u8]) {
         if is_vent {
             self.vent = frame.to_vec();
         } else {
@@ -196,7 +196,7 @@ mod tests {
         vec![first, second, TraceRecord::default(), TraceRecord::end(false)]
     }
 
-    fn through(pieces: &[(u32, &[u8])], sent: &[u16]) -> Trace {
+    fn through(pieces: &[(u32, &[u8])], sent: &[u32]) -> Trace {
         let mut stream = Stream::default();
         sent.iter().for_each(|token| stream.sent(*token, false, &token.to_le_bytes()));
         for (offset, bytes) in pieces {
@@ -214,7 +214,7 @@ mod tests {
             let trace = through(&[(begin, &bytes[..cut]), (begin.wrapping_add(cut as u32), &bytes[cut..])], &[7, 8]);
             assert_eq!(trace.cut, None);
             assert_eq!(trace.ticks.iter().map(|tick| tick.record).collect::<Vec<_>>(), records()[..3]);
-            assert_eq!(trace.ticks[1].from_host, [7, 0]);
+            assert_eq!(trace.ticks[1].from_host, [7, 0, 0, 0]);
         }
     }
 
@@ -222,7 +222,7 @@ mod tests {
     fn a_trace_ends_where_something_is_missing_and_says_what() {
         let bytes = bytes(&records());
         let (head, tail) = bytes.split_at(8);
-        let cut = |pieces: &[(u32, &[u8])], sent: &[u16]| {
+        let cut = |pieces: &[(u32, &[u8])], sent: &[u32]| {
             let trace = through(pieces, sent);
             (trace.ticks.len(), trace.cut)
         };

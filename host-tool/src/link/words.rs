@@ -72,6 +72,12 @@ pub fn refusal_in_words(refusal: &Refusal) -> String {
              vectors must come out right"
                 .to_owned()
         }
+        Refusal::ModelTooSlow => {
+            "a step of the model takes more than 60 % of a millisecond on the device; train a smaller model, or one that streams instead of \
+             running a window (`catheter inspect` tells the instructions of a step)"
+                .to_owned()
+        }
+        Refusal::OtherSession => "the device has restarted, or another program has opened the port; begin again, with one program at the port".to_owned(),
         Refusal::NoOtherModel => "there is no other whole model to activate; upload one".to_owned(),
         Refusal::Storage => "the flash memory could not be written".to_owned(),
         Refusal::NoRecord => "there is no such fault record".to_owned(),

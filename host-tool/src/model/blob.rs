@@ -4,7 +4,7 @@ use std::path::Path;
 
 use firmware::estimator::{Estimator, EstimatorState, GoldenReplay};
 use model_export::blob;
-use model_export::schema::{Mode, Model};
+use model_export::schema::{Activation, Cell, Mode, Model};
 
 use super::{Arithmetic, Description, ModelError, Predictor};
 use crate::recording::Signal;
@@ -63,21 +63,22 @@ fn describe(model: &Model<'_>, path: &Path) -> Description {
     let (mut macs, mut biases) = (0, 0);
     for layer in layers {
         macs += layer.input_weights.len() + layer.recurrent_weights.len();
-        biases += 4 * usize::from(layer.units);
+        biases += layer.biases.len() / 8;
     }
     if let Some(last) = layers.last() {
         macs += usize::from(last.units);
         biases += 1;
     }
     let front = super::trained::front_end_parameters(&model.front_end);
-    let units: Vec<usize> = layers.iter().map(|layer| usize::from(layer.units)).collect();
+    let cells: Vec<(Cell, usize)> = layers.iter().map(|layer| (layer.cell, usize::from(layer.units))).collect();
+    let activation = model.network.as_ref().and_then(|network| network.activation().ok()).unwrap_or(Activation::Tanh);
     let window = match model.mode {
         Mode::Streaming => 1,
         Mode::Window { length } => usize::from(length),
     };
     Description {
         path: path.into(),
-        kind: format!("{}, fixed point", super::trained::kind(&model.front_end, &units, window)),
+        kind: format!("{}, fixed point", super::trained::kind(&model.front_end, &cells, activation, window)),
         arithmetic: Arithmetic::FixedPoint,
         input: signal(&model.input),
         more_inputs: Vec::new(),

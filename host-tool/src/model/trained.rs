@@ -5,7 +5,7 @@ use std::path::Path;
 use model_export::schema::FrontEnd;
 
 use super::{Arithmetic, Description, ModelError, Predictor};
-use crate::network::{self, Channel, Mode, TrainedModel};
+use crate::network::{self, Activation, Cell, Channel, Mode, TrainedModel, described};
 use crate::recording::Signal;
 
 /// A trained model, checked.
@@ -48,13 +48,17 @@ pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
     if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 + curve }
 }
 
-/// What a front end with a network of these layer widths is, in words; `window` is the length of its window, 1 for streaming.
-pub(super) fn kind(front_end: &FrontEnd, units: &[usize], window: usize) -> String {
-    let network = match units {
+/// What a front end with a network of these layers is, in words; `window` is the length of its window, 1 for streaming.
+pub(super) fn kind(front_end: &FrontEnd, layers: &[(Cell, usize)], activation: Activation, window: usize) -> String {
+    let network = match layers {
         [] => None,
-        [first, ..] => {
+        [(_, first), ..] => {
             let time = if window > 1 { format!("window of {window}") } else { "streaming".to_owned() };
-            Some(format!("LSTM {}x{first}, {time}", units.len()))
+            Some(if layers.iter().all(|(cell, _)| *cell == Cell::Lstm) {
+                format!("LSTM {}x{first}, {time}", layers.len())
+            } else {
+                format!("{}, {time}", described(layers.iter().copied(), activation))
+            })
         }
     };
     let operators = front_end.play_thresholds.len();
@@ -79,7 +83,8 @@ fn describe(model: &TrainedModel, path: &Path) -> Description {
         path: path.into(),
         kind: kind(
             &model.front_end,
-            &model.network.as_ref().map_or(Vec::new(), |network| network.layers.iter().map(|layer| layer.units).collect()),
+            &model.network.iter().flat_map(|network| &network.layers).map(|layer| (layer.cell, layer.units)).collect::<Vec<_>>(),
+            model.network.as_ref().map_or(Activation::Tanh, |network| network.activation),
             steps,
         ),
         arithmetic: Arithmetic::Float,

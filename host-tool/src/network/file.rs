@@ -7,11 +7,12 @@ use model_export::schema;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
-use super::{Activation, Channel, Layer, Mode, Network, Provenance, TrainedModel};
+use super::{Activation, Cell, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use crate::output;
 
-/// Version of the metadata and tensor names; a file of another version is refused.
-pub const FORMAT_VERSION: u32 = 1;
+/// Newest version of the metadata and tensor names. Version 2 added layers other than LSTM and features of past inputs; a model without
+/// them is written in version 1.
+pub const FORMAT_VERSION: u32 = 2;
 
 const METADATA_KEY: &str = "catheter-model";
 
@@ -46,7 +47,7 @@ pub enum ModelFileError {
     },
     /// Another version of the format.
     #[error(
-        "{path}: model format version {found}, this tool reads version {FORMAT_VERSION}; train the model again with this version of the tool"
+        "{path}: model format version {found}, this tool reads versions 1 to {FORMAT_VERSION}; train the model again with this version of the tool"
     )]
     Version {
         /// The file.
@@ -72,6 +73,9 @@ struct Architecture {
     state_limit: f32,
     features: usize,
     units: Vec<usize>,
+    /// One for each layer; none when all are LSTM.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    cells: Vec<Cell>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -95,8 +99,10 @@ fn bytes_of(values: &[f32]) -> Vec<u8> {
 /// # Errors
 /// When the model cannot be encoded, for example because a value of the front end is not finite.
 pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
+    let has_other_cells = model.network.as_ref().is_some_and(|network| !network.is_lstm());
+    let sees_past = model.front_end.features.iter().any(|feature| matches!(feature.source, schema::FeatureSource::Past(_)));
     let metadata = Metadata {
-        format_version: FORMAT_VERSION,
+        format_version: if has_other_cells || sees_past { 2 } else { 1 },
         input: model.input.clone(),
         output: model.output.clone(),
         sample_period_s: model.sample_period_s,
@@ -107,6 +113,7 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
             state_limit: network.state_limit,
             features: network.features(),
             units: network.layers.iter().map(|layer| layer.units).collect(),
+            cells: if has_other_cells { network.layers.iter().map(|layer| layer.cell).collect() } else { Vec::new() },
         }),
         provenance: model.provenance.clone(),
     };
@@ -114,10 +121,13 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
     let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
     if let Some(network) = &model.network {
         for (index, layer) in network.layers.iter().enumerate() {
-            let rows = 4 * layer.units;
-            tensors.push((format!("layers.{index}.input_weights"), vec![rows, layer.inputs], bytes_of(&layer.input_weights)));
-            tensors.push((format!("layers.{index}.recurrent_weights"), vec![rows, layer.units], bytes_of(&layer.recurrent_weights)));
-            tensors.push((format!("layers.{index}.bias"), vec![rows], bytes_of(&layer.bias)));
+            for (name, shape, values) in [
+                ("input_weights", vec![layer.cell.input_rows() * layer.units, layer.inputs], &layer.input_weights),
+                ("recurrent_weights", vec![layer.cell.recurrent_rows() * layer.units, layer.units], &layer.recurrent_weights),
+                ("bias", vec![layer.bias.len()], &layer.bias),
+            ] {
+                tensors.push((format!("layers.{index}.{name}"), shape, bytes_of(values)));
+            }
         }
         tensors.push(("dense.weights".to_owned(), vec![network.dense_weights.len()], bytes_of(&network.dense_weights)));
         tensors.push(("dense.bias".to_owned(), vec![1], bytes_of(&[network.dense_bias])));
@@ -163,7 +173,7 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
     let value: serde_json::Value = serde_json::from_str(json).map_err(|error| unreadable(error.to_string()))?;
     let found = value.get("format_version").and_then(serde_json::Value::as_u64).and_then(|version| u32::try_from(version).ok());
     match found {
-        Some(FORMAT_VERSION) => {}
+        Some(1..=FORMAT_VERSION) => {}
         Some(found) => return Err(ModelFileError::Version { path: path.to_owned(), found }),
         None => return Err(unreadable("no format version".to_owned())),
     }
@@ -175,10 +185,14 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
         ("output.scale", positive(f64::from(metadata.output.scale))),
         ("state_limit", metadata.network.as_ref().is_none_or(|network| positive(f64::from(network.state_limit)))),
         ("units", metadata.network.as_ref().is_none_or(|network| !network.units.is_empty() && !network.units.contains(&0))),
+        (
+            "number of cells",
+            metadata.network.as_ref().is_none_or(|network| network.cells.is_empty() || network.cells.len() == network.units.len()),
+        ),
         ("mode.window.length", metadata.mode != Mode::Window { length: 0 }),
     ];
     if let Some((name, _)) = checks.iter().find(|(_, good)| !good) {
-        return Err(unreadable(format!("{name} is not positive")));
+        return Err(unreadable(format!("{name} is not positive, or not that of the layers")));
     }
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| format(error.to_string()))?;
     let network = metadata.network.map(|architecture| read_network(&tensors, &architecture, path)).transpose()?;
@@ -219,12 +233,14 @@ fn read_network(tensors: &SafeTensors<'_>, architecture: &Architecture, path: &s
     let mut inputs = architecture.features;
     let mut layers = Vec::with_capacity(architecture.units.len());
     for (index, &units) in architecture.units.iter().enumerate() {
+        let cell = architecture.cells.get(index).copied().unwrap_or_default();
         layers.push(Layer {
+            cell,
             inputs,
             units,
-            input_weights: read(format!("layers.{index}.input_weights"), &[4 * units, inputs])?,
-            recurrent_weights: read(format!("layers.{index}.recurrent_weights"), &[4 * units, units])?,
-            bias: read(format!("layers.{index}.bias"), &[4 * units])?,
+            input_weights: read(format!("layers.{index}.input_weights"), &[cell.input_rows() * units, inputs])?,
+            recurrent_weights: read(format!("layers.{index}.recurrent_weights"), &[cell.recurrent_rows() * units, units])?,
+            bias: read(format!("layers.{index}.bias"), &[cell.gates().len() * units])?,
         });
         inputs = units;
     }

@@ -1,6 +1,6 @@
-//! The f32 LSTM: architecture, forward pass, backpropagation through time, weights on disk.
+//! The f32 network: architecture, forward pass, backpropagation through time, weights on disk.
 //!
-//! A [`TrainedModel`] is a front end (physics, see [`model_export::schema`]) and, usually, a [`Network`] that corrects it. One layer
+//! A [`TrainedModel`] is a front end (physics, see [`model_export::schema`]) and, usually, a [`Network`] that corrects it. One LSTM layer
 //! computes, with `x` its input, `h` its hidden state and `c` its cell state,
 //!
 //! ```text
@@ -11,7 +11,8 @@
 //! y   = w . h_last + b                    after the last layer; added to the front end's linear readout
 //! ```
 //!
-//! `act` is one of [`Activation`]. Everything is normalised: the input by the input channel, the output by the output channel.
+//! `act` is one of [`Activation`]; [`Cell`] has the equations of GRU and dense layers. Training knows LSTM layers only; the others are imported.
+//! Everything is normalised: the input by the input channel, the output by the output channel.
 
 mod activation;
 mod file;
@@ -24,23 +25,13 @@ mod step;
 use model_export::schema;
 use serde::{Deserialize, Serialize};
 
+pub use model_export::schema::{Activation, Cell};
+
 pub use file::{FORMAT_VERSION, ModelFileError, from_bytes, load, save, to_bytes};
 pub use parameters::{Architecture, LayerLayout, Layout};
 pub use run::{Runner, limit_feature, window_sample};
 pub use sequence::Sequence;
 pub use step::NetworkState;
-
-/// The cell activation, used for the candidate and for the cell output; gates are always sigmoid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Activation {
-    /// Hyperbolic tangent.
-    Tanh,
-    /// `clamp(x, 0, state_limit)`: the paper's Table I, clipped because the unclipped form diverges.
-    Relu,
-    /// `clamp(x, -1, 1)`.
-    Hard,
-}
 
 /// How the network meets time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -87,31 +78,34 @@ impl Channel {
     }
 }
 
-/// Weights of one LSTM layer; matrices are row-major, rows in gate order i, f, g, o.
+/// Weights of one layer; matrices are row-major, rows in the order of [`Cell::gates`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
+    /// What it computes.
+    pub cell: Cell,
     /// Width of the input.
     pub inputs: usize,
     /// Hidden units.
     pub units: usize,
-    /// `W_x`, `4 * units` rows of `inputs`.
+    /// `W_x`, rows of `inputs`.
     pub input_weights: Vec<f32>,
-    /// `W_h`, `4 * units` rows of `units`.
+    /// `W_h`, rows of `units`.
     pub recurrent_weights: Vec<f32>,
-    /// `b`, `4 * units`.
+    /// `b`, one a gate and unit.
     pub bias: Vec<f32>,
 }
 
 impl Layer {
     /// A layer of zeros.
     #[must_use]
-    pub fn zeros(inputs: usize, units: usize) -> Self {
+    pub fn zeros(cell: Cell, inputs: usize, units: usize) -> Self {
         Self {
+            cell,
             inputs,
             units,
-            input_weights: vec![0.0; 4 * units * inputs],
-            recurrent_weights: vec![0.0; 4 * units * units],
-            bias: vec![0.0; 4 * units],
+            input_weights: vec![0.0; cell.input_rows() * units * inputs],
+            recurrent_weights: vec![0.0; cell.recurrent_rows() * units * units],
+            bias: vec![0.0; cell.gates().len() * units],
         }
     }
 
@@ -122,12 +116,12 @@ impl Layer {
     }
 }
 
-/// LSTM layers and the dense output.
+/// Layers and the dense output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
-    /// Cell activation of every layer.
+    /// Activation of every recurrent layer.
     pub activation: Activation,
-    /// Bound of |c|, and the cap of the relu; positive.
+    /// Bound of |c|, and the cap of the relu in recurrent layers; positive.
     pub state_limit: f32,
     /// First layer first; the first layer's input is the front end's features.
     pub layers: Vec<Layer>,
@@ -138,13 +132,13 @@ pub struct Network {
 }
 
 impl Network {
-    /// A network of zeros with the given layer widths.
+    /// A network of zeros with LSTM layers of the given widths.
     #[must_use]
     pub fn zeros(features: usize, units: &[usize], activation: Activation, state_limit: f32) -> Self {
         let mut inputs = features;
         let mut layers = Vec::with_capacity(units.len());
         for &width in units {
-            layers.push(Layer::zeros(inputs, width));
+            layers.push(Layer::zeros(Cell::Lstm, inputs, width));
             inputs = width;
         }
         Self { activation, state_limit, layers, dense_weights: vec![0.0; inputs], dense_bias: 0.0 }
@@ -154,6 +148,18 @@ impl Network {
     #[must_use]
     pub fn features(&self) -> usize {
         self.layers.first().map_or(0, |layer| layer.inputs)
+    }
+
+    /// Whether all layers are LSTM, which is what training and its batched passes know.
+    #[must_use]
+    pub fn is_lstm(&self) -> bool {
+        self.layers.iter().all(|layer| layer.cell == Cell::Lstm)
+    }
+
+    /// The layers in words, as [`described`].
+    #[must_use]
+    pub fn described(&self) -> String {
+        described(self.layers.iter().map(|layer| (layer.cell, layer.units)), self.activation)
     }
 
     /// Number of weights and biases.
@@ -167,6 +173,22 @@ impl Network {
     pub fn macs_per_step(&self) -> usize {
         self.layers.iter().map(|layer| layer.input_weights.len() + layer.recurrent_weights.len()).sum::<usize>() + self.dense_weights.len()
     }
+}
+
+/// Layers in words: `LSTM of 64 + 64 units (tanh)`, `GRU of 32 units (tanh), dense of 16 units (relu)`.
+#[must_use]
+pub fn described(layers: impl Iterator<Item = (Cell, usize)>, activation: Activation) -> String {
+    let mut groups: Vec<(Cell, Vec<String>)> = Vec::new();
+    for (cell, units) in layers {
+        match groups.last_mut() {
+            Some((last, widths)) if *last == cell => widths.push(units.to_string()),
+            _ => groups.push((cell, vec![units.to_string()])),
+        }
+    }
+    let group = |(cell, widths): &(Cell, Vec<String>)| {
+        format!("{} of {} units ({})", cell.name(), widths.join(" + "), cell.activation(activation).name())
+    };
+    groups.iter().map(group).collect::<Vec<_>>().join(", ")
 }
 
 /// Where a model came from.

@@ -1,4 +1,4 @@
-//! The weights of a network as one flat vector, laid out for training.
+//! The weights of a network of LSTM layers as one flat vector, laid out for training.
 //!
 //! Order: for each layer `W_x` transposed (`inputs` rows of `4 * units`), `W_h` transposed (`units` rows of `4 * units`), `b`; then the
 //! dense weights and the dense bias. Transposed, the forward products read and the weight gradients write whole rows.

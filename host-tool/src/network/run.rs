@@ -62,7 +62,9 @@ impl TrainedModel {
     /// # Errors
     /// When the front end is out of its domain.
     pub fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, Invalid> {
-        if let (Mode::Window { length }, Some(network)) = (self.mode, &self.network) {
+        if let (Mode::Window { length }, Some(network)) = (self.mode, &self.network)
+            && network.is_lstm()
+        {
             return self.predict_windows(network, length, input, gaps);
         }
         let mut runner = self.runner()?;

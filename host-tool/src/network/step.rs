@@ -1,8 +1,8 @@
 //! One network step at a time: the plain reading of the equations, for evaluation and as the yardstick of the fast code.
 
-use super::{Activation, Layer, Network};
+use super::{Activation, Cell, Layer, Network};
 
-/// Hidden and cell state of every layer.
+/// Hidden and cell state of every layer; the output of one that is dense counts as its hidden state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkState {
     hidden: Vec<Vec<f32>>,
@@ -15,7 +15,7 @@ impl NetworkState {
     #[must_use]
     pub fn new(network: &Network) -> Self {
         let zeros = || network.layers.iter().map(|layer| vec![0.0; layer.units]).collect();
-        let widest = network.layers.iter().map(|layer| 4 * layer.units).max().unwrap_or(0);
+        let widest = network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0);
         Self { hidden: zeros(), cell: zeros(), gates: vec![0.0; widest] }
     }
 
@@ -49,38 +49,53 @@ impl Network {
     pub fn step(&self, state: &mut NetworkState, features: &[f32]) -> f32 {
         assert_eq!(features.len(), self.features(), "features of the first layer");
         for (index, layer) in self.layers.iter().enumerate() {
-            let gates = &mut state.gates[..4 * layer.units];
+            let gates = &mut state.gates[..layer.bias.len()];
             let (below, here) = state.hidden.split_at_mut(index);
             let input = below.last().map_or(features, Vec::as_slice);
             project(layer, input, &here[0], gates);
-            self.update(layer.units, gates, &mut state.cell[index], &mut here[0]);
+            self.update(layer, gates, &mut state.cell[index], &mut here[0]);
         }
         let last = state.hidden.last().map_or(&[][..], Vec::as_slice);
         self.dense_bias + dot(&self.dense_weights, last)
     }
 
-    fn update(&self, units: usize, gates: &[f32], cell: &mut [f32], hidden: &mut [f32]) {
-        let act = |x: f32| match self.activation {
+    fn update(&self, layer: &Layer, gates: &[f32], cell: &mut [f32], hidden: &mut [f32]) {
+        let cap = if let Cell::Dense(_) = layer.cell { f32::INFINITY } else { self.state_limit };
+        let act = |x: f32| match layer.cell.activation(self.activation) {
             Activation::Tanh => x.tanh(),
-            Activation::Relu => x.clamp(0.0, self.state_limit),
+            Activation::Relu => x.clamp(0.0, cap),
             Activation::Hard => x.clamp(-1.0, 1.0),
         };
+        let units = layer.units;
         for unit in 0..units {
-            let input_gate = sigmoid(gates[unit]);
-            let forget_gate = sigmoid(gates[units + unit]);
-            let candidate = act(gates[2 * units + unit]);
-            let output_gate = sigmoid(gates[3 * units + unit]);
-            cell[unit] = (forget_gate * cell[unit] + input_gate * candidate).clamp(-self.state_limit, self.state_limit);
-            hidden[unit] = output_gate * act(cell[unit]);
+            let gate = |number: usize| gates[number * units + unit];
+            match layer.cell {
+                Cell::Lstm => {
+                    let (input_gate, forget_gate, output_gate) = (sigmoid(gate(0)), sigmoid(gate(1)), sigmoid(gate(3)));
+                    let candidate = act(gate(2));
+                    cell[unit] = (forget_gate * cell[unit] + input_gate * candidate).clamp(-self.state_limit, self.state_limit);
+                    hidden[unit] = output_gate * act(cell[unit]);
+                }
+                Cell::Gru => {
+                    let (reset, update) = (sigmoid(gate(0)), sigmoid(gate(1)));
+                    let candidate = act(gate(2) + reset * gate(3));
+                    hidden[unit] = (1.0 - update) * candidate + update * hidden[unit];
+                }
+                Cell::Dense(_) => hidden[unit] = act(gate(0)),
+            }
         }
     }
 }
 
 fn project(layer: &Layer, input: &[f32], hidden: &[f32], gates: &mut [f32]) {
-    for (row, gate) in gates.iter_mut().enumerate() {
-        let from_input = dot(&layer.input_weights[row * layer.inputs..][..layer.inputs], input);
-        let from_hidden = dot(&layer.recurrent_weights[row * layer.units..][..layer.units], hidden);
-        *gate = layer.bias[row] + from_input + from_hidden;
+    let rows = gates.chunks_mut(layer.units).zip(layer.bias.chunks(layer.units));
+    for (gate, (values, biases)) in layer.cell.gates().iter().zip(rows) {
+        for (unit, (value, bias)) in values.iter_mut().zip(biases).enumerate() {
+            let part = |of_gate: Option<usize>, weights: &[f32], seen: &[f32]| {
+                of_gate.map_or(0.0, |of_gate| dot(&weights[(of_gate * layer.units + unit) * seen.len()..][..seen.len()], seen))
+            };
+            *value = bias + part(gate.input, &layer.input_weights, input) + part(gate.recurrent, &layer.recurrent_weights, hidden);
+        }
     }
 }
 

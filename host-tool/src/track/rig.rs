@@ -7,7 +7,8 @@ use std::rc::Rc;
 use crate::backend::{EMULATED_BOARD, VIRTUAL_BOARD};
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu, QemuConfig, TickRecord,
+    BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu,
+    QemuConfig, TickRecord,
 };
 use crate::rig::live::{AllEffects, Probe};
 
@@ -98,6 +99,14 @@ pub fn hardware(seed: u64, session: usize) -> (Hardware, Probe) {
 /// When emulator or image are missing.
 pub fn emulator(image: Option<&Path>) -> Result<Qemu, LinkError> {
     Qemu::start(QemuConfig::find(image)?, &FlashMemory::default())
+}
+
+/// The flashable image on the board's model with an empty flash; program and image are looked for where cargo leaves them.
+///
+/// # Errors
+/// When one of them is missing.
+pub fn board_model(image: Option<&Path>) -> Result<BoardModel, LinkError> {
+    BoardModel::start(BoardModelConfig::find(image)?, &FlashMemory::default())
 }
 
 /// A journal's beginning, for [`connect`].

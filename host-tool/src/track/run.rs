@@ -76,7 +76,8 @@ pub fn prepare<T: Transport>(client: &mut Client<T>, settings: &SettingValues, b
     }
     if let Some(blob) = blob {
         experiment::upload(client, blob, &mut |_| {}).map_err(RunError::Model)?;
-        client.command(&Request::ModelActivate)?;
+        let id = model_export::blob::content_id(blob).unwrap_or_default();
+        client.command(&Request::ModelActivate { id })?;
         experiment::settle_after_change(client).map_err(RunError::Model)?;
         wait_for(client, State::Idle)?;
     }

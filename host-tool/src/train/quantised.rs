@@ -38,7 +38,8 @@ struct Recorder<'a> {
 
 impl Trace for Recorder<'_> {
     fn unit(&mut self, layer: usize, unit: usize, values: &UnitTrace) {
-        let gates = [values.input_gate, values.forget_gate, values.candidate, values.output_gate];
+        let [input_gate, forget_gate, output_gate] = values.gates;
+        let gates = [input_gate, forget_gate, values.candidate, output_gate];
         self.sequence.inject(layer, self.lane, self.step, unit, gates, values.cell, values.hidden);
     }
 }

@@ -7,7 +7,6 @@
 //! weights, which costs accuracy; where play operators stand in front of it they do the remembering.
 
 use model_export::certificate::{LARGEST_FEATURE, RealLayer};
-use model_export::schema;
 
 use crate::network::{Activation, Layer, Network};
 
@@ -80,10 +79,6 @@ fn real(layer: &Layer, activation: Activation, limit: f32) -> RealLayer {
         recurrent_weights: rounded_up(&layer.recurrent_weights, layer.units),
         biases: layer.bias.iter().map(|bias| f64::from(*bias)).collect(),
         cell_limit: f64::from(limit),
-        activation: match activation {
-            Activation::Tanh => schema::Activation::Tanh,
-            Activation::Relu => schema::Activation::Relu,
-            Activation::Hard => schema::Activation::Hard,
-        },
+        activation,
     }
 }

@@ -48,7 +48,7 @@ pub fn carry_out(script: &[u8]) -> Account {
 
 /// One of the sound payloads.
 fn example(which: u8) -> Payload {
-    let request = |request| RequestFrame { token: u16::from(which), request }.to_wire();
+    let request = |request| RequestFrame { token: u32::from(which), session: 7, request }.to_wire();
     let wire = match which % 7 {
         0 => request(Request::Vent),
         1 => request(Request::ModelChunk { offset: 512, bytes: (0..=u8::MAX).collect() }),

@@ -154,8 +154,8 @@ explained! {
             "A golden vector that was corrupted on purpose passed, so the self-test cannot be trusted."
             "Flash the firmware again; if it comes back, report it with the model."
         9 SettingsInvalid "settings-invalid"
-            "The stored settings contradict each other or lie outside their bounds; the defaults are in use."
-            "Compare with `catheter rig settings diff`, correct them, save, and acknowledge."
+            "The stored settings are damaged, contradict each other or lie outside their bounds; those in use are older ones or the defaults."
+            "Check every limit with `catheter rig settings diff`, correct them, save, and acknowledge: nothing arms before they are saved again."
         10 StorageFailed "storage-failed"
             "The flash memory could not be erased or written."
             "Repeat the save; if it comes back, the flash is worn out and the board needs replacing."
@@ -231,6 +231,15 @@ explained! {
         34 InternalInconsistent "internal-inconsistent"
             "The limiter's state was damaged in memory."
             "Power-cycle and report it."
+        35 ModelTooSlow "model-too-slow"
+            "A step of the active model takes more than 60 % of a millisecond on this processor."
+            "Train a smaller model, or one that streams instead of running a window; `catheter inspect` tells the instructions of a step."
+        36 ReferenceVoltage "reference-voltage"
+            "The analogue supply, on which every measured and every given voltage hangs, is more than 3 % off 3.3 V."
+            "Check the board's 3.3 V regulator and its load, then acknowledge."
+        37 OutputMismatch "output-mismatch"
+            "The voltage at the valve's drive or the level at the dump valve's pin is not what the device put out."
+            "Close the supply by hand, and look for a short circuit or a broken driver at PA4 and PB1."
     }
 }
 

@@ -12,8 +12,13 @@
 //! | 17 | 8 | model id (first bytes of the blob's content hash, zero without a model) |
 //! | 25 | 1 | cause of the last reset |
 //! | 26 | 16 | board name, ASCII, padded with zeros |
+//! | 42 | 4 | number of the session that this Hello began, from protocol 2 on |
 //!
 //! A later version may append bytes; readers ignore what follows. The request is the kind byte 0x01; whatever follows is ignored too.
+//!
+//! A **session** lasts from a Hello to the next one and has a number of its own, which every request repeats. Frames that wait
+//! somewhere on the way, or that somebody plays again, belong to another session and move nothing. As long as no request has come a further Hello
+//! gives the same number, so that a repeated question does no harm.
 
 use heapless::{String, Vec};
 
@@ -21,7 +26,9 @@ use super::Kind;
 use super::state::ResetCause;
 
 /// Length of the answer's frozen part.
-pub const HELLO_BYTES: usize = 42;
+pub const FROZEN_BYTES: usize = 42;
+/// Length of the answer.
+pub const HELLO_BYTES: usize = FROZEN_BYTES + 4;
 const MAGIC: [u8; 4] = *b"CATH";
 /// Longest board name.
 pub const MAX_BOARD_NAME: usize = 16;
@@ -41,6 +48,8 @@ pub struct Hello {
     pub reset_cause: ResetCause,
     /// Name of the board, for example `stm32f405-rig`.
     pub board: String<MAX_BOARD_NAME>,
+    /// The session that this Hello began; zero before protocol 2.
+    pub session: u32,
 }
 
 /// Why a payload is not a Hello answer.
@@ -68,7 +77,8 @@ impl Hello {
             // The parts before the name have fixed lengths that sum to 26 and the name's capacity is 16: they always fit.
             let _ = bytes.extend_from_slice(part);
         }
-        let _ = bytes.resize(HELLO_BYTES, 0);
+        let _ = bytes.resize(FROZEN_BYTES, 0);
+        let _ = bytes.extend_from_slice(&self.session.to_le_bytes());
         bytes
     }
 
@@ -89,7 +99,7 @@ impl Hello {
         let (schema_hash, rest) = take::<4>(rest)?;
         let (model_id, rest) = take::<8>(rest)?;
         let (reset_cause, rest) = take::<1>(rest)?;
-        let (board, _later_versions) = take::<MAX_BOARD_NAME>(rest)?;
+        let (board, later) = take::<MAX_BOARD_NAME>(rest)?;
         let name = board.split(|&byte| byte == 0).next().unwrap_or_default();
         let name = core::str::from_utf8(name).map_err(|_| HelloError::BoardName)?;
         if !name.is_ascii() {
@@ -102,6 +112,7 @@ impl Hello {
             model_id,
             reset_cause: ResetCause::from_number(reset_cause[0]),
             board: String::try_from(name).map_err(|_| HelloError::BoardName)?,
+            session: later.first_chunk().map_or(0, |session| u32::from_le_bytes(*session)),
         })
     }
 }

@@ -124,10 +124,13 @@ pub enum Request {
     },
     /// Check the upload and make it whole, without activating it.
     ModelFinish,
-    /// Make the other whole model the active one and test again.
-    ModelActivate,
-    /// Go back to the model before; the same as activating the other one, and refused if there is none.
-    ModelRollback,
+    /// Make this whole model the active one and test again; nothing if it is that already, so that a repeated request does no harm.
+    ModelActivate {
+        /// First bytes of its content hash.
+        id: [u8; 8],
+    },
+    /// Which models are whole.
+    Models,
     /// The fault record of this run.
     FaultRecord,
     /// The fault record that survived the last reset.
@@ -144,6 +147,21 @@ pub enum Request {
 }
 
 impl Request {
+    /// Whether it changes nothing, so that asking again after a restart of the device is always right.
+    pub const fn only_asks(&self) -> bool {
+        matches!(
+            self,
+            Self::Status
+                | Self::SettingGet { .. }
+                | Self::SettingsDifference { .. }
+                | Self::FaultRecord
+                | Self::PreviousFaultRecord
+                | Self::ControlReport
+                | Self::AdaptationReport
+                | Self::Models
+        )
+    }
+
     /// Whether it may bring in what a trace does not tell: another model, or settings that only the device has.
     pub const fn is_beyond_a_trace(&self) -> bool {
         matches!(
@@ -151,8 +169,7 @@ impl Request {
             Self::ModelBegin { .. }
                 | Self::ModelChunk { .. }
                 | Self::ModelFinish
-                | Self::ModelActivate
-                | Self::ModelRollback
+                | Self::ModelActivate { .. }
                 | Self::SettingsRevert(Baseline::Saved)
         )
     }
@@ -161,8 +178,11 @@ impl Request {
 /// A request with its token.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestFrame {
-    /// Chosen by the host; the reply repeats it.
-    pub token: u16,
+    /// Chosen by the host, each higher than those before in the session; the reply repeats it. A request with a token that is not higher is an old
+    /// one: it is dropped and counted.
+    pub token: u32,
+    /// The session that the last Hello began ([`super::hello::Hello::session`]). A request of another one is refused.
+    pub session: u32,
     /// What is asked for.
     pub request: Request,
 }
@@ -217,6 +237,10 @@ pub enum Refusal {
     /// Adaptation has no certificate with these settings; the number of the first condition that fails
     /// ([`super::fault::AdaptationCondition`]).
     Uncertified(u8),
+    /// The blob is a sound model whose step takes more than its share of a tick.
+    ModelTooSlow,
+    /// The request belongs to no session or to another one: somebody has said Hello since.
+    OtherSession,
 }
 
 /// Entry of a settings page.
@@ -253,7 +277,7 @@ pub struct Status {
     pub longest_tick_cycles: u32,
     /// Bytes of stack never used since the start; 0 if not measured.
     pub stack_unused_bytes: u32,
-    /// Frames received that were damaged.
+    /// Frames received that were damaged, or whose token was not higher than those before.
     pub damaged_frames: u32,
     /// Telemetry samples dropped since the start.
     pub telemetry_dropped: u32,
@@ -354,13 +378,20 @@ pub enum Reply {
     ControlReport(ControlReport),
     /// Answer to [`Request::AdaptationReport`].
     AdaptationReport(AdaptationReport),
+    /// Answer to [`Request::Models`]: first bytes of the content hashes, zero without a model.
+    Models {
+        /// The active one, whether or not it passed its self-test.
+        active: [u8; 8],
+        /// The one that could be activated.
+        other: [u8; 8],
+    },
 }
 
 /// A reply with its request's token.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ReplyFrame {
     /// The request's token.
-    pub token: u16,
+    pub token: u32,
     /// The answer.
     pub reply: Reply,
 }
@@ -512,8 +543,8 @@ wire_enum!(Request {
     15 ModelBegin { length, crc32 },
     16 ModelChunk { offset, bytes },
     17 ModelFinish,
-    18 ModelActivate,
-    19 ModelRollback,
+    18 ModelActivate { id },
+    19 Models,
     20 FaultRecord,
     21 PreviousFaultRecord,
     22 ControlReport,
@@ -521,7 +552,7 @@ wire_enum!(Request {
     24 TraceEnd,
     25 AdaptationReport,
 });
-wire_struct!(RequestFrame { token, request });
+wire_struct!(RequestFrame { token, session, request });
 wire_enum!(Refusal {
     0 Blocked(blockers),
     1 State(state),
@@ -545,6 +576,8 @@ wire_enum!(Refusal {
     19 LogFull,
     20 Traced,
     21 Uncertified(number),
+    22 ModelTooSlow,
+    23 OtherSession,
 });
 wire_struct!(SettingDifference { number, in_use, baseline });
 wire_struct!(Status {
@@ -591,6 +624,7 @@ wire_enum!(Reply {
     7 FaultRecord(record),
     8 ControlReport(report),
     9 AdaptationReport(report),
+    10 Models { active, other },
 });
 wire_struct!(ReplyFrame { token, reply });
 wire_struct!(Telemetry {

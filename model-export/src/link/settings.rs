@@ -248,6 +248,10 @@ settings! {
         "This long with the very same code, while the command moved, a sensor is stuck.";
     32 stuck_command_bar: f32 = 0.05, 0.001 ..= 4.0, "plausibility.stuck_command_bar", "bar",
         "Movement of the command that a live sensor cannot sleep through.";
+    33 still_command_bar: f32 = 1.2, 0.1 ..= 4.0, "plausibility.still_command_bar", "bar",
+        "Movement of the command, as the rig can follow it, during which a live sensor moves by more than 1 % of its range.";
+    34 still_response_ms: f32 = 200.0, 1.0 ..= 10000.0, "plausibility.still_response_ms", "ms",
+        "Time constant with which the rig is expected to follow for plausibility.still_command_bar.";
     40 mismatch_pressure_bar: f32 = 0.3, 0.01 ..= 4.0, "mismatch.pressure_bar", "bar",
         "Tolerated difference between measured and expected pressure.";
     41 mismatch_pressure_ms: u32 = 25, 1 ..= 10000, "mismatch.pressure_ms", "ms",
@@ -262,6 +266,8 @@ settings! {
         "Pressure that the valve gives at full drive.";
     51 valve_drive: u32 = 0, 0 ..= 1, "valve.drive", "",
         "How the valve is driven: 0 analogue (DAC), 1 pulse width (PWM).";
+    52 pulse_hz: u32 = 20000, 20 ..= 20000, "valve.pulse_hz", "Hz",
+        "Frequency of the pulse width: 20 kHz for a proportional valve's driver, 20 to 500 Hz for a fast switching valve.";
     60 control_law: u32 = 0, 0 ..= 2, "control.law", "",
         "What makes the demand: 0 playback of pressures, 1 pressure set-point, 2 tracking of displacements.";
     61 playback_period_ms: u32 = 20, 1 ..= 1000, "playback.period_ms", "ms",

@@ -72,7 +72,7 @@ pub enum TraceCommand {
     #[default]
     None,
     /// That of the host's request with this token.
-    Request(u16),
+    Request(u32),
     /// Another self-test, asked for by the background.
     Retest,
     /// What the self-test found.
@@ -193,7 +193,7 @@ mod tests {
     fn record() -> impl Strategy<Value = TraceRecord> {
         let command = prop_oneof![
             Just(TraceCommand::None),
-            any::<u16>().prop_map(TraceCommand::Request),
+            any::<u32>().prop_map(TraceCommand::Request),
             Just(TraceCommand::Retest),
             (any::<u64>(), any::<u16>())
                 .prop_map(|(faults, model_period)| TraceCommand::SelfTestReport { faults: FaultSet(faults), model_period }),

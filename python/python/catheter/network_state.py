@@ -67,40 +67,84 @@ def _metadata(
     return entries
 
 
-def save_torch(module, path, **channels):
-    """Writes a `torch.nn.Module` of one or two LSTM layers and a linear output.
+def _torch_activation(part):
+    """The name under which `catheter` knows a module that is an activation; None for others."""
+    import torch
+
+    if type(part) is torch.nn.Hardtanh:
+        return "hard" if (part.min_val, part.max_val) == (-1, 1) else None
+    return {torch.nn.Tanh: "tanh", torch.nn.ReLU: "relu", torch.nn.Sigmoid: "sigmoid"}.get(type(part))
+
+
+def _torch_activations(module):
+    """What follows each linear layer of a Sequential, by its name."""
+    import torch
+
+    found = {}
+    for name, part in module.named_modules():
+        if type(part) is torch.nn.Sequential:
+            children = [(f"{name}.{child}" if name else child, layer) for child, layer in part.named_children()]
+            kept = [(child, layer) for child, layer in children if type(layer) not in (torch.nn.Dropout, torch.nn.Identity)]
+            for (child, layer), following in zip(kept, [layer for _, layer in kept[1:]] + [None]):
+                if type(layer) is torch.nn.Linear:
+                    found[child] = _torch_activation(following) or "linear"
+    return found
+
+
+def save_torch(module, path, *, dense_activation=None, **channels):
+    """Writes a `torch.nn.Module` of up to four LSTM, GRU and linear layers and a linear output.
 
     input_channel, output_channel: quantity and unit, for example "pressure:bar".
     sample_period_s: time between samples.
     input_range, output_range: smallest and largest value in training, in the channel's unit.
     input_offset, input_scale, output_offset, output_scale: the normalisation of training; none by default.
-    features: the network's inputs in their order, "input" and "difference" (the change since the last sample).
+    features: the network's inputs in their order, "input", "difference" (the change since the last sample) and "lag:N", the input N samples
+    ago; "lag:9..0" is the last ten samples, the oldest first.
     difference_scale: what the difference was divided by; `input_scale` by default.
     largest_step: largest change of the input from one sample to the next in training.
     window: samples of a window that starts from zero state; None carries the state from sample to sample.
+    dense_activation: what follows the linear layers before the output, "tanh", "relu", "hard", "sigmoid" or "linear", one for each. In a
+    `Sequential` it is found; what a `forward` of one's own does is not.
 
     Raises CannotRepresent for a module with other layers.
     """
     import torch
 
     containers = (torch.nn.Sequential, torch.nn.ModuleList, torch.nn.ModuleDict)
-    layers = []
+    layers, dense = [], []
     for name, part in module.named_modules():
         kind = type(part)
-        if kind in (torch.nn.LSTM, torch.nn.LSTMCell):
+        if kind in (torch.nn.LSTM, torch.nn.LSTMCell, torch.nn.GRU, torch.nn.GRUCell):
             if getattr(part, "bidirectional", False):
                 raise CannotRepresent(f"`{name}` is bidirectional: a controller does not know the future")
             if getattr(part, "proj_size", 0):
                 raise CannotRepresent(f"`{name}` has a projection (proj_size={part.proj_size})")
             layers.append(name)
-        elif kind in (torch.nn.Linear, torch.nn.Dropout, torch.nn.Identity, *containers):
+        elif kind is torch.nn.Linear:
+            layers.append(name)
+            dense.append(name)
+        elif kind in (torch.nn.Dropout, torch.nn.Identity, *containers) or _torch_activation(part):
             continue
         elif kind.__module__.startswith("torch.nn."):
-            raise CannotRepresent(f"`{name}` is a {kind.__name__}: LSTM, LSTMCell, Linear, Dropout and Identity are possible")
+            raise CannotRepresent(
+                f"`{name}` is a {kind.__name__}: LSTM, GRU, their cells, Linear, Tanh, ReLU, Hardtanh from -1 to 1, Sigmoid, Dropout and Identity "
+                "are possible"
+            )
+    if dense_activation is None:
+        found = _torch_activations(module)
+        dense_activation = [found.get(name) for name in dense[:-1]]
+        if None in dense_activation:
+            name = dense[dense_activation.index(None)]
+            raise CannotRepresent(f"what follows `{name}` stands in the module's forward: give dense_activation, one for each such layer")
+        if dense and found.get(dense[-1], "linear") != "linear":
+            raise CannotRepresent(f"`{dense[-1]}` has the activation {found[dense[-1]]}: the output must be linear")
     metadata = _metadata(f"PyTorch {torch.__version__.split('+')[0]}", **channels)
-    metadata["catheter.activation"] = "tanh"
-    if len(layers) > 1:
+    if len(layers) > len(dense):
+        metadata["catheter.activation"] = "tanh"
+    if len(layers) > 2:
         metadata["catheter.layers"] = ",".join(layers)
+    if dense_activation:
+        metadata["catheter.dense_activation"] = ",".join(dense_activation)
     state = {name: value.detach().cpu().contiguous().numpy() for name, value in module.state_dict().items()}
     save_file(state, str(path), metadata)
 
@@ -117,40 +161,50 @@ def _keras_activation(layer):
 
 
 def save_keras(model, path, **channels):
-    """Writes a Keras model of one or two LSTM layers and a dense output; the arguments are those of `save_torch`.
+    """Writes a Keras model of up to four LSTM, GRU and Dense layers and a dense output; the arguments are those of `save_torch`.
 
     Raises CannotRepresent for a model with other layers.
     """
     import keras
 
-    state, order, activations = {}, [], set()
+    state, order, activations, dense_activations = {}, [], set(), []
+    of_dense = {"linear": "linear", "tanh": "tanh", "relu": "relu", "hard_tanh": "hard", "sigmoid": "sigmoid"}
     for layer in model.layers:
         kind = type(layer).__name__
         if kind == "TimeDistributed":
             layer, kind = layer.layer, type(layer.layer).__name__
-        if kind == "LSTM":
+        if kind in ("LSTM", "GRU"):
             if layer.get_config()["go_backwards"]:
                 raise CannotRepresent(f"`{layer.name}` runs backwards in time")
+            if kind == "GRU" and not layer.get_config()["reset_after"]:
+                raise CannotRepresent(f"`{layer.name}` has reset_after=False: only reset_after=True, Keras' default, is possible")
             activations.add(_keras_activation(layer))
             order.append(layer.name)
         elif kind == "Dense":
-            if layer.get_config()["activation"] != "linear":
-                raise CannotRepresent(f"`{layer.name}` has the activation {layer.get_config()['activation']}: only linear is possible")
+            activation = layer.get_config()["activation"]
+            if activation not in of_dense:
+                raise CannotRepresent(f"`{layer.name}` has the activation {activation}: {', '.join(of_dense)} are possible")
+            dense_activations.append(of_dense[activation])
+            order.append(layer.name)
         elif kind in ("InputLayer", "Dropout"):
             continue
         else:
-            raise CannotRepresent(f"`{layer.name}` is a {kind}: LSTM, Dense, TimeDistributed(Dense) and Dropout are possible")
+            raise CannotRepresent(f"`{layer.name}` is a {kind}: LSTM, GRU, Dense, TimeDistributed(Dense) and Dropout are possible")
         for weight in layer.weights:
             name = weight.name.split("/")[-1].split(":")[0]
             # The states of dropout's random numbers are no weights.
             if name in ("kernel", "recurrent_kernel", "bias"):
                 state[f"{layer.name}/{name}"] = np.ascontiguousarray(keras.ops.convert_to_numpy(weight))
     if len(activations) > 1:
-        raise CannotRepresent(f"the LSTM layers have different activations: {', '.join(sorted(activations))}")
+        raise CannotRepresent(f"the recurrent layers have different activations: {', '.join(sorted(activations))}")
+    if dense_activations and dense_activations[-1] != "linear":
+        raise CannotRepresent(f"the output has the activation {dense_activations[-1]}: it must be linear")
     metadata = _metadata(f"Keras {keras.__version__}", **channels)
     metadata.update({"catheter.activation": activation for activation in activations})
-    if len(order) > 1:
+    if len(order) > 2:
         metadata["catheter.layers"] = ",".join(order)
+    if dense_activations[:-1]:
+        metadata["catheter.dense_activation"] = ",".join(dense_activations[:-1])
     save_file(state, str(path), metadata)
 
 

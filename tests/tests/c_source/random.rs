@@ -4,7 +4,7 @@ use firmware::estimator::{Estimator, EstimatorState};
 use firmware::parity::{Noise, RandomNetwork};
 use model_export::blob::crc32;
 use model_export::schema::{
-    Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_PLAY, Mode, Model,
+    Activation, Cell, Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_PLAY, Mode, Model,
 };
 
 /// Most units of a layer, so that thousands of samples are run soon.
@@ -40,8 +40,8 @@ impl RandomModel {
         let output = channel(&mut noise, "", "");
         let has_network = !seed.is_multiple_of(6);
         if has_network {
-            let units: Vec<usize> = (0..=noise.below(2)).map(|_| count(&mut noise, MOST_UNITS)).collect();
-            self.network.draw(seed, front_end.features.len(), &units);
+            let layers: Vec<(Cell, usize)> = (0..=noise.below(4)).map(|_| (cell(&mut noise), count(&mut noise, MOST_UNITS))).collect();
+            self.network.draw(seed, front_end.features.len(), &layers);
         }
         let model = Model {
             sample_period_s: 0.02,
@@ -59,6 +59,15 @@ impl RandomModel {
         let (input, output, digest) = golden(&model, &mut noise);
         let golden = Golden { input: &input, output: &output, tolerance: 0.0, digest };
         look(&Model { golden, ..model });
+    }
+}
+
+fn cell(noise: &mut Noise) -> Cell {
+    match noise.below(6) {
+        0 | 1 => Cell::Lstm,
+        2 | 3 => Cell::Gru,
+        4 => Cell::Dense(Activation::Tanh),
+        _ => Cell::Dense([Activation::Relu, Activation::Hard][usize::from(noise.below(2) == 0)]),
     }
 }
 
@@ -121,6 +130,7 @@ fn source(noise: &mut Noise, thresholds: &[f32], creeps: usize) -> FeatureSource
             // A stop divides by its threshold.
             if thresholds[usize::from(index)] > 1e-5 { FeatureSource::Stop(index) } else { FeatureSource::Play(index) }
         }
+        7 => FeatureSource::Past(u8::try_from(noise.below(33)).expect("at most 32")),
         6 if creeps > 0 => FeatureSource::Creep(index(noise, creeps)),
         _ => FeatureSource::Input,
     }

@@ -1,7 +1,7 @@
 """Makes the files in this folder: small networks of PyTorch, Keras and ONNX with the outputs that these frameworks give.
 
     pip install torch keras onnx onnxruntime onnxscript safetensors
-    python3 make_import_vectors.py
+    python3 make_import_vectors.py [lstm] [others]
 
 Each network learns a few play operators for some seconds, so that its weights are those of a trained network. `NAME.safetensors` or
 `NAME.onnx` is the network, `NAME.csv` what the framework computes in f32, in bar and mm. The versions used are in `versions.json`.
@@ -227,9 +227,87 @@ def onnx_cases(single, double, window):
     network_state.save_check(HERE / "onnx_torch_window.csv", check, np.concatenate([np.full(24, np.nan, np.float32), to_mm(outputs, True)]))
 
 
+def lagged(pressure_bar, lags, scaled):
+    """What a network without memory sees, [samples, lags], the oldest first; before the first sample the input rests where it begins."""
+    normalised = network_input(pressure_bar, False, scaled)[0, :, 0]
+    padded = np.concatenate([np.full(lags - 1, normalised[0]), normalised])
+    return np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, lags)).astype(np.float32)
+
+
+class Recurrent(torch.nn.Module):
+    """GRU layers with dense layers behind them."""
+
+    def __init__(self, features, units, layers, *behind):
+        super().__init__()
+        self.recurrent = torch.nn.GRU(features, units, layers, batch_first=True)
+        self.behind = torch.nn.Sequential(*behind)
+
+    def forward(self, x):
+        return self.behind(self.recurrent(x)[0])
+
+
+def train_dense(module, lags):
+    source = pressure(900, 1)
+    x = torch.tensor(lagged(source, lags, True))
+    y = torch.tensor((displacement(source) - np.float32(SCALING["output_offset"])) / np.float32(SCALING["output_scale"]))
+    optimiser = torch.optim.Adam(module.parameters(), lr=0.02)
+    for _ in range(150):
+        optimiser.zero_grad()
+        ((module(x).flatten() - y) ** 2).mean().backward()
+        optimiser.step()
+    return module.eval()
+
+
+def other_cases():
+    """GRU and dense layers."""
+    nn = torch.nn
+    check = pressure(SAMPLES, 10)
+    torch.manual_seed(3)
+    single = train_torch(Recurrent(1, 12, 1, nn.Linear(12, 1)), False, True)
+    double = train_torch(Recurrent(2, 8, 2, nn.Linear(8, 10), nn.Tanh(), nn.Linear(10, 6), nn.Linear(6, 1)), True, False)
+    hard = train_torch(Recurrent(1, 8, 1, nn.Linear(8, 10), nn.Hardtanh(), nn.Linear(10, 6), nn.Sigmoid(), nn.Linear(6, 1)), False, True)
+    dense = train_dense(nn.Sequential(nn.Linear(10, 16), nn.Tanh(), nn.Linear(16, 12), nn.ReLU(), nn.Linear(12, 1)), 10)
+    with torch.no_grad():
+        run = lambda module, difference, scaled: to_mm(module(torch.tensor(network_input(check, difference, scaled))), scaled)
+        network_state.save_torch(single, HERE / "torch_gru.safetensors", **CHANNELS, **SCALING)
+        network_state.save_check(HERE / "torch_gru.csv", check, run(single, False, True))
+        network_state.save_torch(
+            double, HERE / "torch_gru_dense.safetensors", **CHANNELS, features=("input", "difference"), largest_step=0.1
+        )
+        network_state.save_check(HERE / "torch_gru_dense.csv", check, run(double, True, False))
+        network_state.save_torch(dense, HERE / "torch_dense.safetensors", **CHANNELS, **SCALING, features=("lag:9..0",))
+        network_state.save_check(HERE / "torch_dense.csv", check, to_mm(dense(torch.tensor(lagged(check, 10, True))), True))
+
+    def infer(name, x):
+        session = onnxruntime.InferenceSession(HERE / f"{name}.onnx")
+        return session.run(None, {session.get_inputs()[0].name: x})[0]
+
+    export_torch(hard, 1, "onnx_torch_gru", SAMPLES)
+    network_state.save_check(HERE / "onnx_torch_gru.csv", check, to_mm(infer("onnx_torch_gru", network_input(check, False, True)), True))
+    example = torch.zeros(1, 10)
+    torch.onnx.export(dense, (example,), str(HERE / "onnx_torch_dense.onnx"), dynamo=False, opset_version=17, verbose=False)
+    outputs = np.concatenate([infer("onnx_torch_dense", row[None]).ravel() for row in lagged(check, 10, True)])
+    network_state.save_check(HERE / "onnx_torch_dense.csv", check, to_mm(outputs, True))
+
+    source = pressure(900, 1)
+    target = ((displacement(source) - SCALING["output_offset"]) / SCALING["output_scale"])[None, :, None]
+    keras.utils.set_random_seed(4)
+    layers = [keras.layers.Input((None, 1)), keras.layers.GRU(10, return_sequences=True), keras.layers.Dense(8, activation="relu")]
+    model = keras.Sequential([*layers, keras.layers.Dense(6, activation="sigmoid"), keras.layers.Dense(1)])
+    model.compile(optimizer=keras.optimizers.Adam(0.01, clipnorm=1.0), loss="mse")
+    model.fit(network_input(source, False, True), target, epochs=60, verbose=0)
+    network_state.save_keras(model, HERE / "keras_gru_dense.safetensors", **CHANNELS, **SCALING)
+    expected = to_mm(keras.ops.convert_to_numpy(model(network_input(check, False, True), training=False)), True)
+    network_state.save_check(HERE / "keras_gru_dense.csv", check, expected)
+
+
 torch.set_num_threads(1)
-onnx_cases(*torch_cases())
-keras_cases()
+wanted = sys.argv[1:] or ["lstm", "others"]
+if "lstm" in wanted:
+    onnx_cases(*torch_cases())
+    keras_cases()
+if "others" in wanted:
+    other_cases()
 versions = {
     "torch": torch.__version__.split("+")[0],
     "keras": f"{keras.__version__}, backend torch",

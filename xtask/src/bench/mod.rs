@@ -4,6 +4,7 @@
 //! Nothing of ours is linked in: every figure comes from running the built commands, as a user would.
 
 mod accuracy;
+mod board_model;
 mod control;
 mod discover;
 mod firmware;
@@ -25,7 +26,7 @@ use crate::process::{cargo, command, run, shown, target_folder};
 pub struct Arguments {
     /// Which measurements; all of them when none is named.
     what: Vec<What>,
-    /// Write the results as JSON to this file. With `firmware` alone it holds the firmware's figures and nothing else.
+    /// Write the results as JSON to this file. With `firmware` or `board-model` alone it holds these figures and nothing else.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Seeds per figure. They are 9001, 9002 and so on, used nowhere else in the project.
@@ -72,6 +73,8 @@ enum What {
     Training,
     /// Instructions per step and tick counted in the emulator, flash, RAM and stack; error of the quantised networks.
     Firmware,
+    /// The flashable image on the model of its chip: closed loop for ten virtual minutes, registers, faults.
+    BoardModel,
     /// Hidden effects of two virtual rigs: which are named right, false alarms, unknown ones, gap closed, time.
     Discover,
 }
@@ -82,6 +85,10 @@ const FIRST_REPORTING_SEED: u64 = 9001;
 /// Runs the measurements asked for and prints their tables.
 pub fn bench(arguments: &Arguments) -> Result<()> {
     let wanted = |what| arguments.what.is_empty() || arguments.what.contains(&what);
+    if arguments.what == [What::BoardModel] {
+        let figures = board_model::measure()?;
+        return arguments.json.as_ref().map_or(Ok(()), |path| write_json(path, &figures));
+    }
     if arguments.what == [What::Firmware] {
         let figures = firmware::measure(arguments.bless)?;
         return arguments.json.as_ref().map_or(Ok(()), |path| write_json(path, &figures));
@@ -114,6 +121,9 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
     }
     if wanted(What::Firmware) {
         results.insert("firmware".to_owned(), firmware::measure(arguments.bless)?);
+    }
+    if wanted(What::BoardModel) {
+        results.insert("board_model".to_owned(), board_model::measure()?);
     }
     if wanted(What::Discover) {
         results.insert("discover".to_owned(), discover::measure(arguments)?);

@@ -61,8 +61,8 @@ impl Work {
     /// Random networks of every shape: the packed kernel's digest of each, and whether the portable kernel gives the same here.
     fn sweep(&self, memory: &mut [u32], random: &mut RandomNetwork) {
         random.fill_pool(self.seed);
-        for (seed, (inputs, units)) in (0..).zip(shapes()) {
-            random.draw(seed, inputs, &units);
+        for (seed, (inputs, layers)) in (0..).zip(shapes()) {
+            random.draw(seed, inputs, &layers);
             let Ok(network) = Network::new(&random.wire(), inputs) else {
                 hprintln!("error: network {} is not valid", seed);
                 continue;
@@ -73,7 +73,7 @@ impl Work {
             };
             let digest = network_digest(&network, &packed, seed, self.steps);
             if digest != network_digest(&network, &Portable, seed, self.steps) {
-                hprintln!("error: network {} with {} inputs and {:?} units differs between the kernels", seed, inputs, units);
+                hprintln!("error: network {} with {} inputs and the layers {:?} differs between the kernels", seed, inputs, layers);
             }
             hprintln!("{} {:08x}", seed, digest);
         }

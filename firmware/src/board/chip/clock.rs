@@ -3,7 +3,7 @@
 use stm32f4::stm32f405::{FLASH, RCC, TIM11};
 
 use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
-use crate::board::hardware::{CRYSTAL_HZ, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_48_MHZ_DIVIDER, PLL_INPUT_HZ, PLL_MULTIPLIER};
+use crate::board::hardware::{FLASH_WAIT_STATES, PLL_48_MHZ_DIVIDER, Pll};
 
 /// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
 const CRYSTAL_DIVIDER: u8 = 31;
@@ -45,7 +45,8 @@ impl ClockTree for Registers<'_> {
     fn count_crystal(&mut self) -> Option<u32> {
         // SAFETY: 31 is a divider the field has (RM0090 section 7.3.3).
         self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(CRYSTAL_DIVIDER) });
-        self.rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
+        let rcc = self.rcc;
+        enable_clock!(rcc.apb2enr: tim11en);
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().set_bit());
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().clear_bit());
         // SAFETY: values of the manual: input 1 is the divided crystal (RMP = 10); input 1 to channel 1 (CC1S = 01), a capture every eighth
@@ -59,11 +60,14 @@ impl ClockTree for Registers<'_> {
         self.timer.cr1().write(|w| w.cen().set_bit());
         // The first capture is early by the prescaler's start.
         let counted = self.capture().and_then(|_| self.capture()).and_then(|first| {
-            let mut last = first;
+            // Capture by capture: all of them together exceed the timer's 16 bits with a slow crystal.
+            let (mut last, mut counted) = (first, 0);
             for _ in 0..CAPTURES {
-                last = self.capture()?;
+                let next = self.capture()?;
+                counted += u32::from(next.wrapping_sub(last));
+                last = next;
             }
-            Some(u32::from(last.wrapping_sub(first)))
+            Some(counted)
         });
         self.timer.cr1().write(|w| w.cen().clear_bit());
         self.rcc.apb2enr().modify(|_, w| w.tim11en().clear_bit());
@@ -74,13 +78,11 @@ impl ClockTree for Registers<'_> {
         self.rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 
-    fn start_pll(&mut self, from_crystal: bool) {
-        let input_hz = if from_crystal { CRYSTAL_HZ } else { INTERNAL_HZ };
-        let divider = u8::try_from(input_hz / PLL_INPUT_HZ).unwrap_or(u8::MAX);
+    fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
         self.rcc.cr().modify(|_, w| w.pllon().clear_bit());
-        // SAFETY: dividers and multiplier within the fields' ranges (RM0090 section 7.3.2), checked where they are defined.
+        // SAFETY: dividers and multiplier within the fields' ranges (RM0090 section 7.3.2): `Pll` has no others.
         self.rcc.pllcfgr().modify(|_, w| unsafe {
-            w.pllsrc().bit(from_crystal).pllm().bits(divider).plln().bits(PLL_MULTIPLIER).pllp().div2().pllq().bits(PLL_48_MHZ_DIVIDER)
+            w.pllsrc().bit(from_crystal).pllm().bits(pll.divider).plln().bits(pll.multiplier).pllp().div2().pllq().bits(PLL_48_MHZ_DIVIDER)
         });
         self.rcc.cr().modify(|_, w| w.pllon().set_bit());
     }

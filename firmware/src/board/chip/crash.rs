@@ -5,10 +5,9 @@ use core::mem::MaybeUninit;
 use model_export::link::fault::Fault;
 use stm32f4::stm32f405::{DAC, TIM3};
 
-use crate::board::chip::pins::DumpPin;
+use crate::board::chip::pins;
 use crate::board::tick_task::RecordKeeper;
 use crate::retain::{Retained, SEALED_BYTES};
-use embedded_hal::digital::OutputPin;
 
 /// The record in memory that start-up code neither loads nor clears.
 #[unsafe(link_section = ".uninit.retained")]
@@ -63,7 +62,7 @@ impl RecordKeeper for Keeper {
 
 /// Releases the dump valve and takes the drive to zero, whoever owns them.
 pub fn vent() {
-    let _ = DumpPin.set_low();
+    pins::release_dump_valve();
     // SAFETY: single writes that any owner may find done; the program ends after this.
     unsafe {
         (*DAC::ptr()).dhr12r1().write(|w| w.bits(0));

@@ -3,10 +3,12 @@
 use core::convert::Infallible;
 
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+use model_export::link::settings::Settings;
 use stm32f4::stm32f405::{DAC, RCC, TIM3};
 
-use crate::board::hardware::PULSE_PERIOD_COUNTS;
-use crate::seam::{PwmValve, ValveDrive};
+use crate::board::hardware::Rates;
+use crate::board::pulse::PulseTiming;
+use crate::seam::{PulseFrequency, PwmValve, ValveDrive};
 
 /// PA4.
 pub struct AnalogueDrive(DAC);
@@ -14,7 +16,7 @@ pub struct AnalogueDrive(DAC);
 impl AnalogueDrive {
     /// At zero. Without the chip's output buffer, which cannot go below 0.2 V (DS8626 table 74).
     pub fn new(rcc: &RCC, registers: DAC) -> Self {
-        rcc.apb1enr().modify(|_, w| w.dacen().set_bit());
+        enable_clock!(rcc.apb1enr: dacen);
         let mut drive = Self(registers);
         drive.drive(0);
         drive.0.cr().write(|w| w.boff1().set_bit().en1().set_bit());
@@ -30,23 +32,38 @@ impl ValveDrive for AnalogueDrive {
 }
 
 /// PA6.
-pub struct PulseDrive(TIM3);
+pub struct PulseDrive {
+    timer: TIM3,
+    timer_hz: u32,
+    period_counts: u16,
+}
 
 impl PulseDrive {
     /// At zero.
-    pub fn new(rcc: &RCC, timer: TIM3) -> PwmValve<Self> {
-        rcc.apb1enr().modify(|_, w| w.tim3en().set_bit());
-        timer.psc().reset();
-        // SAFETY: PWM mode 1 (OC1M = 110) with preload (OC1PE), the period, duty zero.
+    pub fn new(rcc: &RCC, timer: TIM3, rates: Rates) -> PwmValve<Self> {
+        enable_clock!(rcc.apb1enr: tim3en);
+        // SAFETY: PWM mode 1 (OC1M = 110) with preload (OC1PE).
+        timer.ccmr1_output().write(|w| unsafe { w.bits((0b110 << 4) | (1 << 3)) });
+        let mut drive = Self { timer, timer_hz: rates.timer_hz, period_counts: 0 };
+        drive.set_pulse_hz(Settings::DEFAULT.pulse_hz);
+        drive.timer.ccer().write(|w| w.cc1e().set_bit());
+        drive.timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
+        PwmValve(drive)
+    }
+}
+
+impl PulseFrequency for PulseDrive {
+    fn set_pulse_hz(&mut self, pulse_hz: u32) {
+        let PulseTiming { prescaler, period_counts } = PulseTiming::new(self.timer_hz, pulse_hz);
+        self.period_counts = period_counts;
+        // SAFETY: every prescaler and period counts; the duty is zero.
         unsafe {
-            timer.ccmr1_output().write(|w| w.bits((0b110 << 4) | (1 << 3)));
-            timer.arr().write(|w| w.bits(u32::from(PULSE_PERIOD_COUNTS - 1)));
-            timer.ccr1().write(|w| w.bits(0));
+            self.timer.ccr1().write(|w| w.bits(0));
+            self.timer.psc().write(|w| w.bits(u32::from(prescaler)));
+            self.timer.arr().write(|w| w.bits(u32::from(period_counts.saturating_sub(1))));
         }
-        timer.ccer().write(|w| w.cc1e().set_bit());
-        timer.egr().write(|w| w.ug().set_bit());
-        timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
-        PwmValve(Self(timer))
+        // Only an update takes them over.
+        self.timer.egr().write(|w| w.ug().set_bit());
     }
 }
 
@@ -56,12 +73,12 @@ impl ErrorType for PulseDrive {
 
 impl SetDutyCycle for PulseDrive {
     fn max_duty_cycle(&self) -> u16 {
-        PULSE_PERIOD_COUNTS
+        self.period_counts
     }
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         // SAFETY: a duty of the period's counts is always on.
-        self.0.ccr1().write(|w| unsafe { w.bits(u32::from(duty.min(PULSE_PERIOD_COUNTS))) });
+        self.timer.ccr1().write(|w| unsafe { w.bits(u32::from(duty.min(self.period_counts))) });
         Ok(())
     }
 }

@@ -4,6 +4,8 @@ use core::ptr;
 
 use stm32f4::stm32f405::FLASH;
 
+use crate::board::brown_out::OptionBytes;
+use crate::board::chip::protection;
 use crate::board::chip::sampling::Milliseconds;
 use crate::board::exchange::Exchange;
 use crate::board::flash::{FlashController, control};
@@ -63,7 +65,8 @@ impl FlashController for Controller {
     fn write_word(&mut self, address: u32, word: u32) {
         // SAFETY: the address is a word of a slot's sector, by the check in `InternalFlash::program`; no reference into that sector is
         // alive, since the driver is borrowed mutably and what is lent out is held.
-        unsafe { ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word) };
+        // The controller runs in the background alone, by the contract of `new`.
+        unsafe { protection::while_writable(|| ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word)) };
     }
 
     fn flush_caches(&mut self) {
@@ -84,4 +87,24 @@ impl FlashController for Controller {
 fn while_busy(registers: &stm32f4::stm32f405::flash::RegisterBlock) {
     // The processor stops at an instruction from flash anyway; the bound is for a controller that never finishes.
     crate::board::clock::wait(1_000_000, || registers.sr().read().bsy().bit_is_clear());
+}
+
+impl OptionBytes for &FLASH {
+    fn is_busy(&mut self) -> bool {
+        self.sr().read().bsy().bit_is_set()
+    }
+
+    fn control(&mut self) -> u32 {
+        self.optcr().read().bits()
+    }
+
+    fn set_control(&mut self, bits: u32) {
+        // SAFETY: a value of the sequence in `board::brown_out`, which keeps every field but the level.
+        self.optcr().write(|w| unsafe { w.bits(bits) });
+    }
+
+    fn write_key(&mut self, key: u32) {
+        // SAFETY: one of the two keys.
+        self.optkeyr().write(|w| unsafe { w.bits(key) });
+    }
 }

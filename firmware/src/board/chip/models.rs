@@ -2,14 +2,16 @@
 
 use core::mem::MaybeUninit;
 
+use cortex_m::peripheral::DWT;
 use model_export::link::fault::Fault;
 use model_export::schema::Model;
 use rtic::Mutex;
 
 use crate::background::ModelPlace;
+use crate::board::hardware::{MODEL_SECTORS, SECTOR_BYTES};
 use crate::control::Compensator;
-use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed};
-use crate::model::{ModelFacts, RunningModel};
+use crate::estimator::{EstimatorState, MAX_PACKED_WORDS, Packed, StepBudget, StepTimer};
+use crate::model::{ModelFacts, RunningModel, STEP_SHARE_PERCENT};
 use crate::tick::{Direction, ModelStep};
 
 /// A place for a model as the board runs it.
@@ -68,15 +70,28 @@ impl ModelStep for Tenant {
 pub struct Room<X> {
     tenant: X,
     place: Option<&'static mut BoardModel>,
+    budget: StepBudget<Counter>,
+}
+
+/// The debug unit's cycle counter, which the tick has switched on.
+#[derive(Debug)]
+struct Counter;
+
+impl StepTimer for Counter {
+    fn cycles(&self) -> u32 {
+        DWT::cycle_count()
+    }
 }
 
 impl<X: Mutex<T = Tenant>> Room<X> {
     /// Over the tick's resource and the place for a model.
     ///
     /// # Safety
-    /// One room for the whole program, and a blob's bytes must not change from [`ModelPlace::admit`] to [`ModelPlace::forget`].
-    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>) -> Self {
-        Self { tenant, place }
+    /// One room for the whole program, and bytes of the models' sectors that were admitted must not change from [`ModelPlace::admit`] to
+    /// [`ModelPlace::forget`]. [`crate::background`] keeps that: it forgets a model before its slot can be written, and flash in use refuses to be.
+    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>, cycles_per_tick: u32) -> Self {
+        let budget = StepBudget { timer: Counter, cycles: cycles_per_tick / 100 * STEP_SHARE_PERCENT };
+        Self { tenant, place, budget }
     }
 }
 
@@ -84,8 +99,11 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
     fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.forget();
         let Some(place) = &mut self.place else { return Err(Fault::InternalInconsistent) };
-        // SAFETY: mapped flash, which is readable for ever. The model that reads it goes in `forget` at the latest, until when nobody
-        // changes it, by the contract of `new`.
+        if !is_in_model_sectors(blob) {
+            return Err(Fault::InternalInconsistent);
+        }
+        // SAFETY: it lies within the models' sectors, as has just been checked: mapped flash, which is readable for ever and no object of Rust's.
+        // The model that reads it goes in `forget` at the latest, until when nobody changes it, by the contract of `new`.
         let blob: &'static [u8] = unsafe { core::slice::from_raw_parts(blob.as_ptr(), blob.len()) };
         // SAFETY: the only access to this memory, by the only room. The model that had it before has just gone. Zeroed, hence initialised.
         let weights = unsafe {
@@ -93,7 +111,7 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
             words.write_bytes(0, MAX_PACKED_WORDS);
             core::slice::from_raw_parts_mut(words, MAX_PACKED_WORDS)
         };
-        let facts = place.admit(blob, weights)?;
+        let facts = place.admit_within(blob, weights, &self.budget)?;
         if let Some(place) = self.place.take() {
             self.tenant.lock(|tenant| tenant.0 = Some(place));
         }
@@ -108,4 +126,12 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
             place.forget();
         }
     }
+}
+
+fn is_in_model_sectors(bytes: &[u8]) -> bool {
+    let range = bytes.as_ptr_range();
+    MODEL_SECTORS.into_iter().any(|(first, _)| {
+        let first = first as usize;
+        range.start.addr() >= first && range.end.addr() <= first + SECTOR_BYTES
+    })
 }

@@ -12,7 +12,7 @@ use crate::seam::DumpValve;
 ///
 /// Each write keeps what it does not mean: the debug probe's pins are on port A too.
 pub fn set_up(rcc: &RCC, port_a: &GPIOA, port_b: GPIOB) -> (DumpValve<DumpPin>, StopPin) {
-    rcc.ahb1enr().modify(|_, w| w.gpioaen().set_bit().gpioben().set_bit());
+    enable_clock!(rcc.ahb1enr: gpioaen, gpioben);
     // Pull-ups first, then functions, then modes: no pin moves before it knows where to.
     port_a.pupdr().modify(|_, w| w.pupdr10().pull_up());
     port_a.afrl().modify(|_, w| w.afrl6().af2());
@@ -22,18 +22,27 @@ pub fn set_up(rcc: &RCC, port_a: &GPIOA, port_b: GPIOB) -> (DumpValve<DumpPin>, 
     });
     port_b.pupdr().modify(|_, w| w.pupdr0().pull_up());
     port_b.moder().modify(|_, w| w.moder0().input());
-    (DumpValve(DumpPin), StopPin(port_b))
+    (DumpValve::new(DumpPin(())), StopPin(port_b))
 }
 
 /// PB1. Only writes to the set/reset register, where each bit is its own.
 #[derive(Debug)]
-pub struct DumpPin;
+pub struct DumpPin(());
 
-impl DumpPin {
-    fn write(bits: u32) {
-        // SAFETY: BSRR changes only the pins whose bits are ones, in one write (RM0090 section 8.4.7).
-        unsafe { (*GPIOB::ptr()).bsrr().write(|w| w.bits(bits)) };
-    }
+fn write(bits: u32) {
+    // SAFETY: BSRR changes only the pins whose bits are ones, in one write (RM0090 section 8.4.7).
+    unsafe { (*GPIOB::ptr()).bsrr().write(|w| w.bits(bits)) };
+}
+
+/// Whether the dump valve's pin is high, as it is outside.
+pub fn dump_is_high() -> bool {
+    // SAFETY: reading the input register has no effect (RM0090 section 8.4.5).
+    unsafe { (*GPIOB::ptr()).idr().read().bits() & (1 << DUMP_VALVE_PIN) != 0 }
+}
+
+/// Releases the dump valve, whoever has it. The other way there is only [`DumpValve::obey`].
+pub fn release_dump_valve() {
+    write(1 << (16 + DUMP_VALVE_PIN));
 }
 
 impl ErrorType for DumpPin {
@@ -42,12 +51,12 @@ impl ErrorType for DumpPin {
 
 impl OutputPin for DumpPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        Self::write(1 << (16 + DUMP_VALVE_PIN));
+        release_dump_valve();
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        Self::write(1 << DUMP_VALVE_PIN);
+        write(1 << DUMP_VALVE_PIN);
         Ok(())
     }
 }

@@ -4,12 +4,17 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use stm32f4::stm32f405::{ADC_COMMON, ADC1, RCC, TIM2, TIM5};
 
-use crate::board::hardware::{Rates, SAMPLING_SEQUENCE};
+use crate::board::chip::pins;
+use crate::board::clock::wait;
+use crate::board::hardware::{READ_BACK_CHANNELS, REFERENCE_CALIBRATION, Rates, SAMPLING_SEQUENCE};
+use crate::board::read_back::ReadBack;
 use crate::board::tick_task::CycleCounter;
 use crate::seam::{RawSample, SampleSource};
 
 /// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
 const TRIGGER_TIM2_TRGO: u8 = 0b0011;
+/// Code of a sampling time of 480 ADC cycles (RM0090 section 13.13.4): 23 us.
+const SAMPLING_480_CYCLES: u8 = 0b111;
 /// Code of a sampling time of 84 ADC cycles (RM0090 section 13.13.5).
 const SAMPLING_84_CYCLES: u8 = 0b100;
 
@@ -17,17 +22,22 @@ const SAMPLING_84_CYCLES: u8 = 0b100;
 pub struct Sampler {
     converter: ADC1,
     timer: TIM2,
+    reads_drive: bool,
 }
 
 impl Sampler {
     /// Sets up converter and timer; sampling begins with [`Self::begin`].
     pub fn new(rcc: &RCC, converter: ADC1, common: &ADC_COMMON, timer: TIM2, rates: Rates) -> Self {
-        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
-        rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
-        common.ccr().modify(|_, w| w.adcpre().div4());
+        enable_clock!(rcc.apb2enr: adc1en);
+        enable_clock!(rcc.apb1enr: tim2en);
+        common.ccr().modify(|_, w| w.adcpre().div4().tsvrefe().set_bit());
         let [first, second, third, fourth] = SAMPLING_SEQUENCE.map(|channel| channel as u8);
         // SAFETY: channel numbers and codes of the manual, in fields of their width.
         unsafe {
+            // The reference needs 10 us (DS8626 table 76), the drive's pin as long as the others.
+            converter.smpr1().modify(|_, w| w.smp17().bits(SAMPLING_480_CYCLES));
+            converter.smpr2().modify(|_, w| w.smp4().bits(SAMPLING_84_CYCLES));
+            converter.sqr1().write(|w| w.l().bits(0));
             converter.smpr2().modify(|_, w| w.smp0().bits(SAMPLING_84_CYCLES).smp1().bits(SAMPLING_84_CYCLES));
             // Four conversions (JL = 3), so JSQ1 is the first (RM0090 section 13.13.12).
             converter.jsqr().write(|w| w.jl().bits(3).jsq1().bits(first).jsq2().bits(second).jsq3().bits(third).jsq4().bits(fourth));
@@ -43,7 +53,7 @@ impl Sampler {
         #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]
         timer.arr().write(|w| unsafe { w.bits(rates.timer_counts_per_tick() - 1) });
         timer.cr2().modify(|_, w| w.mms().update());
-        Self { converter, timer }
+        Self { converter, timer, reads_drive: false }
     }
 
     /// Begins: the first tick comes a period later, when the converter has been on for long enough (3 us, DS8626 table 67).
@@ -70,13 +80,40 @@ impl SampleSource for Sampler {
         let sum = |a: u32, b: u32| u16::try_from((a & 0xfff) + (b & 0xfff)).unwrap_or(u16::MAX);
         RawSample { laser_code: sum(first, fourth), pressure_code: sum(second, third) }
     }
+
+    fn read_back(&mut self) -> Option<ReadBack> {
+        // The conversion that the last tick started is over long ago. Reading the data clears its flag.
+        let converted = self.converter.sr().read().eoc().bit_is_set();
+        let code = converted.then(|| self.converter.dr().read().data().bits() & 0xfff);
+        let (reference_code, drive_code) = if self.reads_drive { (None, code) } else { (code, None) };
+        self.reads_drive = !self.reads_drive;
+        let [reference, drive] = READ_BACK_CHANNELS;
+        // SAFETY: a channel's number.
+        self.converter.sqr3().write(|w| unsafe { w.sq1().bits(if self.reads_drive { drive } else { reference }) });
+        self.converter.cr2().modify(|_, w| w.swstart().set_bit());
+        Some(ReadBack { reference_code, drive_code, dump_is_high: pins::dump_is_high() })
+    }
 }
 
-/// Starts the guard: an interrupt each period, half a period away from the sampling's.
-pub fn start_guard(syst: &mut SYST, rates: Rates) {
+/// The factory's code of the reference voltage.
+///
+/// # Safety
+/// On the chip itself: elsewhere there may be nothing at its address.
+pub unsafe fn reference_calibration() -> u16 {
+    // SAFETY: system memory of the chip, readable for ever.
+    unsafe { core::ptr::with_exposed_provenance::<u16>(REFERENCE_CALIBRATION).read_volatile() }
+}
+
+/// Starts the guard: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.
+///
+/// The sampling's own timer tells when half of its period is over. The bound is for one that stands still: then there is no phase to keep.
+pub fn start_guard(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(rates.cycles_per_tick() - 1);
-    cortex_m::asm::delay(rates.cycles_per_tick() / 2);
+    let period = rates.timer_counts_per_tick();
+    // Within an eighth of a period behind the middle, whenever this begins; a poll takes some cycles, so two periods at least.
+    let middle = period / 2..period / 2 + period / 8;
+    let _ = wait(2 * rates.cycles_per_tick(), || middle.contains(&sampler.timer.cnt().read().bits()));
     syst.clear_current();
     syst.enable_interrupt();
     syst.enable_counter();
@@ -92,7 +129,7 @@ const COUNTS_PER_MS: u32 = 2;
 impl Milliseconds {
     /// Starts the timer.
     pub fn start(rcc: &RCC, timer: TIM5, rates: Rates) -> Self {
-        rcc.apb1enr().modify(|_, w| w.tim5en().set_bit());
+        enable_clock!(rcc.apb1enr: tim5en);
         let prescaler = u16::try_from(rates.timer_counts_per_tick() / COUNTS_PER_MS - 1).unwrap_or(u16::MAX);
         // SAFETY: every value divides.
         #[allow(unused_unsafe, reason = "safe in some versions of the register definitions")]

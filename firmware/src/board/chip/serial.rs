@@ -36,7 +36,7 @@ pub fn start(
     receive: &'static mut ReceiveQueue,
     transmit: &'static mut TransmitQueue,
 ) -> (Port, SerialLine) {
-    rcc.apb2enr().modify(|_, w| w.usart1en().set_bit());
+    enable_clock!(rcc.apb2enr: usart1en);
     // SAFETY: the divider that the rates make of the line's speed.
     registers.brr().write(|w| unsafe { w.bits(rates.link_divider()) });
     registers.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());

@@ -11,7 +11,7 @@ const MONITOR_LINE: u32 = 1 << 16;
 
 /// Starts the monitor; its interrupt is PVD. Gives whether the supply is too low already.
 pub fn start(rcc: &RCC, power: &PWR, lines: &EXTI) -> bool {
-    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
+    enable_clock!(rcc.apb1enr: pwren);
     // SAFETY: a three-bit level.
     power.cr().modify(|_, w| unsafe { w.pls().bits(BROWN_OUT_LEVEL).pvde().set_bit() });
     // SAFETY: the line's bit alone. Rising, because the monitor's output rises when the supply falls.

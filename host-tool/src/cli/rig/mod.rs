@@ -1,4 +1,4 @@
-//! `catheter rig`: speaks to a board, to the emulator or to a rig in this process.
+//! `catheter rig`: speaks to a board, to a model of it, to the emulator or to a rig in this process.
 
 mod adaptation;
 mod model;
@@ -6,6 +6,7 @@ mod record;
 mod settings;
 mod state;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -31,8 +32,9 @@ pub struct Arguments {
 /// Which rig, and what a simulated one is made of.
 #[derive(Args, Clone, Debug)]
 pub struct Which {
-    /// Where the rig is: virtual (in this process), qemu (as ARM code) or serial:PORT.
-    #[arg(long, global = true, default_value = "virtual", value_name = "virtual|qemu|serial:PORT")]
+    /// Where the rig is: virtual (in this process), qemu (as ARM code), board-model (the flashable image on a model of its chip) or
+    /// serial:PORT.
+    #[arg(long, global = true, default_value = "virtual", value_name = "virtual|qemu|board-model|serial:PORT")]
     backend: Backend,
     /// What moves the tip of a simulated rig.
     #[arg(long, global = true, default_value = "pi", value_name = "FILE|pi|all-effects")]
@@ -41,7 +43,7 @@ pub struct Which {
     /// new device.
     #[arg(long, global = true, value_name = "FILE")]
     flash: Option<PathBuf>,
-    /// The image that the emulator runs, if it is not where cargo leaves it.
+    /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, global = true, value_name = "FILE")]
     image: Option<PathBuf>,
     /// Seed of a simulated rig's sensor noise.
@@ -105,6 +107,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         Command::Model(command) => model::run(command, &mut rig, which)?,
         Command::Record(record) => record::run(record, &mut rig, which)?,
     };
+    // As a debug probe would show it, beside what the command says.
+    for line in rig.transport().log().into_iter().flat_map(str::lines) {
+        let _ = writeln!(std::io::stderr(), "log: {line}");
+    }
     if let (Some(path), Some(flash)) = (&which.flash, rig.transport().flash()?) {
         flash.write(path)?;
     }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use model_export::blob;
 use model_export::link::fault::Fault;
-use model_export::link::message::Request;
+use model_export::link::message::{Refusal, Reply, Request};
 use model_export::link::state::State;
 use serde::Serialize;
 
@@ -14,7 +14,7 @@ use super::Which;
 use crate::backend::Rig;
 use crate::cli::Outcome;
 use crate::experiment;
-use crate::link::{Client, fault_in_words};
+use crate::link::{Client, LinkError, fault_in_words};
 use crate::{output, say};
 
 /// What to do with models.
@@ -45,13 +45,15 @@ struct Written {
 /// Runs the command.
 pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let (uploaded_bytes, activate) = match command {
-        Command::Upload { blob, activate } => (Some(upload(blob, rig)?), activate.then_some(Request::ModelActivate)),
-        Command::Activate => (None, Some(Request::ModelActivate)),
-        Command::Rollback => (None, Some(Request::ModelRollback)),
+        Command::Upload { blob, activate } => {
+            let bytes = upload(blob, rig)?;
+            (Some(bytes.len()), activate.then(|| blob::content_id(&bytes)).flatten())
+        }
+        Command::Activate | Command::Rollback => (None, Some(other(rig)?)),
     };
     let activated = activate.is_some();
-    if let Some(request) = activate {
-        self::activate(&request, rig)?;
+    if let Some(id) = activate {
+        self::activate(id, rig)?;
     } else {
         say!("The device still runs the model before; `model activate` changes over.");
     }
@@ -64,20 +66,29 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
     Ok(Outcome::Success)
 }
 
-/// Sends a blob piece by piece.
-pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<usize> {
+/// The whole model that is not active.
+fn other(rig: &mut Client<Rig>) -> Result<[u8; 8]> {
+    match rig.request(&Request::Models)? {
+        Reply::Models { other: [0, 0, 0, 0, 0, 0, 0, 0], .. } => Err(LinkError::Refused(Refusal::NoOtherModel).into()),
+        Reply::Models { other, .. } => Ok(other),
+        _ => Err(rig.unexpected(&Request::Models).into()),
+    }
+}
+
+/// Sends a blob piece by piece, and gives it.
+pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<Vec<u8>> {
     let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     blob::decode(&bytes).map_err(|error| anyhow::anyhow!("{}: is no blob this program knows: {error}", path.display()))?;
     let bar = output::progress(bytes.len() as u64, "upload");
     experiment::upload(rig, &bytes, &mut |sent| bar.set_position(sent.into()))?;
     bar.finish_and_clear();
     say!("Uploaded {} bytes; the device checked them, and the golden vectors came out right.", bytes.len());
-    Ok(bytes.len())
+    Ok(bytes)
 }
 
-/// Activates and waits for the self-test.
-pub fn activate(request: &Request, rig: &mut Client<Rig>) -> Result<()> {
-    rig.command(request)?;
+/// Activates a model and waits for the self-test.
+pub fn activate(id: [u8; 8], rig: &mut Client<Rig>) -> Result<()> {
+    rig.command(&Request::ModelActivate { id })?;
     let status = experiment::settle_after_change(rig)?;
     if let (State::Fault, Some(fault)) = (status.state, Fault::from_number(status.first_fault)) {
         bail!(

@@ -72,8 +72,8 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
     let excitation = excitation::read(&arguments.excitation)?;
     let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
     let blob = arguments.model.as_ref().map(read).transpose()?;
-    let wanted =
-        (!arguments.no_journal && !rig.transport().is_simulated()).then_some(OverTheLink { backend: "serial", blob: blob.as_deref() });
+    let traced_as = rig.transport().traced_as().filter(|_| !arguments.no_journal);
+    let wanted = traced_as.map(|backend| OverTheLink { backend, blob: blob.as_deref() });
     let outcome = experiment::record(rig, &excitation, &arguments.limits(), wanted)?;
     let recording = outcome.recording(&arguments.out)?;
     recording::write(&arguments.out, &recording)?;

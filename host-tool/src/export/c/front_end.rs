@@ -26,9 +26,11 @@ pub fn split(dead_time_samples: f32) -> (usize, f32) {
     (whole, fraction)
 }
 
-/// Slots of the delay line: the newest sample, the whole delay, and the older neighbour.
+/// Slots of the delay line: the newest sample, the whole delay, and the older neighbour; or as far back as a feature sees.
 pub fn delay_line(front_end: &FrontEnd) -> usize {
-    split(front_end.dead_time_samples).0 + 2
+    let ages =
+        front_end.features.iter().map(|feature| if let FeatureSource::Past(age) = feature.source { usize::from(age) + 1 } else { 0 });
+    ages.fold(split(front_end.dead_time_samples).0 + 2, usize::max)
 }
 
 fn delay(context: &Context<'_>) -> String {
@@ -156,6 +158,7 @@ fn feature_line(index: usize, feature: &Feature) -> String {
         }
         FeatureSource::Readout => ("readout".to_owned(), "L".to_owned()),
         FeatureSource::Creep(creep) => (format!("state->creeps[{creep}]"), format!("creep filter {creep}")),
+        FeatureSource::Past(age) => (format!("state->delay_line[(state->newest + {age}u) % DELAY_LINE]"), format!("u, {age} samples ago")),
     };
     let (offset, gain) = (operand(feature.offset), float(feature.gain));
     format!("    features[{index}] = quantise(product({signal} - {offset}, {gain})); /* {meaning} */\n")

@@ -7,6 +7,7 @@ use model_export::schema::{Activation, Mode};
 
 use super::literal::{decimal, plain};
 use super::{Context, fill, front_end};
+use crate::network::described;
 
 /// The model's identity.
 pub fn sha256(blob: &Blob<'_>) -> String {
@@ -82,9 +83,8 @@ fn parts(context: &Context<'_>) -> String {
     let front_end = &model.front_end;
     let mut text = format!("{} play operators, {} creep filters", front_end.play_thresholds.len(), front_end.creep_coefficients.len());
     if let Some(network) = &model.network {
-        let units: Vec<String> = network.layers.iter().map(|layer| layer.units.to_string()).collect();
-        let activation = Activation::from_code(network.activation_code).map_or("", Activation::name);
-        let _ = write!(text, ", LSTM of {} units ({activation})", units.join(" + "));
+        let activation = Activation::from_code(network.activation_code).unwrap_or(Activation::Tanh);
+        let _ = write!(text, ", {}", described(network.layers.iter().map(|layer| (layer.cell, usize::from(layer.units))), activation));
         if let Mode::Window { length } = model.mode {
             let _ = write!(text, " over a window of {length} samples");
         }
@@ -110,7 +110,9 @@ fn fields(context: &Context<'_>) -> String {
     let Some(network) = &model.network else { return text };
     for (index, layer) in network.layers.iter().enumerate() {
         let units = usize::from(layer.units);
-        field("int32_t", &format!("cells_{index}"), units, "c: cell states of a layer");
+        if layer.cell.recurrent_rows() > 0 {
+            field("int32_t", &format!("cells_{index}"), units, "c: cell states of a layer");
+        }
         field("int16_t", &format!("hidden_{index}"), units, "h: hidden states of a layer");
     }
     if let Mode::Window { length } = model.mode {

@@ -1,10 +1,10 @@
-//! ONNX: from the graph's output back to its input, through a dense output and LSTM nodes.
+//! ONNX: from the graph's output back to its input, through dense layers, LSTM and GRU nodes.
 //!
 //! Only operations that change the shape, and never the order of the features, may lie between them. Everything else is refused by the
 //! operator's name. The messages are decoded by `prost`, which bounds recursion and memory.
 
 mod graph;
-mod lstm;
+mod recurrent;
 mod wire;
 
 #[cfg(test)]
@@ -13,9 +13,9 @@ mod tests;
 use prost::Message;
 use std::collections::BTreeMap;
 
-use super::source::{LSTM_ONLY, SourceDense, SourceLayer, SourceNetwork, without_dense};
+use super::ImportError;
+use super::source::{CELLS, DenseActivation, SourceLayer, SourceNetwork, SourceStage, joined};
 use super::tensors::transposed;
-use super::{ImportError, dense};
 use crate::network::Activation;
 use graph::{Tables, attribute, operator, shown};
 use wire::{Model, Node};
@@ -23,8 +23,11 @@ use wire::{Model, Node};
 /// What the way back has met so far; layers last first.
 #[derive(Default)]
 struct Walk {
-    layers: Vec<(SourceLayer, Activation)>,
-    dense: Option<SourceDense>,
+    stages: Vec<SourceStage>,
+    /// Of the recurrent layers.
+    activations: Vec<Activation>,
+    /// What follows the dense layer that must come next.
+    activation: Option<(String, DenseActivation)>,
     /// The addition of a bias, before the product below it is met.
     bias: Option<(String, Vec<f64>)>,
     last_step: bool,
@@ -77,13 +80,13 @@ fn one_output(tables: &Tables<'_>, names: &[&str]) -> Result<(), ImportError> {
     }
 }
 
-/// Whether an output is the final state of an LSTM, which streaming networks return beside their output.
+/// Whether an output is the final state of a recurrent layer, which streaming networks return beside their output.
 fn is_state(tables: &Tables<'_>, value: &str) -> bool {
     let mut value = value;
     for _ in 0..4 {
         let Some((node, index)) = tables.producer(value) else { return false };
         match operator(node).as_str() {
-            "LSTM" => return index > 0,
+            "LSTM" | "GRU" => return index > 0,
             "Squeeze" | "Unsqueeze" | "Transpose" | "Reshape" | "Identity" | "Concat" => {
                 value = node.inputs.first().map_or("", String::as_str);
             }
@@ -98,6 +101,13 @@ impl Walk {
     fn back<'a>(&mut self, tables: &Tables<'a>, node: &'a Node, output: usize) -> Result<&'a str, ImportError> {
         let first = node.inputs.first().map_or("", String::as_str);
         let kind = operator(node);
+        if let Some((name, _)) = &self.activation
+            && self.bias.is_none()
+            && ["LSTM", "GRU"].contains(&kind.as_str())
+        {
+            let what = format!("{name}, an activation behind a recurrent layer,");
+            return Err(ImportError::refuse(what, "only a dense layer has one of its own; train without it"));
+        }
         if self.bias.is_some() && kind != "MatMul" {
             return Err(ImportError::refuse(
                 format!("{}, a {kind} before an addition,", shown(node)),
@@ -105,15 +115,15 @@ impl Walk {
             ));
         }
         match kind.as_str() {
-            // Flatten could join time and features, but then the dense layer would be wider than the LSTM.
+            // Flatten could join time and features, but then the dense layer would be wider than what it takes.
             "Identity" | "Dropout" | "Squeeze" | "Unsqueeze" | "Cast" | "Flatten" => Ok(first),
             "Transpose" => self.transpose(node).map(|()| first),
             "Reshape" => self.reshape(tables, node).map(|()| first),
             "Gather" | "Slice" => self.last(tables, node).map(|()| first),
-            "LSTM" => {
+            "LSTM" | "GRU" => {
                 match output {
                     0 => {}
-                    1 if self.layers.is_empty() => self.last_step = true,
+                    1 if self.activations.is_empty() => self.last_step = true,
                     1 => {
                         let what = format!("{}, whose last step alone feeds the next layer,", shown(node));
                         return Err(ImportError::refuse(what, "the next layer must take every step"));
@@ -125,26 +135,49 @@ impl Walk {
                         ));
                     }
                 }
-                self.layers.push(lstm::read(node, tables, &mut self.notes)?);
+                let (layer, activation) = recurrent::read(node, tables, &mut self.notes)?;
+                self.stages.push(SourceStage::Recurrent(layer));
+                self.activations.push(activation);
                 Ok(first)
             }
             "Gemm" => self.gemm(tables, node).map(|()| first),
             "MatMul" => self.product(tables, node),
             "Add" => self.addition(tables, node),
-            "GRU" => Err(ImportError::refuse(format!("{}, a GRU,", shown(node)), LSTM_ONLY)),
-            "RNN" => Err(ImportError::refuse(format!("{}, a plain recurrent layer,", shown(node)), LSTM_ONLY)),
-            "Tanh" | "Relu" | "Sigmoid" | "LeakyRelu" | "Elu" | "Softplus" | "HardSigmoid" => Err(ImportError::refuse(
-                format!("{}, the activation {kind} outside of an LSTM,", shown(node)),
-                "the model is LSTM layers and one linear output; train without it",
+            "RNN" => Err(ImportError::refuse(format!("{}, a plain recurrent layer,", shown(node)), CELLS)),
+            "Tanh" | "Relu" | "Sigmoid" | "Clip" => self.behind_dense(tables, node).map(|()| first),
+            "LeakyRelu" | "Elu" | "Softplus" | "HardSigmoid" => Err(ImportError::refuse(
+                format!("{}, the activation {kind},", shown(node)),
+                "dense layers know tanh, relu, sigmoid and a clip to -1 to 1; train with one of these",
             )),
             "Sub" | "Mul" | "Div" => Err(ImportError::refuse(
                 format!("{}, a {kind} in the path of the signal,", shown(node)),
                 "take normalisation out of the graph and give it as --input-offset, --input-scale, --output-offset and --output-scale",
             )),
-            _ => {
-                Err(ImportError::refuse(format!("{}, the operator {kind},", shown(node)), "the model is LSTM layers and one linear output"))
-            }
+            _ => Err(ImportError::refuse(format!("{}, the operator {kind},", shown(node)), "the model is LSTM, GRU and dense layers")),
         }
+    }
+
+    /// An activation, whose dense layer comes next on the way back.
+    fn behind_dense(&mut self, tables: &Tables<'_>, node: &Node) -> Result<(), ImportError> {
+        let activation = match operator(node).as_str() {
+            "Tanh" => DenseActivation::Ours(Activation::Tanh),
+            "Relu" => DenseActivation::Ours(Activation::Relu),
+            "Sigmoid" => DenseActivation::Sigmoid,
+            _ => {
+                let end = |index: usize| node.inputs.get(index).and_then(|value| tables.constant(value).ok()).map(|ends| ends.values);
+                if end(1).as_deref() != Some(&[-1.0]) || end(2).as_deref() != Some(&[1.0]) {
+                    let what = format!("{}, a Clip to something else than -1 to 1,", shown(node));
+                    return Err(ImportError::refuse(what, "train with tanh, relu or a hard tanh from -1 to 1"));
+                }
+                DenseActivation::Ours(Activation::Hard)
+            }
+        };
+        if self.activation.is_some() {
+            let what = format!("{}, one of two activations behind each other,", shown(node));
+            return Err(ImportError::refuse(what, "a dense layer has one; train without the other"));
+        }
+        self.activation = Some((shown(node), activation));
+        Ok(())
     }
 
     /// Axes may change places as long as the last one, the features, stays.
@@ -162,7 +195,7 @@ impl Walk {
 
     /// Whether nothing but the one output has been met: its shape does not matter.
     fn is_scalar_path(&self) -> bool {
-        self.layers.is_empty() && self.dense.is_none()
+        self.stages.is_empty()
     }
 
     /// A new shape must keep the features together: its last side is as wide as what is fed.
@@ -170,8 +203,7 @@ impl Walk {
         if self.is_scalar_path() {
             return Ok(());
         }
-        let width =
-            self.layers.last().map_or_else(|| self.dense.as_ref().map_or(0, |dense| dense.weights.len()), |(layer, _)| layer.inputs);
+        let width = self.stages.last().map_or(0, |stage| stage.layer().inputs);
         let shape = node.inputs.get(1).map(|shape| tables.constant(shape));
         if let Some(Ok(shape)) = shape
             && let Some(last) = shape.values.last()
@@ -185,7 +217,7 @@ impl Walk {
         ))
     }
 
-    /// Taking the last step of a sequence, between the last LSTM and the output.
+    /// Taking the last step of a sequence, between the last recurrent layer and the output.
     fn last(&mut self, tables: &Tables<'_>, node: &Node) -> Result<(), ImportError> {
         let number = |index: usize| {
             let values = node.inputs.get(index).map(|value| tables.constant(value));
@@ -196,12 +228,12 @@ impl Walk {
             "Gather" => attribute(node, "axis").and_then(|setting| setting.integer).unwrap_or(0) as f64,
             _ => number(3).unwrap_or(-1.0),
         };
-        if self.layers.is_empty() && number(1) == Some(-1.0) && [0.0, 1.0, -2.0, -3.0].contains(&axis) {
+        if self.activations.is_empty() && number(1) == Some(-1.0) && [0.0, 1.0, -2.0, -3.0].contains(&axis) {
             self.last_step = true;
             return Ok(());
         }
         Err(ImportError::refuse(
-            format!("{}, a {} of something else than the last step after the last LSTM,", shown(node), operator(node)),
+            format!("{}, a {} of something else than the last step after the last recurrent layer,", shown(node), operator(node)),
             "the model gives every step or the last one",
         ))
     }
@@ -220,7 +252,7 @@ impl Walk {
             "" => Vec::new(),
             name => tables.constant(name)?.values,
         };
-        self.head(node, outputs, values, bias)
+        self.dense(node, outputs, values, bias)
     }
 
     fn product<'a>(&mut self, tables: &Tables<'a>, node: &'a Node) -> Result<&'a str, ImportError> {
@@ -230,7 +262,7 @@ impl Walk {
         let weights = tables.constant(weights)?;
         let (rows, outputs) = weights.matrix()?;
         let bias = self.bias.take().map_or_else(Vec::new, |(_, bias)| bias);
-        self.head(node, outputs, transposed(&weights.values, rows, outputs), bias)?;
+        self.dense(node, outputs, transposed(&weights.values, rows, outputs), bias)?;
         Ok(data)
     }
 
@@ -247,22 +279,11 @@ impl Walk {
         Ok(data)
     }
 
-    fn head(&mut self, node: &Node, outputs: usize, weights: Vec<f64>, bias: Vec<f64>) -> Result<(), ImportError> {
+    fn dense(&mut self, node: &Node, outputs: usize, weights: Vec<f64>, bias: Vec<f64>) -> Result<(), ImportError> {
         let name = shown(node).trim_matches('`').to_owned();
-        if !self.layers.is_empty() {
-            let what = format!("{}, a dense layer before the LSTM,", shown(node));
-            return Err(ImportError::refuse(what, "the LSTM must take the input itself; train without it"));
-        }
-        if let Some(last) = &self.dense {
-            return Err(dense::two_dense(&name, &last.name));
-        }
-        dense::one_output(&name, outputs)?;
-        let bias = match bias[..] {
-            [] => 0.0,
-            [bias] => bias,
-            _ => return Err(ImportError::tensor(name, format!("its bias has {} values, one output has one; export it again", bias.len()))),
-        };
-        self.dense = Some(SourceDense { name, weights, bias });
+        let inputs = weights.len() / outputs.max(1);
+        let activation = self.activation.take().map_or(DenseActivation::Linear, |(_, activation)| activation);
+        self.stages.push(SourceStage::Dense(SourceLayer::dense(name, [outputs, inputs], weights, bias)?, Some(activation)));
         Ok(())
     }
 
@@ -270,22 +291,18 @@ impl Walk {
         if let Some((name, _)) = self.bias {
             return Err(ImportError::refuse(format!("{name}, an addition to the input,"), "give it as --input-offset"));
         }
-        self.layers.reverse();
-        let activation = self.layers.first().map(|(_, activation)| *activation);
-        if self.layers.iter().any(|(_, other)| Some(*other) != activation) {
-            return Err(ImportError::refuse("a network whose layers have different activations", "train all layers with one"));
+        if let Some((name, _)) = self.activation {
+            return Err(ImportError::refuse(format!("{name}, an activation of the input,"), "train without it"));
         }
-        let layers: Vec<SourceLayer> = self.layers.into_iter().map(|(layer, _)| layer).collect();
-        let dense = match self.dense {
-            Some(dense) if layers.is_empty() => return Err(dense::no_memory(&[&dense.name])),
-            Some(dense) => dense,
-            None if layers.is_empty() => return Err(ImportError::refuse("a graph without an LSTM", "export the trained network itself")),
-            None => {
-                let (dense, note) = without_dense(&layers)?;
-                self.notes.push(note);
-                dense
-            }
-        };
+        if self.stages.is_empty() {
+            return Err(ImportError::refuse("a graph without a layer", "export the trained network itself"));
+        }
+        let activation = self.activations.first().copied();
+        if self.activations.iter().any(|other| Some(*other) != activation) {
+            return Err(ImportError::refuse("a network whose recurrent layers have different activations", "train all of them with one"));
+        }
+        self.stages.reverse();
+        let (layers, dense) = joined(self.stages, &mut self.notes)?;
         Ok(SourceNetwork { kind: "ONNX graph", layers, dense, activation, last_step_only: Some(self.last_step), notes: self.notes })
     }
 }

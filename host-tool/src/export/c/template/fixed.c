@@ -31,32 +31,3 @@ static int32_t upper(int64_t value)
 {
     return (int32_t)shift_right_64(value, 32u);
 }
-
-/* The upper 32 bits of the product, rounded to nearest. */
-static int32_t multiply_high(int32_t left, int32_t right)
-{
-    return upper(((int64_t)left * right) + INT64_C(0x80000000));
-}
-
-/* A curve as 512 chords, each with its base and its slope. */
-#define SEGMENTS 512
-typedef int32_t chord_table[SEGMENTS][2];
-
-static int32_t interpolate(const int32_t table[SEGMENTS][2], int32_t argument, uint32_t step_bits)
-{
-    const int32_t segment = shift_right(argument, step_bits);
-    const int32_t rest = argument - (segment * power_of_two(step_bits));
-    const int32_t *chord = table[segment + (SEGMENTS / 2)];
-
-    return chord[0] + (int32_t)shift_right_64((int64_t)chord[1] * rest, 16u);
-}
-
-/* Sigmoid in Q0.31 from -16 to 16: 1 / (1 + exp(-z)). */
-static const chord_table SIGMOID = {
-@sigmoid@};
-
-/* Sigmoid of z in Q15.16. */
-static int32_t sigmoid(int32_t z)
-{
-    return interpolate(SIGMOID, clamp(z, -1048576, 1048575), 12u);
-}

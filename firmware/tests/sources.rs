@@ -1,0 +1,44 @@
+//! Rules that hold for the board's sources, which no desktop test can run.
+
+use std::path::Path;
+
+/// Every file of the register layer, with its text.
+fn chip_sources() -> Vec<(String, String)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/board/chip");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let sources: Vec<_> =
+        files.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read_to_string(&path).unwrap())).collect();
+    assert!(sources.len() >= 12, "{}", sources.len());
+    sources
+}
+
+/// Places where a peripheral's clock is switched on by hand.
+fn clocks_switched_on_by_hand(text: &str) -> usize {
+    text.lines().filter(|line| line.contains("enr()") && line.contains("set_bit()") && !line.contains("$register")).count()
+}
+
+#[test]
+fn peripherals_clocks_are_switched_on_only_where_their_arrival_is_waited_for() {
+    let mut users = 0;
+    for (name, text) in chip_sources() {
+        assert_eq!(clocks_switched_on_by_hand(&text), 0, "{name}: use enable_clock!");
+        users += text.matches("enable_clock!(").count();
+    }
+    assert!(users >= 8, "{users}");
+    assert_eq!(clocks_switched_on_by_hand("rcc.apb1enr().modify(|_, w| w.tim3en().set_bit());"), 1, "the rule can fail");
+}
+
+#[test]
+fn the_dump_valves_pin_goes_high_in_one_place() {
+    let (mut highs, mut makers) = (0, 0);
+    for (name, text) in chip_sources() {
+        let in_pins = name == "pins.rs";
+        let count = text.matches("write(1 << DUMP_VALVE_PIN").count();
+        assert!(count == 0 || in_pins, "{name}");
+        highs += count;
+        let count = text.matches("DumpValve::new(").count();
+        assert!(count == 0 || in_pins, "{name}");
+        makers += count;
+    }
+    assert_eq!((highs, makers), (1, 1));
+}

@@ -1,0 +1,492 @@
+//! Single faults of the flashable image on the model of its chip: what strikes, what should notice it, what was measured.
+
+use std::time::Duration;
+
+use host_tool::backend::BOARD_MODEL;
+use host_tool::experiment;
+use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
+use host_tool::plant::{Plant, PlantConfig};
+use model_export::link::fault::Fault;
+use model_export::link::message::{Quantity, Reply, Request, Status};
+use model_export::link::settings::Settings;
+use model_export::link::state::State;
+
+use crate::board_model::{ModelRig, Watch, config};
+
+/// Pressure before the fault, bar.
+const SET_POINT_BAR: f64 = 1.5;
+/// The ceiling, bar: a fault may not lead above it by more than a tick of slew.
+const CEILING_BAR: f64 = 3.0;
+const SLEW_STEP_BAR: f64 = 0.02;
+/// Outputs are safe within this time after a fault, ms.
+const SAFE_WITHIN_MS: u32 = 50;
+/// Pressure is gone this long after the outputs are safe, ms.
+const GONE_WITHIN_MS: usize = 1000;
+const GONE_BAR: f64 = 0.1;
+/// How long a fault is watched, ms.
+const WATCHED_MS: u32 = 1800;
+
+/// What strikes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Injection {
+    /// While there is pressure, in the chip; the text is the board model's.
+    Chip(&'static str),
+    /// The same on a chip that has something unusual from the start.
+    ChipWith(&'static str, &'static str),
+    /// While there is pressure, in the chip, for so many ms.
+    ChipFor(&'static str, u32, &'static str),
+    /// Before the first instruction, in the chip; with the rate of the core's own timer if it is not the usual one.
+    Start(&'static str, Option<u64>),
+    /// While there is pressure, in the hardware around it.
+    Around(Breakage),
+    /// The same while the set-point moves.
+    AroundMoving(Breakage),
+    /// The host says nothing more.
+    HostSilent,
+    /// The host sends bytes that are no frames, as many as the line carries.
+    HostBabbles,
+    /// Power goes in the middle of this operation on flash while other settings are saved.
+    CutWhileSaving(u32),
+    /// The reset pin in this state.
+    ResetIn(State),
+}
+
+/// What should happen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Expected {
+    /// It vents within the time, in ms, and names this fault.
+    Vents(Fault, u32),
+    /// It vents within the time and starts anew without a fault: a reset or no supply.
+    Restarts(u32),
+    /// It cannot be armed, and names this fault.
+    StaysVented(Fault),
+    /// It goes on, or vents; at no time does it leave its limits.
+    Bounded,
+    /// What was saved is as before or as wanted.
+    OldOrNew,
+}
+
+/// A row of the matrix.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// Name, for commands and tests.
+    pub name: &'static str,
+    /// What it could do to somebody.
+    pub hazard: &'static str,
+    /// What strikes.
+    pub injection: Injection,
+    /// What should happen.
+    pub expected: Expected,
+    /// What remains, where hardware that the image commands fails itself.
+    pub residual: &'static str,
+}
+
+const fn row(name: &'static str, hazard: &'static str, injection: Injection, expected: Expected) -> Row {
+    Row { name, hazard, injection, expected, residual: "" }
+}
+
+/// A laser's fault code of 3.75 mA in 150 ohm, two conversions.
+const FAULT_CODE: u16 = 1396;
+
+/// The matrix.
+pub const ROWS: &[Row] = &[
+    row(
+        "crystal-absent",
+        "wrong time base, wrong slew",
+        Injection::Start("crystal stops", None),
+        Expected::StaysVented(Fault::ClockFailed),
+    ),
+    row(
+        "crystal-12-mhz",
+        "wrong time base, overclocked",
+        Injection::Start("crystal 12000000", None),
+        Expected::StaysVented(Fault::ClockInaccurate),
+    ),
+    row("crystal-9-percent-fast", "wrong slew", Injection::Start("crystal 8720000", None), Expected::StaysVented(Fault::ClockInaccurate)),
+    row("crystal-4-mhz", "wrong slew", Injection::Start("crystal 4000000", None), Expected::StaysVented(Fault::ClockInaccurate)),
+    row("loop-does-not-lock", "slow ticks", Injection::Start("loop open", Some(16_000_000)), Expected::StaysVented(Fault::ClockFailed)),
+    row("crystal-stops", "wrong time base", Injection::Chip("crystal stops"), Expected::Vents(Fault::ClockFailed, SAFE_WITHIN_MS)),
+    row("core-hangs", "outputs frozen", Injection::Chip("hang"), Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS)),
+    row(
+        "core-hangs-slow-watchdog",
+        "outputs frozen",
+        Injection::ChipWith("watchdog-oscillator 17000", "hang"),
+        Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS),
+    ),
+    row(
+        "core-hangs-fast-watchdog",
+        "outputs frozen",
+        Injection::ChipWith("watchdog-oscillator 47000", "hang"),
+        Expected::Vents(Fault::WatchdogReset, SAFE_WITHIN_MS),
+    ),
+    row("supply-low-at-start", "undefined logic", Injection::Start("supply 2800", None), Expected::StaysVented(Fault::BrownOut)),
+    row("program-bit-flipped", "any", Injection::Start("flip 08010000 5", None), Expected::StaysVented(Fault::FlashCorrupt)),
+    row(
+        "supply-dips-2.8-v",
+        "wrong codes, undefined logic",
+        Injection::Chip("supply 2800"),
+        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
+    ),
+    row(
+        "supply-dips-for-5-ms",
+        "wrong codes, undefined logic",
+        Injection::ChipFor("supply 2800", 5, "supply 3300"),
+        Expected::Vents(Fault::BrownOut, SAFE_WITHIN_MS),
+    ),
+    row("supply-gone", "undefined outputs", Injection::Chip("supply 0"), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-while-running", "outputs floating", Injection::ResetIn(State::Running), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-while-armed", "outputs floating", Injection::ResetIn(State::Armed), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-while-idle", "outputs floating", Injection::ResetIn(State::Idle), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-in-self-test", "outputs floating", Injection::ResetIn(State::SelfTest), Expected::Restarts(SAFE_WITHIN_MS)),
+    row("reset-in-fault", "outputs floating", Injection::ResetIn(State::Fault), Expected::Restarts(SAFE_WITHIN_MS)),
+    row(
+        "emergency-stop",
+        "operator is not heard",
+        Injection::Around(Breakage::EmergencyStop),
+        Expected::Vents(Fault::EmergencyStop, SAFE_WITHIN_MS),
+    ),
+    row(
+        "laser-wire-broken",
+        "blind control",
+        Injection::Around(Breakage::LaserCode(0)),
+        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
+    ),
+    row(
+        "laser-at-full-scale",
+        "blind control",
+        Injection::Around(Breakage::LaserCode(8190)),
+        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
+    ),
+    row(
+        "laser-fault-code-in-band",
+        "blind control",
+        Injection::Around(Breakage::LaserCode(FAULT_CODE)),
+        Expected::Vents(Fault::LaserRange, SAFE_WITHIN_MS),
+    ),
+    row("laser-frozen", "blind control", Injection::AroundMoving(Breakage::LaserFrozen), Expected::Vents(Fault::LaserStuck, 1000)),
+    Row {
+        name: "laser-frozen-on-hold",
+        hazard: "blind control",
+        injection: Injection::Around(Breakage::LaserFrozen),
+        expected: Expected::Bounded,
+        residual: "identical codes on a hold are called stuck after 30 s; until then the held pressure is what it was",
+    },
+    row(
+        "laser-jumps-5-mm",
+        "control follows a lie",
+        Injection::Around(Breakage::LaserOffsetMm(5.0)),
+        Expected::Vents(Fault::LaserRate, SAFE_WITHIN_MS),
+    ),
+    row(
+        "pressure-wire-broken",
+        "blind limits",
+        Injection::Around(Breakage::PressureCode(0)),
+        Expected::Vents(Fault::PressureRange, SAFE_WITHIN_MS),
+    ),
+    row(
+        "pressure-at-full-scale",
+        "blind limits",
+        Injection::Around(Breakage::PressureCode(8190)),
+        Expected::Vents(Fault::PressureRange, SAFE_WITHIN_MS),
+    ),
+    row("pressure-frozen", "blind limits", Injection::AroundMoving(Breakage::PressureFrozen), Expected::Vents(Fault::PressureStuck, 1000)),
+    Row {
+        name: "pressure-frozen-on-hold",
+        hazard: "blind limits",
+        injection: Injection::Around(Breakage::PressureFrozen),
+        expected: Expected::Bounded,
+        residual: "as of the laser",
+    },
+    row(
+        "pressure-jumps-1-bar",
+        "limits at the wrong place",
+        Injection::Around(Breakage::PressureOffsetBar(1.0)),
+        Expected::Vents(Fault::PressureMismatch, SAFE_WITHIN_MS),
+    ),
+    row("host-silent", "nobody in charge", Injection::HostSilent, Expected::Vents(Fault::HostLost, 300)),
+    row("host-babbles", "nobody in charge, a busy device", Injection::HostBabbles, Expected::Vents(Fault::HostLost, 300)),
+    row("line-noise-2-percent", "damaged requests", Injection::Chip("noise 20000"), Expected::Bounded),
+    Row {
+        name: "valve-fully-open",
+        hazard: "full supply pressure",
+        injection: Injection::Around(Breakage::ValveFullyOpen),
+        expected: Expected::Vents(Fault::PressureMismatch, 1000),
+        residual: "pressure rises towards the supply until the dump valve opens; the supply regulator is set to the ceiling",
+    },
+    Row {
+        name: "dump-valve-stuck-closed",
+        hazard: "venting has no effect",
+        injection: Injection::Around(Breakage::DumpValveStuckClosed),
+        expected: Expected::Bounded,
+        residual: "found when it is needed: the drive is at zero then, and the pressure stays until somebody bleeds the line",
+    },
+    row("supply-pressure-fails", "no pressure", Injection::Around(Breakage::SupplyFails), Expected::Vents(Fault::PressureMismatch, 1000)),
+    row("muscle-bursts", "air in the body", Injection::Around(Breakage::MuscleBursts), Expected::Vents(Fault::PressureMismatch, 1000)),
+    row("cut-while-erasing", "other limits after the next start", Injection::CutWhileSaving(1), Expected::OldOrNew),
+    row("cut-at-first-word", "other limits after the next start", Injection::CutWhileSaving(2), Expected::OldOrNew),
+    row("cut-at-tenth-word", "other limits after the next start", Injection::CutWhileSaving(11), Expected::OldOrNew),
+    row("cut-at-fortieth-word", "other limits after the next start", Injection::CutWhileSaving(41), Expected::OldOrNew),
+];
+
+/// What was measured.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Time until the outputs were safe, ms; `None` if they never were or need not be.
+    pub detected_ms: Option<u32>,
+    /// Highest true pressure from the fault on, bar.
+    pub peak_bar: f64,
+    /// The fault that the device names, 0 for none.
+    pub fault: u8,
+    /// Whether all of it is as expected.
+    pub ok: bool,
+    /// What is not.
+    pub remark: String,
+}
+
+struct Bench {
+    rig: ModelRig<Watch>,
+    watch: Watch,
+}
+
+impl Bench {
+    fn start(flash: &FlashMemory, first: Option<(&str, Option<u64>)>) -> Self {
+        let mut config = config();
+        config.core_hz = first.and_then(|(_, core_hz)| core_hz);
+        let mut processor = BoardModel::start(config, flash).unwrap_or_else(|error| panic!("{error}"));
+        if let Some((what, _)) = first {
+            processor.break_something(what).expect("a fault the board knows");
+        }
+        let plant = Plant::new(PlantConfig::default()).expect("a plant");
+        let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+        let watch = Watch::default();
+        let lockstep = Lockstep::new(processor, hardware, watch.clone(), "the board's model", BOARD_MODEL).expect("a start");
+        Self { rig: ModelRig::connect(lockstep).expect("a connection"), watch }
+    }
+
+    fn pass(&mut self, milliseconds: u32) {
+        self.rig.transport().advance_for(milliseconds).expect("a running board");
+    }
+
+    fn break_something(&mut self, what: &str) {
+        self.rig.transport().processor().break_something(what).expect("a fault the board knows");
+    }
+
+    fn arm(&mut self) {
+        experiment::settle(&mut self.rig).expect("a self-test that ends");
+        self.rig.command(&Request::Arm).expect("an armed rig");
+    }
+
+    fn run_up(&mut self) {
+        self.arm();
+        self.rig.command(&Request::Start).expect("a started rig");
+        self.hold(800);
+        let pressure_bar = self.rig.transport().hardware().pressure_bar();
+        assert!((pressure_bar - SET_POINT_BAR).abs() < 0.1, "{pressure_bar} bar before the fault");
+    }
+
+    /// Asks for the set-point as a host does, every 10 ms.
+    fn hold(&mut self, milliseconds: u32) {
+        self.ask_for(milliseconds, |_| SET_POINT_BAR);
+    }
+
+    /// The same with a set-point that goes up and down by half a bar, once a second.
+    fn swing(&mut self, milliseconds: u32) {
+        self.ask_for(milliseconds, |ms| SET_POINT_BAR - 0.25 + 0.25 * (std::f64::consts::TAU * f64::from(ms) / 1000.0).cos());
+    }
+
+    fn ask_for(&mut self, milliseconds: u32, bar_at: impl Fn(u32) -> f64) {
+        for ms in (0..milliseconds).step_by(10) {
+            self.rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: bar_at(ms) as f32 }).expect("a line");
+            self.pass(10);
+        }
+    }
+
+    fn status(&mut self) -> Option<Status> {
+        // A device that has just started again hears the first request late.
+        (0..4).find_map(|_| match self.rig.ask(&Request::Status) {
+            Ok(Reply::Status(status)) => Some(status),
+            _ => {
+                self.pass(100);
+                None
+            }
+        })
+    }
+
+    /// The first fault: the latched one, or the one on record.
+    fn fault(&mut self) -> (u8, Option<Status>) {
+        let status = self.status();
+        (status.as_ref().map_or(0, |status| status.first_fault), status)
+    }
+
+    fn measure(&mut self, from: usize, expected: Expected) -> Measured {
+        let moments = self.watch.since(from);
+        let safe = moments.iter().position(|moment| !moment.energised);
+        let peak_bar = moments.iter().map(|moment| moment.pressure_bar).fold(0.0, f64::max);
+        let (fault, status) = self.fault();
+        let mut remarks = Vec::new();
+        let gone = safe.is_none_or(|safe| moments.get(safe + GONE_WITHIN_MS).is_none_or(|moment| moment.pressure_bar < GONE_BAR));
+        let detected_ms = safe.and_then(|ticks| u32::try_from(ticks).ok());
+        let mut want = |holds: bool, what: &str| {
+            if !holds {
+                remarks.push(what.to_owned());
+            }
+        };
+        want(peak_bar <= CEILING_BAR + SLEW_STEP_BAR, "pressure above the ceiling");
+        match expected {
+            Expected::Vents(wanted, within_ms) => {
+                want(detected_ms.is_some_and(|ms| ms <= within_ms), "outputs not safe in time");
+                want(gone, "pressure not gone a second later");
+                let all = status.map(|status| status.faults);
+                want(fault == wanted.number() || all.is_some_and(|faults| faults.contains(wanted)), "another fault, or none");
+            }
+            Expected::Restarts(within_ms) => {
+                want(detected_ms.is_some_and(|ms| ms <= within_ms), "outputs not safe in time");
+                want(gone, "pressure not gone a second later");
+                want(status.is_none_or(|status| !matches!(status.state, State::Armed | State::Running)), "energised after the restart");
+            }
+            Expected::StaysVented(wanted) => {
+                want(moments.iter().all(|moment| !moment.energised), "energised");
+                want(status.as_ref().is_some_and(|status| status.faults.contains(wanted)), "another fault, or none");
+            }
+            Expected::Bounded | Expected::OldOrNew => {}
+        }
+        Measured { detected_ms, peak_bar, fault, ok: remarks.is_empty(), remark: remarks.join("; ") }
+    }
+}
+
+/// Brings the image to a held pressure with one of its two drives; gives the pressure and the largest share of the drive.
+///
+/// # Panics
+/// When it does not get there.
+#[must_use]
+pub fn held_with_drive(valve_drive: u32) -> (f64, u16) {
+    let settings = Settings { control_law: 1, valve_drive, ..Settings::default() };
+    let flash = FlashMemory::default().with_settings(&settings).expect("settings that fit");
+    let mut bench = Bench::start(&flash, None);
+    bench.run_up();
+    let share = bench.watch.since(0).iter().map(|moment| moment.valve_share).max().unwrap_or_default();
+    (bench.rig.transport().hardware().pressure_bar(), share)
+}
+
+fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
+    let settings = Settings { control_law: 1, ceiling_bar, ..Settings::default() };
+    FlashMemory::default().with_settings(&settings).expect("settings that fit")
+}
+
+/// Does what a row says.
+///
+/// # Panics
+/// When the rig cannot be brought to where the fault is to strike.
+#[must_use]
+pub fn measure(row: &Row) -> Measured {
+    let flash = set_point_flash(CEILING_BAR as f32);
+    match row.injection {
+        Injection::Start(what, core_hz) => {
+            let mut bench = Bench::start(&flash, Some((what, core_hz)));
+            bench.pass(500);
+            let _ = bench.rig.ask(&Request::Arm);
+            let _ = bench.rig.ask(&Request::Start);
+            bench.hold(300);
+            bench.measure(0, row.expected)
+        }
+        Injection::ResetIn(state) => {
+            let mut bench = Bench::start(&flash, None);
+            match state {
+                State::Running => bench.run_up(),
+                State::Armed => bench.arm(),
+                // It begins 200 ms after the start and takes a while.
+                State::SelfTest => bench.pass(202),
+                State::Fault => {
+                    bench.run_up();
+                    bench.rig.transport().hardware().set_breakage(Some(Breakage::EmergencyStop));
+                    bench.hold(100);
+                    bench.rig.transport().hardware().set_breakage(None);
+                }
+                _ => {
+                    experiment::settle(&mut bench.rig).expect("a self-test that ends");
+                }
+            }
+            let from = bench.watch.len();
+            bench.break_something("reset");
+            bench.pass(WATCHED_MS);
+            bench.measure(from, row.expected)
+        }
+        Injection::CutWhileSaving(operation) => cut_while_saving(operation),
+        Injection::Chip(what) | Injection::ChipWith(_, what) | Injection::ChipFor(what, ..) => {
+            let first = if let Injection::ChipWith(first, _) = row.injection { Some((first, None)) } else { None };
+            let mut bench = Bench::start(&flash, first);
+            bench.run_up();
+            let from = bench.watch.len();
+            bench.break_something(what);
+            if let Injection::ChipFor(_, milliseconds, mended) = row.injection {
+                bench.pass(milliseconds);
+                bench.break_something(mended);
+            }
+            bench.hold(WATCHED_MS);
+            if what.starts_with("supply") {
+                // A dead board has nothing to tell until its supply is back.
+                bench.break_something("supply 3300");
+                bench.pass(300);
+            }
+            bench.measure(from, row.expected)
+        }
+        Injection::Around(breakage) | Injection::AroundMoving(breakage) => {
+            let moving = matches!(row.injection, Injection::AroundMoving(_));
+            let mut bench = Bench::start(&flash, None);
+            bench.run_up();
+            let from = bench.watch.len();
+            bench.rig.transport().hardware().set_breakage(Some(breakage));
+            if moving {
+                bench.swing(WATCHED_MS)
+            } else {
+                bench.hold(WATCHED_MS)
+            }
+            bench.measure(from, row.expected)
+        }
+        Injection::HostSilent | Injection::HostBabbles => {
+            let mut bench = Bench::start(&flash, None);
+            bench.run_up();
+            let from = bench.watch.len();
+            if row.injection == Injection::HostBabbles {
+                // Ends of frames among them, so that the device has something to check all the time.
+                let nonsense: Vec<u8> = (0..92u8).map(|index| if index % 23 == 0 { 0 } else { index.wrapping_mul(89) }).collect();
+                for _ in 0..WATCHED_MS {
+                    bench.rig.transport().send(&nonsense).expect("a line");
+                    bench.pass(1);
+                }
+            } else {
+                bench.pass(WATCHED_MS);
+            }
+            bench.measure(from, row.expected)
+        }
+    }
+}
+
+/// Saves a lower ceiling and cuts the supply meanwhile.
+fn cut_while_saving(operation: u32) -> Measured {
+    const OLD_BAR: f32 = 2.0;
+    const NEW_BAR: f32 = 1.0;
+    let mut bench = Bench::start(&set_point_flash(OLD_BAR), None);
+    experiment::settle(&mut bench.rig).expect("a self-test that ends");
+    let number = model_export::link::settings::by_name("limits.ceiling_bar").expect("a setting").number;
+    let value = model_export::link::settings::SettingValue::Float(NEW_BAR);
+    bench.rig.command(&Request::SettingSet { number, value }).expect("a setting that is taken");
+    bench.break_something(&format!("cut {operation}"));
+    let from = bench.watch.len();
+    let _ = bench.rig.send(&Request::SettingsSave);
+    bench.pass(4000);
+    let _ = bench.rig.listen(Duration::from_millis(50));
+    let resets = bench.rig.transport().processor().pins().resets;
+    let after = experiment::setting(&mut bench.rig, "limits.ceiling_bar").ok();
+    let mut measured = bench.measure(from, Expected::OldOrNew);
+    let float = |bar: f32| Some(model_export::link::settings::SettingValue::Float(bar));
+    if after != float(OLD_BAR) && after != float(NEW_BAR) {
+        measured.ok = false;
+        measured.remark = format!("the ceiling is {after:?} afterwards");
+    } else if resets == 0 {
+        // So few operations: nothing was cut, and the new value has to be there.
+        measured.ok = after == float(NEW_BAR);
+        measured.remark = "the saving was over before".to_owned();
+    }
+    measured
+}
