@@ -100,14 +100,21 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
     if discovery.excluded_samples > 0 {
         say!("{} samples were left out as outliers.", discovery.excluded_samples);
     }
+    let behind = discovery.calibrate_s.map_or(String::new(), |seconds| format!(" behind a start-up of {seconds:.2} s that sets the zero"));
     say!(
-        "Kept-out recordings: rmse {:.5} {unit} before, {:.5} {unit} after, noise {:.5} {unit}; {:.1} % of the gap closed ({}).",
+        "Kept-out recordings, free running{behind}: rmse {:.5} {unit} before, {:.5} {unit} after, noise {:.5} {unit}; {:.1} % of the gap closed ({}).",
         discovery.rmse_before,
         discovery.rmse_after,
         discovery.noise_floor,
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
+    if let Some([before, after, closed]) = discovery.one_step() {
+        say!(
+            "One step ahead: rmse {before:.5} {unit} by a smooth observer, {after:.5} {unit} by one that knows the jumps; {:.1} % of the gap closed.",
+            100.0 * closed
+        );
+    }
     if !discovery.side_unknown.is_empty() {
         let names = discovery.side_unknown.join(", ");
         say!("These figures leave out {names}: made about when the set-up changed, and the other recordings do not tell on which side.");

@@ -191,6 +191,15 @@ pub trait Form: Sync {
     fn reads_output(&self) -> bool {
         false
     }
+    /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
+    /// nothing is read.
+    fn start_up_s(&self, _parameters: &[f64]) -> f64 {
+        0.0
+    }
+    /// Whether it is a zero that each recording has of its own: what it reads then counts from the constant.
+    fn is_a_zero(&self) -> bool {
+        false
+    }
     /// Whether a seat that is seen in the output feels what the sensor's effects add.
     fn feels_sensor(&self) -> bool {
         false
@@ -214,7 +223,7 @@ pub trait Form: Sync {
     }
     /// Changes the operators, if it [leads them](Self::leads_operators).
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
-    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat is read from the output).
+    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat or a zero is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
     /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
     fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {

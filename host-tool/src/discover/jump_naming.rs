@@ -235,7 +235,7 @@ fn to_be_told(model: &Model, form: &'static dyn Form, noise: f64, law: JumpLaw, 
 }
 
 /// The model without what jumps in it.
-fn without_jumps(model: &Model) -> Model {
+pub(super) fn without_jumps(model: &Model) -> Model {
     model.without(model.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0))
 }
 

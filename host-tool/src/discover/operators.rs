@@ -74,6 +74,12 @@ impl<'a> States<'a> {
         Begin::From(&self.states)
     }
 
+    /// The states themselves.
+    #[must_use]
+    pub fn states(&self) -> &[f64] {
+        &self.states
+    }
+
     /// Leads the operators through a recording.
     pub fn lead(&mut self, path: &[f64], period_s: f64) {
         let states = std::mem::take(&mut self.states);

@@ -20,6 +20,9 @@ pub fn headline(discovery: &Discovery) -> String {
             let explain = if names.len() == 1 { "explains" } else { "explain" };
             format!("Something is missing that the catalogue does not explain; {} {explain} a part of it.", names.join(" and "))
         }
+        Verdict::Ambiguous if discovery.runner_up.as_ref().is_none_or(|second| second.separable) => {
+            format!("What is missing looks like {}, but recordings that it has not seen do not confirm it.", names.join(" and "))
+        }
         Verdict::Ambiguous => {
             let second = discovery.runner_up.as_ref().map_or("another effect", |second| second.name.as_str());
             format!("Missing is {} or {second}: these recordings cannot tell them apart.", names.join(" and "))
@@ -44,6 +47,22 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     ]);
     let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
     page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    page.paragraph(&match discovery.calibrate_s {
+        Some(seconds) => format!(
+            "Both models ran freely behind a start-up of {seconds:.2} s, over which the zero was set and which does not count: \
+             `catheter evaluate --calibrate-s {seconds}` gives the same."
+        ),
+        None => "Both models ran freely, from the input alone: `catheter evaluate` gives the same.".to_owned(),
+    });
+    if let Some([before, after, closed]) = discovery.one_step() {
+        page.paragraph(&format!(
+            "One step ahead, from the samples before, an observer that knows no jumps is off by {} {unit} and one that knows them by \
+             {} {unit}: {} of the gap closed.",
+            number(before, 3),
+            number(after, 3),
+            percent(Some(closed))
+        ));
+    }
     if !discovery.side_unknown.is_empty() {
         let names = discovery.side_unknown.join(", ");
         page.paragraph(&format!(
@@ -212,7 +231,7 @@ fn before_and_after(page: &mut Page, finding: &Finding, input: &Signal, output: 
         let inputs: Vec<f64> = run.input.iter().map(|value| value * session.input_scale + session.input_offset).collect();
         let measured = scaled(&run.output);
         let was = scaled(&finding.simulated[run.index]);
-        let is = scaled(&finding.after.predict(run));
+        let is = finding.with_effects[run.index].as_ref().map_or_else(|| scaled(&finding.after.predict(run)), |values| scaled(values));
         let error = |predicted: &[f64]| -> Vec<f64> { predicted.iter().zip(&measured).map(|(p, y)| p - y).collect() };
         page.heading(&run.name);
         let description = format!("Measured output, the simulation as it was and with what was found, recording {}.", run.name);

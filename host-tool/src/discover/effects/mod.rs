@@ -27,7 +27,17 @@ pub mod supply_saturation;
 pub mod valve_dead_band;
 
 use super::columns::Filter;
+use super::session::{Earlier, Run};
 use super::turning::between_samples;
+
+/// What the recordings before this one left in the material, for a file.
+pub(super) fn earlier(run: &Run) -> Earlier {
+    Earlier {
+        travelled: first_cycle_softening::travelled_before(run),
+        highest: first_cycle_softening::highest_before(run),
+        creeping: creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s)).to_vec(),
+    }
+}
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 #[inline(always)]
