@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use super::{Common, Data, Outcome};
+use crate::discover::catalogue;
+use crate::discover::effects::of_a_file::Definition;
 use crate::discover::file::DiscoveredModel;
 use crate::discover::folder::{self, Written};
 use crate::discover::{self, DiscoverConfig, Discovery, Start};
@@ -26,6 +28,9 @@ pub struct Arguments {
     /// Recordings that take no part in any choice: CSV files or folders; may be repeated.
     #[arg(long, num_args = 1.., value_name = "PATH")]
     holdout: Vec<PathBuf>,
+    /// Effects of your own that take part, TOML files; may be repeated.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    effects: Vec<PathBuf>,
     /// Folder for the model and the result.
     #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
     out: PathBuf,
@@ -44,7 +49,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options())? };
     let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(Recording::file).collect();
     read.extend(arguments.model.clone());
+    read.extend(arguments.effects.clone());
     output::refuse_overwriting(&read, &outputs)?;
+    for path in &arguments.effects {
+        catalogue::add(Definition::read(path)?);
+    }
     let start = arguments.model.as_deref().map(|path| start_from(path, &recordings, &kept)).transpose()?;
     let mut config = DiscoverConfig { seed: arguments.common.seed, ..DiscoverConfig::default() };
     if let Some(threads) = arguments.common.threads {

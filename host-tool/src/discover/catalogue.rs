@@ -4,9 +4,11 @@
 //! the best speaks for the effect. To add an effect, write one file in `effects/` with its forms and register them in [`forms`].
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 pub use super::columns::Columns;
 use super::effects;
+use super::effects::of_a_file::Definition;
 use super::jumps::Drive;
 use super::session::{Run, Session};
 
@@ -65,7 +67,7 @@ impl Parameter {
 }
 
 /// How the play operators deviate from plain ones; all zero is plain.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Default)]
 pub struct Habit {
     /// Thresholds grow by this per unit of input.
     pub growth_per_input: f64,
@@ -89,19 +91,57 @@ pub struct Habit {
     pub viscous_s: f64,
     /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.
     pub stiffening: f64,
+    /// A law of the thresholds that somebody else has written, with its parameters.
+    pub law: Option<(&'static dyn ThresholdLaw, [f64; LAW_PARAMETERS])>,
+}
+
+/// Most parameters of a [`ThresholdLaw`].
+pub const LAW_PARAMETERS: usize = 4;
+
+/// A law of the operators' thresholds.
+pub trait ThresholdLaw: Sync {
+    /// What thresholds are multiplied by at an input (over its span) and at the size of its rate (spans per s).
+    fn factor(&self, parameters: &[f64], input: f64, rate_per_s: f64) -> f64;
+    /// Whether the rate has a part in it.
+    fn has_rate(&self) -> bool;
 }
 
 impl Habit {
     /// Whether the operators are plain ones.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        *self == Self { rate_power: self.rate_power, opening_power: self.opening_power, ..Self::default() }
+        let own = [
+            self.growth_per_input,
+            self.growth_unloading,
+            self.envelope_bend,
+            self.opening,
+            self.growth_per_rate,
+            self.extra_per_rate,
+            self.rate_memory_s,
+            self.viscous_s,
+            self.stiffening,
+        ];
+        self.law.is_none() && own.iter().all(|value| *value == 0.0)
+    }
+
+    /// Lets thresholds follow a law.
+    pub fn set_law(&mut self, law: &'static dyn ThresholdLaw, parameters: &[f64]) {
+        let mut padded = [0.0; LAW_PARAMETERS];
+        padded.iter_mut().zip(parameters).for_each(|(own, value)| *own = *value);
+        self.law = Some((law, padded));
+    }
+
+    /// What its law multiplies thresholds by.
+    #[must_use]
+    pub fn factor(&self, input: f64, rate_per_s: f64) -> f64 {
+        self.law.map_or(1.0, |(law, parameters)| law.factor(&parameters, input, rate_per_s))
     }
 
     /// Whether the operators' states hang on how fast they went: turning points do not tell them.
     #[must_use]
     pub fn hangs_on_rates(&self) -> bool {
-        self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
+        let has_law = self.law.is_some_and(|(law, _)| law.has_rate());
+        has_law || self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
     }
 }
 
@@ -134,6 +174,10 @@ pub trait Form: Sync {
     fn name(&self) -> &'static str;
     /// What distinguishes this form.
     fn form(&self) -> &'static str;
+    /// Its definition, where it is one of a file: a model then carries it along.
+    fn definition(&self) -> Option<&Definition> {
+        None
+    }
     /// Where it acts.
     fn place(&self) -> Place;
     /// Non-linear parameters.
@@ -231,9 +275,31 @@ pub trait Form: Sync {
     }
 }
 
-/// Every form of every effect: the registration.
+/// Forms that were added while the program runs.
+static ADDED: Mutex<Vec<&'static dyn Form>> = Mutex::new(Vec::new());
+
+/// Adds forms from outside to the catalogue: from then on they take part in every discovery of this program, and models with them can be read.
+/// A form that is there already, by name and form, stays as it is.
+pub fn add(forms: impl IntoIterator<Item = &'static dyn Form>) {
+    let mut added = ADDED.lock().unwrap_or_else(PoisonError::into_inner);
+    for form in forms {
+        let same = |other: &&dyn Form| (other.name(), other.form()) == (form.name(), form.form());
+        if !built_in().iter().any(|other| same(other)) && !added.iter().any(|other| same(other)) {
+            added.push(form);
+        }
+    }
+}
+
+/// Every form of every effect, those that were [added](add) last.
 #[must_use]
 pub fn forms() -> Vec<&'static dyn Form> {
+    let mut forms = built_in();
+    forms.extend(ADDED.lock().unwrap_or_else(PoisonError::into_inner).iter());
+    forms
+}
+
+/// The forms that come with the program: the registration.
+fn built_in() -> Vec<&'static dyn Form> {
     [
         effects::dead_time::FORMS,
         effects::pneumatic_lag::FORMS,

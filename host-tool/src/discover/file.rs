@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::catalogue::{self, Columns, Quantity};
 use super::effects;
+use super::effects::of_a_file::Definition;
 use super::model::{Model, Slot};
 use super::past::Past;
 use super::session::{Beginning, Earlier, Role, Run, Session};
@@ -34,6 +35,9 @@ pub struct EffectEntry {
     pub name: String,
     /// Form of the effect.
     pub form: String,
+    /// What it does, where it comes from a file of effects.
+    #[serde(default)]
+    pub definition: Option<Definition>,
     /// Non-linear parameters, normalised, in the order of the form.
     pub normalised: Vec<f64>,
     /// Weights of its columns, normalised.
@@ -191,6 +195,7 @@ impl DiscoveredModel {
         let effects = model.slots.iter().map(|slot| EffectEntry {
             name: slot.form.name().to_owned(),
             form: slot.form.form().to_owned(),
+            definition: slot.form.definition().cloned(),
             normalised: slot.parameters.clone(),
             weights: slot.weights.clone(),
             parameters: BTreeMap::new(),
@@ -243,10 +248,14 @@ impl DiscoveredModel {
         let forms = catalogue::forms();
         let mut slots = Vec::new();
         for entry in &self.effects {
-            let form = forms
-                .iter()
-                .find(|form| form.name() == entry.name && form.form() == entry.form)
-                .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?;
+            let form = match &entry.definition {
+                Some(definition) => definition.form().map_err(|error| error.to_string())?,
+                None => forms
+                    .iter()
+                    .copied()
+                    .find(|form| form.name() == entry.name && form.form() == entry.form)
+                    .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?,
+            };
             if form.parameters().len() != entry.normalised.len() || form.weights() != entry.weights.len() {
                 return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
             }
@@ -258,7 +267,7 @@ impl DiscoveredModel {
                     ));
                 }
             }
-            slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
+            slots.push(Slot { form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {

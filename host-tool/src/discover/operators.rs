@@ -250,7 +250,7 @@ const LOOKS: usize = 2;
 /// The gap at every sample of `path`; rates count where there is a sample period.
 fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<Gap> {
     let last = path.len().saturating_sub(1);
-    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
+    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0 || habit.law.is_some_and(|(law, _)| law.has_rate());
     let fading = period_s.map_or(0.0, |period_s| -(-period_s / habit.rate_memory_s).exp_m1());
     let mut faded = 0.0;
     let mut turns = turns.iter().peekable();
@@ -273,7 +273,7 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
             }
             _ => 0.0,
         };
-        let factor = (1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate;
+        let factor = ((1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate) * habit.factor(value, rate);
         let unloading = habit.growth_unloading * value;
         let opening = if habit.opening == 0.0 { 0.0 } else { habit.opening * value.max(0.0).powf(habit.opening_power) };
         [factor, habit.envelope_bend * value * (1.0 - value) + opening + habit.extra_per_rate * rate, unloading]

@@ -11,6 +11,7 @@ pub mod fill_vent_asymmetry;
 pub mod first_cycle_softening;
 pub mod gain_drift;
 pub mod leakage;
+pub mod of_a_file;
 pub mod offset_drift;
 pub mod periodic_disturbance;
 pub mod pneumatic_lag;
