@@ -283,8 +283,8 @@ static ADDED: Mutex<Vec<&'static dyn Form>> = Mutex::new(Vec::new());
 pub fn add(forms: impl IntoIterator<Item = &'static dyn Form>) {
     let mut added = ADDED.lock().unwrap_or_else(PoisonError::into_inner);
     for form in forms {
-        let same = |other: &&dyn Form| (other.name(), other.form()) == (form.name(), form.form());
-        if !built_in().iter().any(|other| same(other)) && !added.iter().any(|other| same(other)) {
+        let mut known = built_in().into_iter().chain(added.iter().copied());
+        if !known.any(|other| (other.name(), other.form()) == (form.name(), form.form())) {
             added.push(form);
         }
     }

@@ -21,6 +21,8 @@ mod find;
 pub mod folder;
 mod frozen;
 mod grid;
+pub mod horizon;
+mod intervals;
 mod jump_evidence;
 mod jump_naming;
 pub mod jumps;
@@ -166,6 +168,9 @@ pub struct Discovery {
     pub disagreements: Vec<Disagreement>,
     /// The same in a sentence.
     pub summary: String,
+    /// Error of the best predictor that sees a window of the input, against the window's length; empty where recordings cannot tell.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub memory_horizon: Vec<horizon::Window>,
     /// What opens the loops of the model without effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub loop_area: Option<LoopArea>,
@@ -327,6 +332,7 @@ pub fn discover_from(
     discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
     discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
+    discovery.memory_horizon = horizon::horizon(&session);
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
     discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;

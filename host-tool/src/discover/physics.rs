@@ -117,6 +117,7 @@ mod tests {
         EffectEntry {
             name: name.into(),
             form: form.into(),
+            definition: None,
             normalised: normalised.to_vec(),
             weights: weights.to_vec(),
             parameters: BTreeMap::new(),

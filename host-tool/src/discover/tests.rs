@@ -332,6 +332,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
         .map(|slot| file::EffectEntry {
             name: slot.form.name().into(),
             form: slot.form.form().into(),
+            definition: None,
             normalised: slot.parameters.clone(),
             weights: slot.weights.clone(),
             parameters: BTreeMap::new(),

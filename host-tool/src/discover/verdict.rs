@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::catalogue::Parameter;
 use super::find::{Found, POLISH};
+use super::intervals;
 use super::jump_evidence::Pull;
 use super::jump_naming;
 use super::model::{Model, Scope, Slot};
@@ -159,18 +160,18 @@ const AT_A_LIMIT: f64 = 1e-3;
 
 /// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`UNDETERMINED`] when
 /// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
-fn determined(slot: &Slot, deviations: &[f64]) -> f64 {
+fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
     if slot.form.discrete() {
         return 1.0;
     }
-    let of = |((parameter, &value), &deviation): ((&Parameter, &f64), &f64)| {
+    let of = |((parameter, &value), &half): ((&Parameter, &f64), &f64)| {
         let on_the_scale = |value: f64| if parameter.logarithmic { value.ln() } else { value };
         let (low, high) = (on_the_scale(parameter.low), on_the_scale(parameter.high));
         let share = |value: f64| (on_the_scale(value.clamp(parameter.low, parameter.high)) - low) / (high - low);
         let is_at_a_limit = share(value) < AT_A_LIMIT || share(value) > 1.0 - AT_A_LIMIT;
-        if is_at_a_limit { 1.0 } else { share(value + 1.96 * deviation) - share(value - 1.96 * deviation) }
+        if is_at_a_limit { 1.0 } else { share(value + half) - share(value - half) }
     };
-    let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(deviations).map(of).fold(0.0, f64::max);
+    let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(half_widths).map(of).fold(0.0, f64::max);
     1.0 - (1.0 - UNDETERMINED) * widest
 }
 
@@ -250,7 +251,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor).share
     });
     let mut effects: Vec<Effect> = Vec::new();
-    let deviations = search::parameter_deviations(after, session, super::neighbour_correlation(session, &residual_after));
+    let half_widths = intervals::half_widths(after, session);
     for (rank, name) in found.order.iter().enumerate() {
         let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
@@ -262,11 +263,11 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             .parameters()
             .iter()
             .zip(&slot.parameters)
-            .zip(&deviations[before..])
-            .filter(|(_, deviation)| **deviation > 0.0)
-            .map(|((parameter, &value), deviation)| {
-                let (name, low) = parameter.tell((value - 1.96 * deviation).max(parameter.low), session);
-                (name, [low, parameter.tell((value + 1.96 * deviation).min(parameter.high), session).1])
+            .zip(&half_widths[before..])
+            .filter(|(_, half)| **half > 0.0)
+            .map(|((parameter, &value), half)| {
+                let (name, low) = parameter.tell((value - half).max(parameter.low), session);
+                (name, [low, parameter.tell((value + half).min(parameter.high), session).1])
             })
             .collect();
         effects.push(Effect {
@@ -274,7 +275,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             form: slot.form.form().to_owned(),
             // The first must also have beaten the second.
             confidence: ((1.0 - unexplained) * if rank == 0 && found.runner_up.is_some() { 1.0 - super::tail(found.apart) } else { 1.0 })
-                .min(determined(slot, &deviations[before..before + slot.parameters.len()])),
+                .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
             parameters,
             intervals,
         });
@@ -323,6 +324,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         unexplained: if stands_out { unexplained } else { 0.0 },
         candidates: found.candidates.clone(),
         loop_area: None,
+        memory_horizon: Vec::new(),
         residual_before: Residual::default(),
         residual_after: Residual::default(),
         pressure_path: None,

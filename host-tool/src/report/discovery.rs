@@ -1,6 +1,6 @@
 //! The report of a discovery: the verdict, where the disagreement lies, every effect that was tried, and the gap before and after.
 
-use super::chart::{Caption, HeatMap, Panel, Series, bars, heat, loops, panels};
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
 use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, whereabouts};
@@ -37,6 +37,10 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     let discovery = &finding.discovery;
     let unit = &output.unit;
     let mut page = Page::new("Which effect does the simulation lack?", &headline(discovery));
+    page.section("Where simulation and measurement disagree");
+    page.paragraph(&discovery.summary);
+    disagreements(&mut page, finding, input, output);
+    memory(&mut page, discovery, unit);
     page.section("The verdict");
     let gap = percent(Some(discovery.gap_closed));
     page.tiles(&[
@@ -74,9 +78,6 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
         page.paragraph(&format!("The second best explanation is **{}**; {words}.", second.name));
     }
     effects(&mut page, discovery);
-    page.section("Where simulation and measurement disagree");
-    page.paragraph(&discovery.summary);
-    disagreements(&mut page, finding, input, output);
     page.section("What was tried");
     candidates(&mut page, discovery);
     page.section("Before and after");
@@ -182,6 +183,43 @@ fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Si
             None,
         );
     }
+}
+
+/// How much of the past the output needs.
+fn memory(page: &mut Page, discovery: &Discovery, unit: &str) {
+    if discovery.memory_horizon.is_empty() {
+        return;
+    }
+    page.section("How much of the past the output needs");
+    page.how_to_read(
+        "Each bar is the error of a predictor that sees the input of the last so many seconds **and nothing before**, on recordings it was not \
+         fitted to. Where the bars stop falling ends the memory of the plant. A network with a window sees one of these lengths; play operators and \
+         recurrent networks see everything.",
+    );
+    let row = |name: String, note: String, value: f64, marked: bool| DotRow { name, note, value, dots: Vec::new(), marked };
+    let mut rows: Vec<DotRow> = discovery
+        .memory_horizon
+        .iter()
+        .map(|window| {
+            let [low, high] = window.interval.map(|value| number(value, 3));
+            row(format!("last {} s", number(window.window_s, 2)), format!("95 %: {low} to {high}"), window.rmse, false)
+        })
+        .collect();
+    rows.push(row("simulation as it was".into(), "sees everything".into(), discovery.rmse_before, false));
+    rows.push(row("with what was found".into(), "sees everything".into(), discovery.rmse_after, true));
+    let floor = 0.5 * discovery.noise_floor.max(1e-3 * discovery.rmse_before).max(1e-12);
+    let caption = Caption {
+        title: "Error against the length of the window",
+        description: "Root mean square error of the best predictor that sees a window of the input, for windows of growing length, beside both models.",
+    };
+    page.figure(
+        dots(caption, &format!("RMSE / {unit}"), 1120.0, floor, &rows),
+        Width::Full,
+        &format!(
+            "The noise is {} {unit}. The models are judged on the kept-out recordings, the windows on those that selected.",
+            number(discovery.noise_floor, 3)
+        ),
+    );
 }
 
 fn candidates(page: &mut Page, discovery: &Discovery) {

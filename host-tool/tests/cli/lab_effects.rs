@@ -164,7 +164,7 @@ fn a_law_that_makes_no_sense_is_refused_with_what_would() {
         ("law = \"u * depth\"\nparameters.depth = { low = 2, high = 1 }", "low must be less than high"),
         ("law = \"ln(-u)\"", "no finite value"),
     ] {
-        bench.write("lab.toml", &format!("[[effect]]\nname = \"sleeve\"\nshape = \"static-map\"\n{law}\n"));
+        bench.write("lab.toml", format!("[[effect]]\nname = \"sleeve\"\nshape = \"static-map\"\n{law}\n"));
         bench.refuses("discover --data data --effects lab.toml --out found", &["sleeve", words]);
     }
 }

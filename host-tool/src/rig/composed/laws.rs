@@ -1,7 +1,7 @@
 //! The laws of the composed rig: for every effect one or two to tune on, and others to report on.
 
 use std::collections::VecDeque;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use rand::RngExt;
 
@@ -173,7 +173,7 @@ fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             Drawn::Behind(swing(frequency_hz, damping, 0.0, range))
         }
         "periodic-disturbance" => {
-            let (frequency_hz, size, phase) = (draw.log(0.7, 5.0), range * draw.log(0.012, 0.04), draw.even(0.0, 6.28));
+            let (frequency_hz, size, phase) = (draw.log(0.7, 5.0), range * draw.log(0.012, 0.04), draw.even(0.0, TAU));
             draw.tell("periodic-disturbance.frequency_hz", frequency_hz);
             Drawn::Behind(stage(move |value, moment| value + size * (2.0 * PI * frequency_hz * moment.session_s + phase).sin()))
         }
