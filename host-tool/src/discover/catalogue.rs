@@ -79,12 +79,12 @@ pub struct Habit {
     pub opening: f64,
     /// The power of the input.
     pub opening_power: f64,
-    /// Thresholds grow by this times their size times a power of the rate.
+    /// Thresholds grow by this times their size times the rate, or its inverse hyperbolic sine.
     pub growth_per_rate: f64,
-    /// Thresholds grow by this times a power of the rate, whatever their size.
+    /// Thresholds grow by this times the rate or its inverse hyperbolic sine, whatever their size.
     pub extra_per_rate: f64,
-    /// The power of the rate.
-    pub rate_power: f64,
+    /// Rate above which growth is logarithmic instead of in proportion, spans per s; zero for in proportion at any rate.
+    pub rate_scale_per_s: f64,
     /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
     pub rate_memory_s: f64,
     /// Operators follow their bounds with this time constant, s.
@@ -122,6 +122,12 @@ impl Habit {
             self.stiffening,
         ];
         self.law.is_none() && own.iter().all(|value| *value == 0.0)
+    }
+
+    /// What growth goes with at a rate: the rate itself, or Eyring's inverse hyperbolic sine of it.
+    #[must_use]
+    pub fn saturated(&self, rate_per_s: f64) -> f64 {
+        if self.rate_scale_per_s > 0.0 { (rate_per_s / self.rate_scale_per_s).asinh() } else { rate_per_s }
     }
 
     /// Lets thresholds follow a law.

@@ -261,7 +261,7 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
 fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Columns) -> Option<Vec<f64>> {
     let bank = columns.bank.clone().filter(|_| law.leads_the_muscle())?;
     let (thresholds, mut weights): (Vec<f64>, Vec<f64>) = bank.operators.iter().copied().unzip();
-    let habit = Habit { rate_power: 1.0, ..Habit::default() };
+    let habit = Habit::default();
     let lead = Lead { begin: Begin::After(&bank.history), path: seat, habit: &habit, period_s: run.period_s };
     columns.lead_anew(|rows| operators::write(&thresholds, &lead, rows));
     weights.insert(0, bank.constant);

@@ -185,7 +185,7 @@ impl Model {
 
     /// How the operators deviate from plain ones.
     fn habit(&self) -> Habit {
-        let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
+        let mut habit = Habit::default();
         self.before_operators().for_each(|slot| slot.form.habit(&slot.parameters, &mut habit));
         habit
     }
