@@ -252,7 +252,8 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
         for step in -2000..(LENGTH_S / STEP_S) as i64 + 500 {
             let time_s = step as f64 * STEP_S;
             let moment = Moment { session_s: start_s + time_s, recording, begins: step == 0 };
-            let mut value = shape.at(time_s - REST_S);
+            // Behind the end the command holds, for clocks that run ahead: the muscle goes through nothing that no recording shows.
+            let mut value = shape.at(time_s.min(LENGTH_S - 1.0 / rate_hz) - REST_S);
             before.iter_mut().for_each(|stage| value = stage(value, &moment));
             value = muscle.step(value);
             behind.iter_mut().for_each(|stage| value = stage(value, &moment));
