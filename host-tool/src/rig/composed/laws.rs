@@ -1,4 +1,4 @@
-//! The laws of the composed rig: for every effect one or two to tune on, and others to report on.
+//! The laws of the composed rig: for every effect one to tune on and another to report on. A skewed clock and wrong readings have one law only.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
