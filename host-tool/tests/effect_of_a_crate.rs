@@ -38,7 +38,8 @@ impl Form for Gear {
 fn recording(index: u32) -> Recording {
     let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
     let rate = 0.25 + 0.13 * f64::from(index % 5);
-    let wave = |time: &f64| (-0.05 * time).exp() * (1.0 - (2.0 * PI * rate * (time - 1.0).max(0.0)).cos());
+    // The first strokes take the whole span, 2 bar.
+    let wave = |time: &f64| (-0.05 * (time - 5.0).max(0.0)).exp() * (1.0 - (2.0 * PI * rate * (time - 1.0).max(0.0)).cos());
     let input: Vec<f64> = time_s.iter().map(wave).collect();
     let mut states = [0.0_f64; 12];
     let output = input.iter().zip(0_u32..).map(|(u, sample)| {
