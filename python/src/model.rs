@@ -214,7 +214,7 @@ impl Model {
         carry_gaps: bool,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let recording = &*recording.get().inner;
-        let fit = Fit { resample, gaps: if carry_gaps { Gaps::Carry } else { Gaps::Reset } };
+        let fit = Fit { resample, gaps: if carry_gaps { Gaps::Carry } else { Gaps::Reset }, ..Fit::default() };
         let predictor = self.inner.predictor();
         Ok(arrays::vector(py, briefly(py, || Ok(model::predict(predictor, recording, fit)?))?))
     }

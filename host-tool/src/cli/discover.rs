@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use super::{Common, Data, Outcome};
+use crate::discover::catalogue;
+use crate::discover::effects::of_a_file::Definition;
 use crate::discover::file::DiscoveredModel;
 use crate::discover::folder::{self, Written};
 use crate::discover::{self, DiscoverConfig, Discovery, Start};
@@ -26,6 +28,9 @@ pub struct Arguments {
     /// Recordings that take no part in any choice: CSV files or folders; may be repeated.
     #[arg(long, num_args = 1.., value_name = "PATH")]
     holdout: Vec<PathBuf>,
+    /// Effects of your own that take part, TOML files; may be repeated.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    effects: Vec<PathBuf>,
     /// Folder for the model and the result.
     #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
     out: PathBuf,
@@ -44,7 +49,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options())? };
     let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(Recording::file).collect();
     read.extend(arguments.model.clone());
+    read.extend(arguments.effects.clone());
     output::refuse_overwriting(&read, &outputs)?;
+    for path in &arguments.effects {
+        catalogue::add(Definition::read(path)?);
+    }
     let start = arguments.model.as_deref().map(|path| start_from(path, &recordings, &kept)).transpose()?;
     let mut config = DiscoverConfig { seed: arguments.common.seed, ..DiscoverConfig::default() };
     if let Some(threads) = arguments.common.threads {
@@ -100,14 +109,21 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
     if discovery.excluded_samples > 0 {
         say!("{} samples were left out as outliers.", discovery.excluded_samples);
     }
+    let behind = discovery.calibrate_s.map_or(String::new(), |seconds| format!(" behind a start-up of {seconds:.2} s that sets the zero"));
     say!(
-        "Kept-out recordings: rmse {:.5} {unit} before, {:.5} {unit} after, noise {:.5} {unit}; {:.1} % of the gap closed ({}).",
+        "Kept-out recordings, free running{behind}: rmse {:.5} {unit} before, {:.5} {unit} after, noise {:.5} {unit}; {:.1} % of the gap closed ({}).",
         discovery.rmse_before,
         discovery.rmse_after,
         discovery.noise_floor,
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
+    if let Some([before, after, closed]) = discovery.one_step() {
+        say!(
+            "One step ahead: rmse {before:.5} {unit} by a smooth observer, {after:.5} {unit} by one that knows the jumps; {:.1} % of the gap closed.",
+            100.0 * closed
+        );
+    }
     if !discovery.side_unknown.is_empty() {
         let names = discovery.side_unknown.join(", ");
         say!("These figures leave out {names}: made about when the set-up changed, and the other recordings do not tell on which side.");

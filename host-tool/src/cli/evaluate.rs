@@ -6,10 +6,11 @@ use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
+use crate::discover::file::DiscoveredModel;
 use crate::evaluate::beyond::{self, Beyond};
 use crate::evaluate::ladder::{self, Entry, Ladder};
 use crate::evaluate::suite::{self, SuiteReport};
-use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse};
+use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse, pooled_rmse};
 use crate::fit::file::{Expected, FittedModel};
 use crate::fit::nuisance::Nuisance;
 use crate::identify::{ChannelRange, PhysicsModel};
@@ -74,6 +75,8 @@ struct Written<'a> {
     files: Vec<&'a FileErrors>,
     mean_rmse: f64,
     mean_nrmse: Option<f64>,
+    /// Over all samples, each counting the same: what `discover` reports.
+    pooled_rmse: f64,
     unit: &'a str,
     families: &'a [FamilyErrors],
     description: &'a Description,
@@ -103,6 +106,7 @@ struct Calibrated {
     files: Vec<FileErrors>,
     mean_rmse: f64,
     mean_nrmse: Option<f64>,
+    pooled_rmse: f64,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -126,7 +130,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     // A recording that is read is not overwritten either when a folder was named.
     let paths: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     output::refuse_overwriting(&paths, &outputs)?;
-    let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps };
+    let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps, start_up_s: 0.0 };
     // Both ways are judged on the same samples where the start-up was asked for.
     let judging =
         Judging { fit, skip_s: arguments.skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare: arguments.tare, calibrate_s: 0.0 };
@@ -139,7 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let expected = promise.expected.as_ref();
     let beyond = beyond::beyond(&promise.ranges, &recordings);
     // The start-up that the model's own promise is for, where recordings are long enough for it.
-    let stated = expected.and_then(|expected| expected.calibrated.as_ref()).map(|one| one.calibrate_s);
+    let stated = promise.calibrate_s;
     let long_enough = |&calibrate_s: &f64| recordings.iter().all(|one| first_behind(one, calibrate_s) < one.len());
     let calibrate_s = arguments.calibrate_s.or_else(|| stated.filter(|_| !arguments.tare).filter(long_enough));
     let calibrated = match calibrate_s {
@@ -147,7 +151,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let judged = judge(&*model, &recordings, Judging { calibrate_s, ..judging }, threads)?;
             let files: Vec<FileErrors> = judged.into_iter().map(|judged| judged.errors).collect();
             let (mean_rmse, mean_nrmse) = (mean_rmse(&files), mean_nrmse(&files));
-            Some(Calibrated { calibrate_s, files, mean_rmse, mean_nrmse })
+            let pooled_rmse = pooled_rmse(&files);
+            Some(Calibrated { calibrate_s, files, mean_rmse, mean_nrmse, pooled_rmse })
         }
         _ => None,
     };
@@ -208,6 +213,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             files: files.iter().collect(),
             mean_rmse: mean_rmse(&files),
             mean_nrmse: mean_nrmse(&files),
+            pooled_rmse: pooled_rmse(&files),
             unit: &model.description().output.unit,
             families: &families,
             description: model.description(),
@@ -256,18 +262,23 @@ struct Promise {
     ranges: Vec<ChannelRange>,
     expected: Option<Expected>,
     nuisances: Vec<Nuisance>,
+    /// The start-up that it is for, s.
+    calibrate_s: Option<f64>,
 }
 
 impl Promise {
     fn read(path: &Path, description: &Description) -> Result<Self> {
-        Ok(match model::format(path)? {
+        let format = model::format(path)?;
+        Ok(match format {
             model::Format::Fitted => {
                 let model = FittedModel::read(path)?;
-                Self { ranges: model.inputs, expected: Some(model.expected), nuisances: model.nuisances }
+                let calibrate_s = model.expected.calibrated.as_ref().map(|one| one.calibrate_s);
+                Self { ranges: model.inputs, expected: Some(model.expected), nuisances: model.nuisances, calibrate_s }
             }
             model::Format::Physics => {
                 let model = PhysicsModel::read(path)?;
-                Self { ranges: vec![model.input], expected: model.expected, nuisances: model.nuisances }
+                let calibrate_s = model.expected.as_ref().and_then(|expected| expected.calibrated.as_ref()).map(|one| one.calibrate_s);
+                Self { ranges: vec![model.input], expected: model.expected, nuisances: model.nuisances, calibrate_s }
             }
             model::Format::Network => {
                 let range = |channel: &network::Channel| ChannelRange {
@@ -281,7 +292,8 @@ impl Promise {
             _ => {
                 let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());
                 let range = description.input_range.map(|(minimum, maximum)| ChannelRange { quantity, unit, minimum, maximum });
-                Self { ranges: range.into_iter().collect(), expected: None, nuisances: Vec::new() }
+                let calibrate_s = if format == model::Format::Discovered { DiscoveredModel::read(path)?.calibrate_s } else { None };
+                Self { ranges: range.into_iter().collect(), expected: None, nuisances: Vec::new(), calibrate_s }
             }
         })
     }
@@ -338,9 +350,10 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
     }
     say!();
     say!(
-        "mean RMSE {:.6} {unit} over {} file(s), free running; `of range` is RMSE over the range of the recording's output",
+        "mean RMSE {:.6} {unit} over {} file(s), {:.6} {unit} over all samples, free running; `of range` is RMSE over the range of the recording's output",
         mean_rmse(files),
-        files.len()
+        files.len(),
+        pooled_rmse(files)
     );
 }
 

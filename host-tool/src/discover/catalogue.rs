@@ -4,9 +4,11 @@
 //! the best speaks for the effect. To add an effect, write one file in `effects/` with its forms and register them in [`forms`].
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 pub use super::columns::Columns;
 use super::effects;
+use super::effects::of_a_file::Definition;
 use super::jumps::Drive;
 use super::session::{Run, Session};
 
@@ -65,7 +67,7 @@ impl Parameter {
 }
 
 /// How the play operators deviate from plain ones; all zero is plain.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Default)]
 pub struct Habit {
     /// Thresholds grow by this per unit of input.
     pub growth_per_input: f64,
@@ -77,31 +79,75 @@ pub struct Habit {
     pub opening: f64,
     /// The power of the input.
     pub opening_power: f64,
-    /// Thresholds grow by this times their size times a power of the rate.
+    /// Thresholds grow by this times their size times the rate, or its inverse hyperbolic sine.
     pub growth_per_rate: f64,
-    /// Thresholds grow by this times a power of the rate, whatever their size.
+    /// Thresholds grow by this times the rate or its inverse hyperbolic sine, whatever their size.
     pub extra_per_rate: f64,
-    /// The power of the rate.
-    pub rate_power: f64,
+    /// Rate above which growth is logarithmic instead of in proportion, spans per s; zero for in proportion at any rate.
+    pub rate_scale_per_s: f64,
     /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
     pub rate_memory_s: f64,
     /// Operators follow their bounds with this time constant, s.
     pub viscous_s: f64,
     /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.
     pub stiffening: f64,
+    /// A law of the thresholds that somebody else has written, with its parameters.
+    pub law: Option<(&'static dyn ThresholdLaw, [f64; LAW_PARAMETERS])>,
+}
+
+/// Most parameters of a [`ThresholdLaw`].
+pub const LAW_PARAMETERS: usize = 4;
+
+/// A law of the operators' thresholds.
+pub trait ThresholdLaw: Sync {
+    /// What thresholds are multiplied by at an input (over its span) and at the size of its rate (spans per s).
+    fn factor(&self, parameters: &[f64], input: f64, rate_per_s: f64) -> f64;
+    /// Whether the rate has a part in it.
+    fn has_rate(&self) -> bool;
 }
 
 impl Habit {
     /// Whether the operators are plain ones.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        *self == Self { rate_power: self.rate_power, opening_power: self.opening_power, ..Self::default() }
+        let own = [
+            self.growth_per_input,
+            self.growth_unloading,
+            self.envelope_bend,
+            self.opening,
+            self.growth_per_rate,
+            self.extra_per_rate,
+            self.rate_memory_s,
+            self.viscous_s,
+            self.stiffening,
+        ];
+        self.law.is_none() && own.iter().all(|value| *value == 0.0)
+    }
+
+    /// What growth goes with at a rate: the rate itself, or Eyring's inverse hyperbolic sine of it.
+    #[must_use]
+    pub fn saturated(&self, rate_per_s: f64) -> f64 {
+        if self.rate_scale_per_s > 0.0 { (rate_per_s / self.rate_scale_per_s).asinh() } else { rate_per_s }
+    }
+
+    /// Lets thresholds follow a law.
+    pub fn set_law(&mut self, law: &'static dyn ThresholdLaw, parameters: &[f64]) {
+        let mut padded = [0.0; LAW_PARAMETERS];
+        padded.iter_mut().zip(parameters).for_each(|(own, value)| *own = *value);
+        self.law = Some((law, padded));
+    }
+
+    /// What its law multiplies thresholds by.
+    #[must_use]
+    pub fn factor(&self, input: f64, rate_per_s: f64) -> f64 {
+        self.law.map_or(1.0, |(law, parameters)| law.factor(&parameters, input, rate_per_s))
     }
 
     /// Whether the operators' states hang on how fast they went: turning points do not tell them.
     #[must_use]
     pub fn hangs_on_rates(&self) -> bool {
-        self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
+        let has_law = self.law.is_some_and(|(law, _)| law.has_rate());
+        has_law || self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
     }
 }
 
@@ -134,6 +180,10 @@ pub trait Form: Sync {
     fn name(&self) -> &'static str;
     /// What distinguishes this form.
     fn form(&self) -> &'static str;
+    /// Its definition, where it is one of a file: a model then carries it along.
+    fn definition(&self) -> Option<&Definition> {
+        None
+    }
     /// Where it acts.
     fn place(&self) -> Place;
     /// Non-linear parameters.
@@ -191,6 +241,15 @@ pub trait Form: Sync {
     fn reads_output(&self) -> bool {
         false
     }
+    /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
+    /// nothing is read.
+    fn start_up_s(&self, _parameters: &[f64]) -> f64 {
+        0.0
+    }
+    /// Whether it is a zero that each recording has of its own: what it reads then counts from the constant.
+    fn is_a_zero(&self) -> bool {
+        false
+    }
     /// Whether a seat that is seen in the output feels what the sensor's effects add.
     fn feels_sensor(&self) -> bool {
         false
@@ -214,7 +273,7 @@ pub trait Form: Sync {
     }
     /// Changes the operators, if it [leads them](Self::leads_operators).
     fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
-    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat is read from the output).
+    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat or a zero is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
     /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
     fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
@@ -222,9 +281,31 @@ pub trait Form: Sync {
     }
 }
 
-/// Every form of every effect: the registration.
+/// Forms that were added while the program runs.
+static ADDED: Mutex<Vec<&'static dyn Form>> = Mutex::new(Vec::new());
+
+/// Adds forms from outside to the catalogue: from then on they take part in every discovery of this program, and models with them can be read.
+/// A form that is there already, by name and form, stays as it is.
+pub fn add(forms: impl IntoIterator<Item = &'static dyn Form>) {
+    let mut added = ADDED.lock().unwrap_or_else(PoisonError::into_inner);
+    for form in forms {
+        let mut known = built_in().into_iter().chain(added.iter().copied());
+        if !known.any(|other| (other.name(), other.form()) == (form.name(), form.form())) {
+            added.push(form);
+        }
+    }
+}
+
+/// Every form of every effect, those that were [added](add) last.
 #[must_use]
 pub fn forms() -> Vec<&'static dyn Form> {
+    let mut forms = built_in();
+    forms.extend(ADDED.lock().unwrap_or_else(PoisonError::into_inner).iter());
+    forms
+}
+
+/// The forms that come with the program: the registration.
+fn built_in() -> Vec<&'static dyn Form> {
     [
         effects::dead_time::FORMS,
         effects::pneumatic_lag::FORMS,

@@ -50,6 +50,10 @@ pub struct CaseResult {
     pub unexplained: f64,
     /// Relative errors of the parameters that the rig and the catalogue both have, `effect.parameter_unit`.
     pub errors: BTreeMap<String, f64>,
+    /// Whether the 95 % intervals of those parameters hold the truth.
+    pub held: BTreeMap<String, bool>,
+    /// Confidence in the first effect.
+    pub confidence: f64,
     /// Time, s.
     pub seconds: f64,
 }
@@ -103,6 +107,8 @@ pub fn run<E: From<RigError>>(
                 rmse: [finding.discovery.rmse_before, finding.discovery.rmse_after, finding.discovery.noise_floor],
                 unexplained: finding.discovery.unexplained,
                 errors: errors(&case.truth.parameters, &finding.discovery.effects),
+                held: held(&case.truth.parameters, &finding.discovery.effects),
+                confidence: finding.discovery.effects.first().map_or(0.0, |effect| effect.confidence),
                 seconds: begin.elapsed().as_secs_f64(),
             };
             all.push(result);
@@ -149,6 +155,36 @@ fn errors(truth: &BTreeMap<String, f64>, found: &[Effect]) -> BTreeMap<String, f
         }
     }
     errors
+}
+
+/// Whether the intervals of the parameters that both sides have hold the truth.
+fn held(truth: &BTreeMap<String, f64>, found: &[Effect]) -> BTreeMap<String, bool> {
+    let of = |effect: &Effect| {
+        let of = |(name, [low, high]): (&String, &[f64; 2])| {
+            let key = format!("{}.{name}", effect.name);
+            truth.get(&key).map(|truth| (key, (low..=high).contains(&truth)))
+        };
+        effect.intervals.iter().filter_map(of).collect::<Vec<_>>()
+    };
+    found.iter().flat_map(of).collect()
+}
+
+/// Expected calibration error of the confidence in what was named first, five bins (Naeini et al. 2015): the mean distance of the share that
+/// is right from the mean confidence, weighted by cases.
+fn calibration_error(results: &[CaseResult]) -> f64 {
+    let named: Vec<(f64, bool)> = results
+        .iter()
+        .filter(|case| !case.found.is_empty())
+        .map(|case| (case.confidence, case.found.first().is_some_and(|first| case.hidden.contains(first))))
+        .collect();
+    let in_bin = |bin: usize| named.iter().filter(move |(confidence, _)| ((5.0 * confidence) as usize).min(4) == bin);
+    let error = |bin: usize| {
+        let count = in_bin(bin).count() as f64;
+        let (confidence, right) =
+            in_bin(bin).fold((0.0, 0.0), |sum, (confidence, right)| (sum.0 + confidence, sum.1 + f64::from(u8::from(*right))));
+        if count > 0.0 { (confidence - right).abs() } else { 0.0 }
+    };
+    (0..5).map(error).sum::<f64>() / named.len().max(1) as f64
 }
 
 /// What came of all cases with the same thing hidden.
@@ -227,6 +263,11 @@ pub fn summary(results: &[CaseResult]) -> String {
     if cases > 0 {
         text += &format!("single effects: {right}/{cases} right, {first} of them at least first\n");
     }
+    let intervals: Vec<bool> = results.iter().flat_map(|case| case.held.values().copied()).collect();
+    if !intervals.is_empty() {
+        text += &format!("intervals that hold the truth: {} of {}\n", intervals.iter().filter(|held| **held).count(), intervals.len());
+    }
+    text += &format!("expected calibration error of the confidence: {:.3}\n", calibration_error(results));
     for (key, error) in rows.values().flat_map(|row| &row.errors) {
         text += &format!("  median error of {key}: {:.1} %\n", 100.0 * error);
     }

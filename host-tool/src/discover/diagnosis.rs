@@ -6,6 +6,7 @@
 use serde::Serialize;
 
 use super::catalogue::Form;
+use super::intervals;
 use super::model::{Model, Scope};
 use super::session::{Role, Run, Session};
 use super::{effects, rounds, search, tail};
@@ -164,7 +165,7 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     }
     let residual = fitted.residuals(session);
     let correlation = super::neighbour_correlation(session, &residual);
-    let deviations = search::parameter_deviations(&fitted, session, correlation);
+    let half_widths = intervals::half_widths(&fitted, session);
     // What is within 95 % of the best by the ratio of likelihoods, a chi square with one degree of freedom; correlated residuals tell less.
     let least = profile.iter().map(|entry| entry.0).fold(f64::MAX, f64::min);
     let told = session.count(Role::Fit) as f64 * (1.0 - correlation) / (1.0 + correlation);
@@ -186,7 +187,7 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     };
     // Both are searched in their logarithms and never reach zero: next to their lower limit they may as well be nothing.
     let ends = |at: usize| {
-        let (value, reach) = (fitted.slots[at].parameters[0], 1.96 * deviations[at]);
+        let (value, reach) = (fitted.slots[at].parameters[0], half_widths[at]);
         let low = value - reach;
         [if low < 2.0 * fitted.slots[at].form.parameters()[0].low { 0.0 } else { low }, value + reach]
     };

@@ -1,19 +1,26 @@
 //! A discovered model as TOML: the operators, the effects with their parameters in the lab's units, and where it all came from.
 //!
-//! The file holds normalised values, which the model runs on, and beside them the same parameters in units, for people. Effects that
-//! follow the session's time (drift, change of set-up, rhythm) stand where the session ended: that is the rig as it is now.
+//! The file holds normalised values, which the model runs on, and beside them the same parameters in units, for people. It also holds the
+//! session's recordings with their start and with what the operators knew there, so that a simulation of one of them, or of another that
+//! tells its place in the session, follows what goes with the session's time (drift, change of set-up, rhythm). Without a place a recording
+//! comes after the session's end: that is the rig as it is now. What a recording has of its own (a zero, a gain, a phase) is read from a
+//! start-up stretch of its measured output, where one is given; without one, zero and gain are the session's mean.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::{self, Columns, Quantity};
+use super::effects;
+use super::effects::of_a_file::Definition;
 use super::model::{Model, Slot};
 use super::past::Past;
-use super::session::{Role, Run, Session};
-use crate::recording::Signal;
+use super::session::{Beginning, Earlier, Role, Run, Session};
+use crate::model::Context;
+use crate::recording::{Recording, Signal};
 
 /// What the file calls its kind.
 pub const KIND: &str = "discovered";
@@ -28,6 +35,9 @@ pub struct EffectEntry {
     pub name: String,
     /// Form of the effect.
     pub form: String,
+    /// What it does, where it comes from a file of effects.
+    #[serde(default)]
+    pub definition: Option<Definition>,
     /// Non-linear parameters, normalised, in the order of the form.
     pub normalised: Vec<f64>,
     /// Weights of its columns, normalised.
@@ -51,6 +61,31 @@ pub struct Origin {
     pub rmse: f64,
     /// RMSE there without the effects.
     pub rmse_before: f64,
+}
+
+/// A recording of the session in the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceEntry {
+    /// Name of the recording's file.
+    pub name: String,
+    /// SHA-256 of that file; empty where it never was one.
+    #[serde(default)]
+    pub sha256: String,
+    /// Which stretch between gaps of the recording.
+    #[serde(default)]
+    pub part: usize,
+    /// When it began, s after the session did.
+    pub start_s: f64,
+    /// Turning points of the input, as the operators see it, that they remember when it begins, normalised.
+    #[serde(default)]
+    pub memory: Vec<f64>,
+    /// States of the operators when it begins, where these hang on how fast they went, normalised.
+    #[serde(default)]
+    pub states: Vec<f64>,
+    /// What the recordings before left in the material.
+    #[serde(default)]
+    pub earlier: Option<Earlier>,
 }
 
 /// The file.
@@ -77,6 +112,12 @@ pub struct DiscoveredModel {
     pub session_s: f64,
     /// Number of recordings of that session.
     pub session_recordings: usize,
+    /// Time on the session's own clock at which its first recording began, s; absent where the recordings have no such clock.
+    #[serde(default)]
+    pub session_origin_s: Option<f64>,
+    /// Start-up stretch of measured output from which is read what a recording has of its own, s; absent when nothing is.
+    #[serde(default)]
+    pub calibrate_s: Option<f64>,
     /// Whether the operators are stops instead of plays.
     #[serde(default)]
     pub stops: bool,
@@ -94,6 +135,9 @@ pub struct DiscoveredModel {
     /// Effects, in the order of the signal.
     #[serde(default)]
     pub effects: Vec<EffectEntry>,
+    /// The session's recordings, in order.
+    #[serde(default)]
+    pub session: Vec<PlaceEntry>,
 }
 
 /// What can be wrong with the file.
@@ -132,6 +176,8 @@ impl DiscoveredModel {
             output_scale: session.output_scale,
             session_s: session.length_s,
             session_recordings: session.runs.len(),
+            session_origin_s: session.has_session_time.then_some(session.origin_s),
+            calibrate_s: calibration_s(model, session),
             stops: model.stops,
             memory: if model.past.is_carried() { [model.past.before_the_session(), session.memory()].concat() } else { Vec::new() },
             thresholds: model.thresholds.clone(),
@@ -139,7 +185,25 @@ impl DiscoveredModel {
             constant: model.base[0],
             origin,
             effects,
+            session: places(model, session),
         }
+    }
+
+    /// A fitted model in a file's terms, with nothing beside it that is for people.
+    #[must_use]
+    pub fn bare(model: &Model, session: &Session, recording: &Recording) -> Self {
+        let effects = model.slots.iter().map(|slot| EffectEntry {
+            name: slot.form.name().to_owned(),
+            form: slot.form.form().to_owned(),
+            definition: slot.form.definition().cloned(),
+            normalised: slot.parameters.clone(),
+            weights: slot.weights.clone(),
+            parameters: BTreeMap::new(),
+            intervals: BTreeMap::new(),
+        });
+        let origin = Origin { program: String::new(), recordings: Vec::new(), rmse: 0.0, rmse_before: 0.0 };
+        let signals = (recording.input_signal.clone(), recording.output_signal.clone());
+        Self::new(model, session, signals, origin, effects.collect())
     }
 
     /// Reads and checks a file.
@@ -160,6 +224,13 @@ impl DiscoveredModel {
         if !numbers.iter().all(|value| value.is_finite() && *value > 0.0) {
             return Err(invalid("a scale or the sample period is not a positive number".to_owned()));
         }
+        if model.session.iter().any(|place| !place.states.is_empty() && place.states.len() != model.thresholds.len()) {
+            return Err(invalid("a recording of the session has another number of states than there are operators".to_owned()));
+        }
+        let times = effects::creep::TIMES_S.len();
+        if model.session.iter().filter_map(|place| place.earlier.as_ref()).any(|earlier| earlier.creeping.len() != times) {
+            return Err(invalid(format!("what earlier recordings left creeping is told for {times} time constants")));
+        }
         model.build().map_err(invalid)?;
         Ok(model)
     }
@@ -177,10 +248,14 @@ impl DiscoveredModel {
         let forms = catalogue::forms();
         let mut slots = Vec::new();
         for entry in &self.effects {
-            let form = forms
-                .iter()
-                .find(|form| form.name() == entry.name && form.form() == entry.form)
-                .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?;
+            let form = match &entry.definition {
+                Some(definition) => definition.form().map_err(|error| error.to_string())?,
+                None => forms
+                    .iter()
+                    .copied()
+                    .find(|form| form.name() == entry.name && form.form() == entry.form)
+                    .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?,
+            };
             if form.parameters().len() != entry.normalised.len() || form.weights() != entry.weights.len() {
                 return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
             }
@@ -192,7 +267,7 @@ impl DiscoveredModel {
                     ));
                 }
             }
-            slots.push(Slot { form: *form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
+            slots.push(Slot { form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {
@@ -239,13 +314,50 @@ impl DiscoveredModel {
         Ok(self.build()?.predict(&self.run(input)).into_iter().map(|value| value * self.output_scale).collect())
     }
 
+    /// Output for every sample of a stretch between gaps, free running in its place in the session, in the units of the file.
+    ///
+    /// # Errors
+    /// When an effect of the file is not known.
+    pub fn simulate_in(&self, context: &Context<'_>, part: usize, stretch: Range<usize>, input: &[f64]) -> Result<Vec<f64>, String> {
+        if input.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut run = self.run(input);
+        let measured = context.start_up(stretch.clone(), self.sample_period_s);
+        for (value, measured) in run.output.iter_mut().zip(measured) {
+            *value = measured / self.output_scale;
+        }
+        run.keep.iter_mut().enumerate().for_each(|(sample, keep)| *keep = measured.is_empty() || sample < measured.len());
+        let own = |place: &&PlaceEntry| place.sha256 == context.sha256 && (!context.sha256.is_empty() || place.name == context.name);
+        let known = self.session.iter().position(|place| own(&place) && place.part == part);
+        let clock = context.session_time_s.zip(self.session_origin_s);
+        if let Some((times_s, origin_s)) = clock {
+            run.session_s = times_s[stretch].iter().map(|time_s| time_s - origin_s).collect();
+        } else if let Some(place) = known {
+            run.session_s = run.time_s.iter().map(|time_s| time_s + self.session[place].start_s).collect();
+        }
+        let later = self.session.iter().take_while(|place| place.start_s <= run.session_s[0]).count();
+        let begins = known.unwrap_or(later);
+        // Between two of the session's recordings the set-up is that of the earlier one.
+        run.index = known.unwrap_or(if later < self.session.len() { later.saturating_sub(1) } else { self.session_recordings });
+        run.earlier = self.session.get(begins).and_then(|place| place.earlier.clone());
+        run.beginning = self.session.get(begins).map(|place| match place.states.is_empty() {
+            true => Beginning::After(place.memory.clone()),
+            false => Beginning::From(place.states.clone()),
+        });
+        Ok(self.build()?.predict(&run).into_iter().map(|value| value * self.output_scale).collect())
+    }
+
     /// A recording with this input after the session's last.
     fn run(&self, input: &[f64]) -> Run {
         let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * self.sample_period_s).collect();
         Run {
             name: String::new(),
+            file: String::new(),
             index: self.session_recordings,
             source: (0, 0),
+            sha256: String::new(),
+            part: 0,
             period_s: self.sample_period_s,
             input: input.iter().map(|value| (value - self.input_offset) / self.input_scale).collect(),
             output: vec![0.0; input.len()],
@@ -256,6 +368,8 @@ impl DiscoveredModel {
             keep: vec![true; input.len()],
             rest: Vec::new(),
             history: self.memory.clone(),
+            beginning: None,
+            earlier: None,
             session: std::sync::Arc::default(),
         }
     }
@@ -282,4 +396,35 @@ impl DiscoveredModel {
         let effects: usize = self.effects.iter().map(|effect| effect.normalised.len() + effect.weights.len()).sum();
         self.weights.len() + 1 + effects
     }
+}
+
+/// Recordings of the session, with what the operators know when each begins.
+fn places(model: &Model, session: &Session) -> Vec<PlaceEntry> {
+    let of = |(run, beginning): (&Run, Beginning)| {
+        let (memory, states) = match beginning {
+            Beginning::After(memory) => (memory, Vec::new()),
+            Beginning::From(states) => (Vec::new(), states),
+        };
+        PlaceEntry {
+            name: run.file.clone(),
+            sha256: run.sha256.clone(),
+            part: run.part,
+            start_s: run.session_s[0],
+            memory,
+            states,
+            earlier: Some(effects::earlier(run)),
+        }
+    };
+    session.runs.iter().zip(model.beginnings(session)).map(of).collect()
+}
+
+/// Longest share of the shortest recording that serves as a start-up stretch.
+const LONGEST_START_UP: f64 = 0.25;
+
+/// The start-up stretch that a model states, s: what its effects ask for, and no more than a quarter of the shortest recording.
+fn calibration_s(model: &Model, session: &Session) -> Option<f64> {
+    let wanted_s = model.start_up_s();
+    let length_s = |run: &Run| run.input.len() as f64 * run.period_s;
+    let most_s = LONGEST_START_UP * session.runs.iter().map(length_s).fold(f64::MAX, f64::min);
+    (wanted_s > 0.0).then(|| wanted_s.min(most_s))
 }

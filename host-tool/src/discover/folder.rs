@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use super::file::{DiscoveredModel, EffectEntry, Origin};
+use super::file::{DiscoveredModel, Origin};
 use super::{Discovery, Finding, Model, physics};
 use crate::recording::Recording;
 use crate::{output, report};
@@ -60,22 +60,14 @@ fn write_model(path: &Path, model: &DiscoveredModel) -> Result<()> {
 
 /// The file of a model that was found.
 fn model_of(finding: &Finding, model: &Model, discovery: &Discovery, recordings: &[Recording]) -> DiscoveredModel {
-    let effects = model
-        .slots
-        .iter()
-        .map(|slot| {
-            let named = discovery.effects.iter().find(|effect| effect.name == slot.form.name() && effect.form == slot.form.form());
-            EffectEntry {
-                name: slot.form.name().to_owned(),
-                form: slot.form.form().to_owned(),
-                normalised: slot.parameters.clone(),
-                weights: slot.weights.clone(),
-                parameters: named.map(|effect| effect.parameters.clone()).unwrap_or_default(),
-                intervals: named.map(|effect| effect.intervals.clone()).unwrap_or_default(),
-            }
-        })
-        .collect();
-    let origin = Origin {
+    let mut written = DiscoveredModel::bare(model, &finding.session, &recordings[0]);
+    for entry in &mut written.effects {
+        if let Some(named) = discovery.effects.iter().find(|effect| effect.name == entry.name && effect.form == entry.form) {
+            entry.parameters.clone_from(&named.parameters);
+            entry.intervals.clone_from(&named.intervals);
+        }
+    }
+    written.origin = Origin {
         program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
         recordings: recordings
             .iter()
@@ -87,6 +79,5 @@ fn model_of(finding: &Finding, model: &Model, discovery: &Discovery, recordings:
         rmse: discovery.rmse_after,
         rmse_before: discovery.rmse_before,
     };
-    let signals = (recordings[0].input_signal.clone(), recordings[0].output_signal.clone());
-    DiscoveredModel::new(model, &finding.session, signals, origin, effects)
+    written
 }

@@ -149,6 +149,16 @@ impl<'a> Pull<'a> {
         self.selecting(|seen| jumps::smooth(seen, wander, time_s))
     }
 
+    /// What the best smooth observer is off by, sample by sample, one step ahead.
+    pub fn missed_smoothly(&self) -> Vec<Vec<f64>> {
+        let (_, wander, time_s) = self.smoothest();
+        let of = |run: &Run| {
+            let expected = jumps::expect_smoothly(&self.seen(run), wander, time_s);
+            run.output.iter().zip(expected).map(|(output, expected)| output - expected).collect()
+        };
+        self.session.runs.iter().map(of).collect()
+    }
+
     /// The best smooth observer on the screening samples: the evidence for it, its wander and the time constant of that, s.
     fn smoothest(&self) -> (f64, f64, f64) {
         let wanders = [0.4, 0.7, 1.0, 1.4].map(|share| share * self.excess);

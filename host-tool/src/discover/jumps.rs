@@ -261,7 +261,7 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
 fn lead_by_the_seat(law: &JumpLaw, seat: &[f64], run: &Run, columns: &mut Columns) -> Option<Vec<f64>> {
     let bank = columns.bank.clone().filter(|_| law.leads_the_muscle())?;
     let (thresholds, mut weights): (Vec<f64>, Vec<f64>) = bank.operators.iter().copied().unzip();
-    let habit = Habit { rate_power: 1.0, ..Habit::default() };
+    let habit = Habit::default();
     let lead = Lead { begin: Begin::After(&bank.history), path: seat, habit: &habit, period_s: run.period_s };
     columns.lead_anew(|rows| operators::write(&thresholds, &lead, rows));
     weights.insert(0, bank.constant);
@@ -412,14 +412,26 @@ const DOUBT: f64 = 0.2;
 /// Logarithms of the likelihoods of a smooth output: pull, wander and noise.
 #[must_use]
 pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
+    follow_smoothly(seen, wander, wander_s, |likelihood, _| likelihood)
+}
+
+/// What the observer of a smooth output expects of every sample, by the samples before it.
+#[must_use]
+pub fn expect_smoothly(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
+    follow_smoothly(seen, wander, wander_s, |_, expected| expected)
+}
+
+/// Follows a smooth output; `tell` chooses from the logarithm of the likelihood of each sample and from what was expected of it.
+fn follow_smoothly(seen: &Seen<'_>, wander: f64, wander_s: f64, tell: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     let stay = (-seen.period_s / wander_s).exp();
     let kick = wander * wander * (1.0 - stay * stay);
     let (mut mean, mut variance) = (0.0, wander * wander);
     let step = |((&measured, &pull), &keep): ((&f64, &f64), &bool)| {
         mean *= stay;
         variance = stay * stay * variance + kick;
+        let expected = pull + mean;
         if !keep {
-            return 0.0;
+            return tell(0.0, expected);
         }
         let whole = variance + seen.noise * seen.noise;
         let error = measured - pull - mean;
@@ -428,7 +440,7 @@ pub fn smooth(seen: &Seen<'_>, wander: f64, wander_s: f64) -> Vec<f64> {
         let gain = variance / whole * trust;
         mean += gain * error;
         variance = variance * (1.0 - gain) + doubt(trust, error);
-        (ours + WILD).ln()
+        tell((ours + WILD).ln(), expected)
     };
     seen.measured.iter().zip(seen.pull).zip(seen.keep).map(step).collect()
 }

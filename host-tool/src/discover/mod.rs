@@ -15,11 +15,14 @@ pub mod corpus;
 mod descent;
 mod diagnosis;
 pub mod effects;
+mod figures;
 pub mod file;
 mod find;
 pub mod folder;
 mod frozen;
 mod grid;
+pub mod horizon;
+mod intervals;
 mod jump_evidence;
 mod jump_naming;
 pub mod jumps;
@@ -52,7 +55,7 @@ use serde::{Deserialize, Serialize};
 pub use diagnosis::{Correlation, LoopArea, Residual, Share};
 pub use model::{Model, Slot};
 pub use past::Past;
-pub use session::{Role, Run, Session, SessionError};
+pub use session::{Beginning, Role, Run, Session, SessionError};
 pub use whereabouts::Disagreement;
 
 use crate::model::{self as models, Predictor};
@@ -85,7 +88,7 @@ pub enum Verdict {
     None,
     /// The effects named explain the gap.
     Named,
-    /// Two effects explain it equally well.
+    /// Two effects explain it equally well, or recordings that were kept out do not confirm the one that was found.
     Ambiguous,
     /// Nothing in the catalogue explains it.
     Unknown,
@@ -135,14 +138,27 @@ pub struct Discovery {
     pub effects: Vec<Effect>,
     /// Second best explanation.
     pub runner_up: Option<RunnerUp>,
-    /// RMSE of the model without the effects on kept-out samples, output units.
+    /// RMSE of the simulation without the effects on kept-out samples, free running, output units.
     pub rmse_before: f64,
-    /// RMSE of the model with them on kept-out samples, output units.
+    /// RMSE of the simulation with them on kept-out samples, free running, output units.
     pub rmse_after: f64,
     /// Noise, output units.
     pub noise_floor: f64,
     /// Share of the gap closed, `(before - after) / (before - floor)`, 0 to 1.
     pub gap_closed: f64,
+    /// Where something jumps: RMSE of the smooth observer, which knows no jumps, on kept-out samples, one step ahead, output units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rmse_before_one_step: Option<f64>,
+    /// The same of the observer that knows the jumps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rmse_after_one_step: Option<f64>,
+    /// Share of the gap closed one step ahead, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gap_closed_one_step: Option<f64>,
+    /// Start-up stretch of each kept-out recording over which the zero was set before and after, s, and which does not count; absent when
+    /// the simulations ran as they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibrate_s: Option<f64>,
     /// Share of the mean square above the noise that stays unexplained on the samples worked with, 0 to 1.
     pub unexplained: f64,
     /// Every effect tried alone, best first.
@@ -152,6 +168,9 @@ pub struct Discovery {
     pub disagreements: Vec<Disagreement>,
     /// The same in a sentence.
     pub summary: String,
+    /// Error of the best predictor that sees a window of the input, against the window's length; empty where recordings cannot tell.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub memory_horizon: Vec<horizon::Window>,
     /// What opens the loops of the model without effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub loop_area: Option<LoopArea>,
@@ -171,6 +190,14 @@ pub struct Discovery {
     pub side_unknown: Vec<String>,
 }
 
+impl Discovery {
+    /// Figures one step ahead, where something jumps: before and after in output units, and the share of the gap closed.
+    #[must_use]
+    pub fn one_step(&self) -> Option<[f64; 3]> {
+        Some([self.rmse_before_one_step?, self.rmse_after_one_step?, self.gap_closed_one_step?])
+    }
+}
+
 /// A finished discovery: the result and what it was made of.
 pub struct Finding {
     /// The result.
@@ -185,6 +212,8 @@ pub struct Finding {
     pub second: Option<Model>,
     /// What the simulation without effects predicts for every run, normalised: the given model's word, or `before`'s.
     pub simulated: Vec<Vec<f64>>,
+    /// What the simulation with them predicts for runs of recordings that the figures count, normalised.
+    pub with_effects: Vec<Option<Vec<f64>>>,
 }
 
 /// Where to start from: a simulation model that somebody already has.
@@ -208,8 +237,7 @@ impl Start {
     ) -> anyhow::Result<Self> {
         let mut predictions = Vec::new();
         for recording in recordings.iter().chain(kept) {
-            models::check(model.description(), recording, false)?;
-            predictions.push(model.predict(&recording.input, &recording.gaps)?);
+            predictions.push(models::predict(model, recording, models::Fit::default())?);
         }
         Ok(Self { predictions, discovered })
     }
@@ -268,6 +296,7 @@ pub fn discover_from(
     let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
     mask::outliers(&mut session, &residual, kind);
     after.fit_all(&session);
+    after.anchor(&session);
     before.fit_all(&session);
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
@@ -288,17 +317,31 @@ pub fn discover_from(
         after = fewer;
         discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     }
+    let written = |model: &Model| file::DiscoveredModel::bare(model, &session, &recordings[0]);
+    let with_effects = written(&after);
+    discovery.calibrate_s = with_effects.calibrate_s;
+    let calibrate_s = discovery.calibrate_s.unwrap_or(0.0);
+    let counted = figures::Counted::new(&session, &after, recordings, kept, config.threads);
+    let was = match start {
+        Some(start) => counted.given(&start.predictions, calibrate_s),
+        None => counted.simulate(written(&before), calibrate_s)?,
+    };
+    let is = counted.simulate(with_effects, calibrate_s)?;
+    verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
+    let with_effects = session.normalised_where(&is.outputs);
     discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
     discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
+    discovery.memory_horizon = horizon::horizon(&session);
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
     discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;
     let second = search.second.filter(|_| discovery.runner_up.is_some()).map(|mut second| {
         second.fit_all(&session);
+        second.anchor(&session);
         second
     });
-    Ok(Finding { discovery, session, before, after, second, simulated })
+    Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
 }
 
 /// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.

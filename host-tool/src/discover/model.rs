@@ -11,7 +11,7 @@ use super::least_squares::Gram;
 use super::operators::{self, Begin, Lead, States};
 use super::past::Past;
 use super::paths::Paths;
-use super::session::{Run, Session};
+use super::session::{Beginning, Run, Session};
 use super::turning::remember;
 use super::workspace::Workspace;
 
@@ -170,7 +170,11 @@ impl Model {
                 columns.command.clone_from(&path);
             }
         }
-        self.operators(run, Begin::After(&self.history(run)), &path, columns);
+        match &run.beginning {
+            Some(Beginning::After(history)) => self.operators(run, Begin::After(history), &path, columns),
+            Some(Beginning::From(states)) => self.operators(run, Begin::From(states), &path, columns),
+            None => self.operators(run, Begin::After(&self.history(run)), &path, columns),
+        }
         self.add_effects(run, columns);
     }
 
@@ -181,7 +185,7 @@ impl Model {
 
     /// How the operators deviate from plain ones.
     fn habit(&self) -> Habit {
-        let mut habit = Habit { rate_power: 1.0, ..Habit::default() };
+        let mut habit = Habit::default();
         self.before_operators().for_each(|slot| slot.form.habit(&slot.parameters, &mut habit));
         habit
     }
@@ -226,7 +230,7 @@ impl Model {
             if slot.form.needs_sum() {
                 sum.clear();
                 sum.resize(samples, 0.0);
-                let first = usize::from(slot.form.jumps().is_none());
+                let first = usize::from(slot.form.jumps().is_none() && !slot.form.is_a_zero());
                 columns.weigh(&weights, first, &mut sum);
             }
             slot.form.output(&slot.parameters, run, &sum, columns);
@@ -325,6 +329,61 @@ impl Model {
             history.append(&mut since);
         }
         history
+    }
+
+    /// What the operators know when each recording begins, and behind the last.
+    #[must_use]
+    pub fn beginnings(&self, session: &Session) -> Vec<Beginning> {
+        let mut paths = Paths::default();
+        paths.lead(self, &session.runs, (0..session.runs.len()).collect());
+        let mut states = self.states();
+        let follows = self.follows_history();
+        let mut followed = self.past.before_the_session();
+        let mut beginnings = Vec::with_capacity(session.runs.len() + 1);
+        for run in &session.runs {
+            let path = paths.path(run);
+            if let Some(states) = &mut states {
+                beginnings.push(Beginning::From(states.states().to_vec()));
+                states.lead(path, run.period_s);
+            } else if follows {
+                beginnings.push(Beginning::After(followed.clone()));
+                remember(&mut followed, path);
+            } else {
+                beginnings.push(Beginning::After(self.history(run)));
+            }
+        }
+        beginnings.push(match (states, session.runs.last()) {
+            (Some(states), _) => Beginning::From(states.states().to_vec()),
+            (None, Some(last)) if self.past.is_carried() && !follows => {
+                let (mut history, mut path) = (self.history(last), last.input.clone());
+                self.slots.iter().filter(|slot| slot.form.is_static()).for_each(|slot| slot.form.input(&slot.parameters, last, &mut path));
+                remember(&mut history, &path);
+                Beginning::After(history)
+            }
+            _ => Beginning::After(followed),
+        });
+        beginnings
+    }
+
+    /// Puts the mean over the recordings worked with into the constant where each recording has a zero of its own: a simulation, which
+    /// reads no zero, then stands at the mean.
+    pub fn anchor(&mut self, session: &Session) {
+        let Some(at) = self.slots.iter().position(|slot| slot.form.is_a_zero()) else { return };
+        let place = self.base.len() + self.slots[..at].iter().map(|slot| slot.form.weights()).sum::<usize>();
+        let (mut sum, mut count) = (0.0, 0.0_f64);
+        self.walk(session, &mut Paths::default(), Run::is_worked_with, |run, columns, _| {
+            let zero = columns.column(place)[0];
+            let counts = (0..run.keep.len()).filter(|&sample| run.counts(sample) && run.role[sample].is_worked_with()).count();
+            sum += counts as f64 * zero;
+            count += counts as f64;
+        });
+        self.base[0] += sum / count.max(1.0);
+    }
+
+    /// Seconds of measured output that effects need to read what a recording has of its own.
+    #[must_use]
+    pub fn start_up_s(&self) -> f64 {
+        self.slots.iter().map(|slot| slot.form.start_up_s(&slot.parameters)).fold(0.0, f64::max)
     }
 
     /// Takes the weights of a fit.

@@ -74,6 +74,12 @@ impl<'a> States<'a> {
         Begin::From(&self.states)
     }
 
+    /// The states themselves.
+    #[must_use]
+    pub fn states(&self) -> &[f64] {
+        &self.states
+    }
+
     /// Leads the operators through a recording.
     pub fn lead(&mut self, path: &[f64], period_s: f64) {
         let states = std::mem::take(&mut self.states);
@@ -244,7 +250,7 @@ const LOOKS: usize = 2;
 /// The gap at every sample of `path`; rates count where there is a sample period.
 fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<Gap> {
     let last = path.len().saturating_sub(1);
-    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0;
+    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0 || habit.law.is_some_and(|(law, _)| law.has_rate());
     let fading = period_s.map_or(0.0, |period_s| -(-period_s / habit.rate_memory_s).exp_m1());
     let mut faded = 0.0;
     let mut turns = turns.iter().peekable();
@@ -263,11 +269,12 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
                 let before = if turned_before.is_some() { index } else { index.saturating_sub(1) };
                 let after = if turned.is_some() { index } else { (index + 1).min(last) };
                 let rate = (path[after] - path[before]).abs() / ((after - before).max(1) as f64 * period_s);
-                if habit.rate_power == 1.0 { rate } else { rate.powf(habit.rate_power) }
+                rate
             }
             _ => 0.0,
         };
-        let factor = (1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate;
+        let rate = habit.saturated(rate);
+        let factor = ((1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate) * habit.factor(value, rate);
         let unloading = habit.growth_unloading * value;
         let opening = if habit.opening == 0.0 { 0.0 } else { habit.opening * value.max(0.0).powf(habit.opening_power) };
         [factor, habit.envelope_bend * value * (1.0 - value) + opening + habit.extra_per_rate * rate, unloading]
@@ -283,7 +290,7 @@ mod tests {
     fn operators_that_hang_on_rates_go_on_in_the_next_recording_where_the_last_one_left_them() {
         const PERIOD_S: f64 = 0.02;
         let thresholds = [0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7];
-        let habit = Habit { growth_per_rate: 0.6, rate_memory_s: 0.02, rate_power: 1.0, ..Habit::default() };
+        let habit = Habit { growth_per_rate: 0.6, rate_memory_s: 0.02, ..Habit::default() };
         // Fast strokes, then slow ones half as wide; each recording begins and ends at rest.
         let stroke = |sample: usize, frequency_hz: f64, size: f64| {
             let time_s = (sample.clamp(25, 175) - 25) as f64 * PERIOD_S;

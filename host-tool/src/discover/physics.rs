@@ -117,6 +117,7 @@ mod tests {
         EffectEntry {
             name: name.into(),
             form: form.into(),
+            definition: None,
             normalised: normalised.to_vec(),
             weights: weights.to_vec(),
             parameters: BTreeMap::new(),
@@ -136,6 +137,8 @@ mod tests {
             output_scale: 12.0,
             session_s: 100.0,
             session_recordings: 4,
+            session_origin_s: None,
+            calibrate_s: None,
             stops,
             memory: Vec::new(),
             thresholds: vec![0.0, 0.1, 0.3],
@@ -143,6 +146,7 @@ mod tests {
             constant: 0.01,
             origin: Origin { program: String::new(), recordings: Vec::new(), rmse: 0.1, rmse_before: 0.2 },
             effects,
+            session: Vec::new(),
         }
     }
 

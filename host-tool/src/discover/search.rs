@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::catalogue::Form;
 use super::descent::descend;
-use super::line::{Axis, Line, axes, inward, outward, place};
+use super::line::{Line, axes, inward, outward, place};
 use super::model::{Model, Order, Scope};
 use super::rounds;
 use super::session::Session;
@@ -29,7 +29,7 @@ impl Fitted {
 }
 
 /// Mean square of the fitted samples with the weights solved for and the model's own output as it is.
-fn objective(model: &Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 {
+pub(super) fn objective(model: &Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 {
     let sums = workspace.sums(model, scope);
     let weights = sums.fit.solve(&sums.free, &model.weights());
     sums.fit.mean_square(&weights)
@@ -110,7 +110,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
 }
 
 /// Indices of the parameters of slot `slot` on the line of all parameters.
-fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
+pub(super) fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
     let before: usize = model.slots[..slot].iter().map(|slot| slot.parameters.len()).sum();
     (before..before + model.slots[slot].parameters.len()).collect()
 }
@@ -280,83 +280,6 @@ pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize
         (_, select) = model.fit(session, Scope::Both);
     }
     Fitted { model, select }
-}
-
-/// Standard deviation of every non-linear parameter on their line, from the curvature of the sum of squares, wider by what correlated
-/// residuals take away (`correlation` of neighbouring samples). Discrete parameters have none.
-#[must_use]
-pub fn parameter_deviations(model: &Model, session: &Session, correlation: f64) -> Vec<f64> {
-    const STEP: f64 = 0.13;
-    let axes = axes(model);
-    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
-    let searched: Vec<usize> =
-        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot)).collect();
-    let mut result = vec![0.0; line.len()];
-    let n = searched.len();
-    if n == 0 {
-        return result;
-    }
-    let mut trial = model.clone();
-    let mut workspace = Workspace::new(session);
-    let centre = inward(&axes, &line);
-    let mut value = |moves: &[(usize, f64)]| {
-        let mut point = centre.clone();
-        for &(axis, step) in moves {
-            point[searched[axis]] += step;
-        }
-        place(&mut trial, &outward(&axes, &point));
-        objective(&trial, &mut workspace, Scope::Fit)
-    };
-    let here = value(&[]);
-    let mut curvature = vec![0.0; n * n];
-    for row in 0..n {
-        curvature[row * n + row] = ((value(&[(row, STEP)]) + value(&[(row, -STEP)]) - 2.0 * here) / (STEP * STEP)).max(1e-12 * here);
-        for column in 0..row {
-            let mixed = value(&[(row, STEP), (column, STEP)]) + value(&[(row, -STEP), (column, -STEP)])
-                - value(&[(row, STEP), (column, -STEP)])
-                - value(&[(row, -STEP), (column, STEP)]);
-            curvature[row * n + column] = mixed / (4.0 * STEP * STEP);
-            curvature[column * n + row] = curvature[row * n + column];
-        }
-    }
-    let samples = (session.count(super::session::Role::Fit) + session.count(super::session::Role::Select)) as f64;
-    let inflation = (1.0 + correlation) / (1.0 - correlation);
-    for (axis, &index) in searched.iter().enumerate() {
-        // One column of the inverse by Gauss and Jordan; a curvature that is not definite falls back on the diagonal.
-        let variance = inverse_diagonal(&curvature, n, axis).filter(|value| *value > 0.0).unwrap_or(1.0 / curvature[axis * n + axis]);
-        let deviation = (2.0 * here / samples * inflation * variance).sqrt();
-        let Axis { parameter, step } = &axes[index];
-        let deviation = deviation * step;
-        result[index] = if parameter.logarithmic { line[index] * deviation } else { deviation / 4.0 * (parameter.high - parameter.low) };
-    }
-    result
-}
-
-/// Element of the diagonal of the inverse of a symmetric matrix.
-fn inverse_diagonal(matrix: &[f64], n: usize, axis: usize) -> Option<f64> {
-    let mut left = matrix.to_vec();
-    let mut right = vec![0.0; n];
-    right[axis] = 1.0;
-    for pivot in 0..n {
-        let best = (pivot..n).max_by(|&x, &y| left[x * n + pivot].abs().total_cmp(&left[y * n + pivot].abs()))?;
-        if left[best * n + pivot].abs() < 1e-300 {
-            return None;
-        }
-        for column in 0..n {
-            left.swap(pivot * n + column, best * n + column);
-        }
-        right.swap(pivot, best);
-        for row in 0..n {
-            if row != pivot {
-                let factor = left[row * n + pivot] / left[pivot * n + pivot];
-                for column in pivot..n {
-                    left[row * n + column] -= factor * left[pivot * n + column];
-                }
-                right[row] -= factor * right[pivot];
-            }
-        }
-    }
-    Some(right[axis] / left[axis * n + axis])
 }
 
 #[cfg(test)]

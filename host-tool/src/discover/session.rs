@@ -36,10 +36,16 @@ impl Role {
 pub struct Run {
     /// Name in reports.
     pub name: String,
+    /// Name of its file.
+    pub file: String,
     /// Number in the session, by start.
     pub index: usize,
     /// Which recording it is, of those given and then of those kept, and its first sample there.
     pub source: (usize, usize),
+    /// SHA-256 of its file; empty where it never was one.
+    pub sha256: String,
+    /// Which stretch between gaps of its recording it is.
+    pub part: usize,
     /// Sample period, s.
     pub period_s: f64,
     /// Input over the session's input span.
@@ -60,9 +66,34 @@ pub struct Run {
     pub rest: Vec<std::ops::Range<usize>>,
     /// Turning points of the input before this recording, oldest first.
     pub history: Vec<f64>,
+    /// What the operators know when it begins, where a file tells; else it follows from the recordings before.
+    pub beginning: Option<Beginning>,
+    /// What the recordings before left in the material, where a file tells; else it follows from these recordings.
+    pub earlier: Option<Earlier>,
     /// All recordings of the session (the first `index` are the earlier ones), for stages that change the input with a memory of their own:
     /// a stroke that was the widest for the command need not be the widest for what a slow valve makes of it.
     pub session: Arc<Vec<Run>>,
+}
+
+/// What operators know when a recording begins.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Beginning {
+    /// Turning points of the input as they see it, oldest first.
+    After(Vec<f64>),
+    /// Their states, where these hang on how fast they went.
+    From(Vec<f64>),
+}
+
+/// What the input of a session's earlier recordings left in the material when a recording begins.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Earlier {
+    /// How far the input has travelled, normalised.
+    pub travelled: f64,
+    /// The highest input, normalised.
+    pub highest: f64,
+    /// What lags of the input hold, normalised, for each time constant of creep.
+    pub creeping: Vec<f64>,
 }
 
 /// A session.
@@ -82,6 +113,8 @@ pub struct Session {
     pub output_unit: String,
     /// Step of a sensor that reads in steps, over the output's span; next to nothing for one that does not.
     pub output_step: f64,
+    /// Session time at which the first recording began, s.
+    pub origin_s: f64,
     /// Length of the session, s.
     pub length_s: f64,
     /// Whether the recordings told their place in the session.
@@ -117,6 +150,12 @@ pub enum SessionError {
     /// The given model has an effect that is not known.
     #[error("the model to start from cannot be used: {problem}")]
     Model {
+        /// Why.
+        problem: String,
+    },
+    /// A model that was found cannot be simulated.
+    #[error("the model cannot be simulated on the recordings kept out: {problem}")]
+    Simulation {
         /// Why.
         problem: String,
     },
@@ -204,7 +243,7 @@ impl Session {
             let name =
                 recording.path.file_name().map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned());
             let segments = recording.segments();
-            for segment in &segments {
+            for (part, segment) in segments.iter().enumerate() {
                 // Nobody knows what the input did in a gap: what follows is a run of its own.
                 if segment.len() < 50 {
                     continue;
@@ -214,8 +253,11 @@ impl Session {
                 let rest = rest_of(&input, recording.sample_period_s);
                 runs.push(Run {
                     name: if segments.len() > 1 { format!("{name} from sample {}", segment.start) } else { name.clone() },
+                    file: name.clone(),
                     index: 0,
                     source: (position, segment.start),
+                    sha256: recording.sha256.clone(),
+                    part,
                     period_s: recording.sample_period_s,
                     keep: vec![true; input.len()],
                     screens: true,
@@ -226,6 +268,8 @@ impl Session {
                     time_s: time_s[segment.clone()].iter().map(|time| time - time_s[segment.start]).collect(),
                     rest,
                     history: Vec::new(),
+                    beginning: None,
+                    earlier: None,
                     session: Arc::default(),
                 });
             }
@@ -259,6 +303,7 @@ impl Session {
             input_unit: first.input_signal.unit.clone(),
             output_unit: first.output_signal.unit.clone(),
             output_step: usual_step(&outputs) / output_scale.abs(),
+            origin_s: origin,
             length_s,
             has_session_time,
             fastest_per_s,
@@ -328,6 +373,17 @@ impl Session {
         let of = |run: &Run| {
             let (recording, first) = run.source;
             predictions[recording][first..first + run.input.len()].iter().map(|value| value / self.output_scale).collect()
+        };
+        self.runs.iter().map(of).collect()
+    }
+
+    /// As [`Self::normalised`], where there is a prediction.
+    #[must_use]
+    pub fn normalised_where(&self, predictions: &[Option<Vec<f64>>]) -> Vec<Option<Vec<f64>>> {
+        let of = |run: &Run| {
+            let (recording, first) = run.source;
+            let values = predictions[recording].as_ref()?.get(first..first + run.input.len())?;
+            Some(values.iter().map(|value| value / self.output_scale).collect())
         };
         self.runs.iter().map(of).collect()
     }

@@ -83,8 +83,9 @@ fn a_slice_of_the_corpus_is_answered_right() {
         assert_eq!(results.len(), names.len());
         for result in &results {
             assert!(corpus::right(result), "{generator:?}: {result:?}");
-            let aliens_or_none = result.hidden.first().is_none_or(|name| name.starts_with("alien-"));
-            assert!(aliens_or_none || result.gap_closed > 0.9, "{generator:?}: {result:?}");
+            // No simulation foretells a bad reading.
+            let closes_nothing = result.hidden.first().is_none_or(|name| name.starts_with("alien-") || name == "outliers");
+            assert!(closes_nothing || result.gap_closed > 0.9, "{generator:?}: {result:?}");
         }
         // A run that was interrupted goes on where it was.
         let again = corpus::run(&config, results, |_| panic!("nothing is left to run")).map_err(|error: rig::RigError| error);
@@ -331,6 +332,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
         .map(|slot| file::EffectEntry {
             name: slot.form.name().into(),
             form: slot.form.form().into(),
+            definition: None,
             normalised: slot.parameters.clone(),
             weights: slot.weights.clone(),
             parameters: BTreeMap::new(),

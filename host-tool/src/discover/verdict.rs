@@ -2,8 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use super::catalogue::Parameter;
 use super::find::{Found, POLISH};
-use super::model::{Model, Scope};
+use super::intervals;
+use super::jump_evidence::Pull;
+use super::jump_naming;
+use super::model::{Model, Scope, Slot};
 use super::noise;
 use super::rounds;
 use super::search;
@@ -98,7 +102,7 @@ impl Leaves {
 
 /// Whether each recording lies in the gap of a change of set-up: behind the last recording before it that was worked with, and ahead of the
 /// first one after it. On which side of the change it was made nobody knows, so it can neither confirm nor contradict the change.
-fn in_a_gap(session: &Session, model: &Model) -> Vec<bool> {
+pub(super) fn in_a_gap(session: &Session, model: &Model) -> Vec<bool> {
     let mut in_a_gap = vec![false; session.runs.len()];
     for place in model.slots.iter().flat_map(|slot| slot.form.changes_at(&slot.parameters)) {
         let first = session.runs.iter().take_while(|run| (run.index as f64) < *place).count();
@@ -145,8 +149,84 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
     let coarse = Model { slots, ..Model::baseline(model.past, model.stops) };
     let mut fewer = search::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
     fewer.fit_all(session);
+    fewer.anchor(session);
     Some(fewer.pruned())
 }
+
+/// Most confidence in an effect of whose parameters one could lie anywhere in its range.
+const UNDETERMINED: f64 = 0.5;
+/// Share of a parameter's range next to a limit that counts as the limit.
+const AT_A_LIMIT: f64 = 1e-3;
+
+/// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`UNDETERMINED`] when
+/// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
+fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
+    if slot.form.discrete() {
+        return 1.0;
+    }
+    let of = |((parameter, &value), &half): ((&Parameter, &f64), &f64)| {
+        let on_the_scale = |value: f64| if parameter.logarithmic { value.ln() } else { value };
+        let (low, high) = (on_the_scale(parameter.low), on_the_scale(parameter.high));
+        let share = |value: f64| (on_the_scale(value.clamp(parameter.low, parameter.high)) - low) / (high - low);
+        let is_at_a_limit = share(value) < AT_A_LIMIT || share(value) > 1.0 - AT_A_LIMIT;
+        if is_at_a_limit { 1.0 } else { share(value + half) - share(value - half) }
+    };
+    let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(half_widths).map(of).fold(0.0, f64::max);
+    1.0 - (1.0 - UNDETERMINED) * widest
+}
+
+/// Share of the mean square above the noise that a model closes on kept-out recordings, 0 to 1; nothing where there was no gap.
+fn closed(before: f64, after: f64, floor: f64) -> Option<f64> {
+    let excess = |rmse: f64| (rmse * rmse - floor * floor).max(0.0);
+    (before > STANDS_OUT_KEPT_OUT * floor)
+        .then(|| if after > STANDS_OUT_KEPT_OUT * floor { 1.0 - excess(after) / excess(before) } else { 1.0 })
+}
+
+/// Share of the gap closed, 0 to 1.
+fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
+    let gap = before - floor;
+    if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// One-step-ahead figures on kept-out recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
+pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64; 2]> {
+    let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
+    let in_a_gap = in_a_gap(session, after);
+    let residual = after.residuals(session);
+    let smooth = jump_naming::without_jumps(after);
+    let floor = noise::floor(session, &residual);
+    let missed = Pull::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
+    Some([missed, residual].map(|residual| rmse(session, &residual, &in_a_gap, false) * session.output_scale.abs()))
+}
+
+/// Takes the figures of the simulation, and of the observers where something jumps, and believes no effect by more than they show: an effect's
+/// confidence is no larger than the share of the mean square above the noise that is closed on kept-out recordings, and what closes less than
+/// half of it there is not named.
+pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Option<[f64; 2]>) {
+    let floor = discovery.noise_floor;
+    (discovery.rmse_before, discovery.rmse_after) = (before, after);
+    discovery.gap_closed = gap_closed(before, after, floor);
+    if let Some([smooth, jumping]) = one_step {
+        discovery.rmse_before_one_step = Some(smooth);
+        discovery.rmse_after_one_step = Some(jumping);
+        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumping, floor));
+    }
+    let simulated = closed(before, after, floor);
+    let observed = one_step.and_then(|[smooth, jumping]| closed(smooth, jumping, floor));
+    // What jumps is confirmed by either: an observer's gain counts against the observer of something smooth.
+    let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
+    let mut modelled = discovery.effects.iter_mut().filter(|effect| effect.name != OUTLIERS).peekable();
+    if modelled.peek().is_none() {
+        return;
+    }
+    modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
+    if discovery.verdict == Verdict::Named && share < 1.0 - MOST_UNEXPLAINED_KEPT_OUT {
+        discovery.verdict = Verdict::Ambiguous;
+    }
+}
+
+/// What the mask names.
+const OUTLIERS: &str = "outliers";
 
 /// The verdict and the figures; the model had `owned` effects before the search.
 pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, found: &Found, owned: usize) -> Discovery {
@@ -171,7 +251,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor).share
     });
     let mut effects: Vec<Effect> = Vec::new();
-    let deviations = search::parameter_deviations(after, session, super::neighbour_correlation(session, &residual_after));
+    let half_widths = intervals::half_widths(after, session);
     for (rank, name) in found.order.iter().enumerate() {
         let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
@@ -183,18 +263,19 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             .parameters()
             .iter()
             .zip(&slot.parameters)
-            .zip(&deviations[before..])
-            .filter(|(_, deviation)| **deviation > 0.0)
-            .map(|((parameter, &value), deviation)| {
-                let (name, low) = parameter.tell((value - 1.96 * deviation).max(parameter.low), session);
-                (name, [low, parameter.tell((value + 1.96 * deviation).min(parameter.high), session).1])
+            .zip(&half_widths[before..])
+            .filter(|(_, half)| **half > 0.0)
+            .map(|((parameter, &value), half)| {
+                let (name, low) = parameter.tell((value - half).max(parameter.low), session);
+                (name, [low, parameter.tell((value + half).min(parameter.high), session).1])
             })
             .collect();
         effects.push(Effect {
             name: (*name).to_owned(),
             form: slot.form.form().to_owned(),
             // The first must also have beaten the second.
-            confidence: (1.0 - unexplained) * if rank == 0 && found.runner_up.is_some() { 1.0 - super::tail(found.apart) } else { 1.0 },
+            confidence: ((1.0 - unexplained) * if rank == 0 && found.runner_up.is_some() { 1.0 - super::tail(found.apart) } else { 1.0 })
+                .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
             parameters,
             intervals,
         });
@@ -202,7 +283,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     if with_outliers {
         let share = excluded as f64 / total as f64;
         effects.push(Effect {
-            name: "outliers".to_owned(),
+            name: OUTLIERS.to_owned(),
             form: "samples that no motion could have caused".to_owned(),
             confidence: 0.99,
             parameters: BTreeMap::from([("share".to_owned(), share)]),
@@ -227,7 +308,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     };
     let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).map(|run| run.name.clone()).collect();
     let side_unknown = session.runs.iter().zip(&in_a_gap).filter(|(_, in_a_gap)| **in_a_gap).map(|(run, _)| run.name.clone()).collect();
-    let (noise_floor, gap) = (floor * scale, rmse_before - floor);
+    let noise_floor = floor * scale;
     Discovery {
         verdict,
         effects,
@@ -235,10 +316,15 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         rmse_before: rmse_before * scale,
         rmse_after: rmse_after * scale,
         noise_floor,
-        gap_closed: if gap > 0.0 { ((rmse_before - rmse_after) / gap).clamp(0.0, 1.0) } else { 0.0 },
+        gap_closed: gap_closed(rmse_before, rmse_after, floor),
+        rmse_before_one_step: None,
+        rmse_after_one_step: None,
+        gap_closed_one_step: None,
+        calibrate_s: None,
         unexplained: if stands_out { unexplained } else { 0.0 },
         candidates: found.candidates.clone(),
         loop_area: None,
+        memory_horizon: Vec::new(),
         residual_before: Residual::default(),
         residual_after: Residual::default(),
         pressure_path: None,

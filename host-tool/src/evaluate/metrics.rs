@@ -112,6 +112,17 @@ pub fn mean_rmse<'a>(files: impl IntoIterator<Item = &'a FileErrors>) -> f64 {
     mean(&each).unwrap_or(0.0)
 }
 
+/// Root mean square over all samples of all files, each sample counting the same; zero without files.
+#[must_use]
+pub fn pooled_rmse<'a>(files: impl IntoIterator<Item = &'a FileErrors>) -> f64 {
+    let add = |(sum, count): (f64, f64), file: &FileErrors| {
+        let samples = file.errors.n as f64;
+        (sum + samples * file.errors.rmse.powi(2), count + samples)
+    };
+    let (sum, count) = files.into_iter().fold((0.0, 0.0), add);
+    (sum / count.max(1.0)).sqrt()
+}
+
 /// Arithmetic mean; none of nothing.
 pub(super) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)

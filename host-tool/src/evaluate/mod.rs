@@ -13,7 +13,7 @@ pub mod suite;
 
 use anyhow::{Result, bail};
 
-pub use metrics::{Errors, FamilyErrors, FileErrors, by_family, mean_nrmse, mean_rmse};
+pub use metrics::{Errors, FamilyErrors, FileErrors, by_family, mean_nrmse, mean_rmse, pooled_rmse};
 pub use parallel::for_each;
 
 use crate::model::{self, Predictor};
@@ -56,7 +56,7 @@ pub fn judge(model: &dyn Predictor, recordings: &[Recording], judging: Judging, 
 }
 
 fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> Result<Judged> {
-    let mut predicted = model::predict(model, recording, judging.fit)?;
+    let mut predicted = model::predict(model, recording, model::Fit { start_up_s: judging.calibrate_s, ..judging.fit })?;
     let first = first_behind(recording, judging.skip_s.max(judging.calibrate_s));
     if first >= recording.len() {
         let length_s = recording.time_s[recording.len() - 1] - recording.time_s[0];

@@ -1,8 +1,9 @@
 //! A model that discovery wrote: play operators and named effects, in `f64`.
 
+use std::ops::Range;
 use std::path::Path;
 
-use super::{Arithmetic, Description, ModelError, Predictor};
+use super::{Arithmetic, Context, Description, ModelError, Predictor};
 use crate::discover::file::DiscoveredModel;
 
 /// A discovered model, checked.
@@ -17,7 +18,12 @@ impl DiscoveredPredictor {
     /// # Errors
     /// When it cannot be read or makes no sense.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let model = DiscoveredModel::read(path)?;
+        Ok(Self::new(DiscoveredModel::read(path)?, path))
+    }
+
+    /// A model as it is, under a name.
+    #[must_use]
+    pub fn new(model: DiscoveredModel, path: &Path) -> Self {
         let effects: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
         let kind = format!(
             "Prandtl-Ishlinskii, {} operators{}",
@@ -36,7 +42,7 @@ impl DiscoveredPredictor {
             parameters: model.parameters(),
             macs_per_step: model.parameters(),
         };
-        Ok(Self { model, description })
+        Self { model, description }
     }
 
     /// The model itself.
@@ -52,10 +58,26 @@ impl Predictor for DiscoveredPredictor {
     }
 
     fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.each(input, gaps, |_, stretch| self.model.simulate(&input[stretch]))
+    }
+
+    fn simulate_in(&self, context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.each(inputs[0], gaps, |part, stretch| self.model.simulate_in(context, part, stretch.clone(), &inputs[0][stretch]))
+    }
+}
+
+impl DiscoveredPredictor {
+    /// The output of `one` for every stretch between gaps.
+    fn each(
+        &self,
+        input: &[f64],
+        gaps: &[usize],
+        one: impl Fn(usize, Range<usize>) -> Result<Vec<f64>, String>,
+    ) -> Result<Vec<f64>, ModelError> {
         let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(input.len())).collect();
         let mut output = Vec::with_capacity(input.len());
-        for bound in bounds.windows(2) {
-            let part = self.model.simulate(&input[bound[0]..bound[1]]);
+        for (part, bound) in bounds.windows(2).enumerate() {
+            let part = one(part, bound[0]..bound[1]);
             output.extend(part.map_err(|problem| ModelError::Invalid { path: self.description.path.clone(), problem })?);
         }
         Ok(output)

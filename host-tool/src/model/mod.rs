@@ -89,6 +89,46 @@ pub struct Fit {
     pub resample: bool,
     /// What happens at gaps.
     pub gaps: Gaps,
+    /// Seconds at the start of each stretch in which a model may read the measured output, s; it then runs freely.
+    pub start_up_s: f64,
+}
+
+/// What surrounds an input: where in a session it was recorded, and what the start-up stretch measured.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Context<'a> {
+    /// Name of the recording.
+    pub name: &'a str,
+    /// SHA-256 of its file; empty where it never was one.
+    pub sha256: &'a str,
+    /// Time since the session began, s, one value a sample; absent where nobody wrote it down.
+    pub session_time_s: Option<&'a [f64]>,
+    /// Measured output, of which a model may read the start-up stretch alone; empty where nothing is measured.
+    measured: &'a [f64],
+    /// Length of the start-up stretch, s.
+    start_up_s: f64,
+}
+
+impl<'a> Context<'a> {
+    /// That of a recording, with a start-up stretch of so many seconds.
+    #[must_use]
+    pub fn of(recording: &'a Recording, start_up_s: f64) -> Self {
+        let clock = recording.extra.iter().find(|column| column.name == "session_time_s");
+        Self {
+            name: recording.path.file_name().and_then(|name| name.to_str()).unwrap_or_default(),
+            sha256: &recording.sha256,
+            session_time_s: clock.map(|column| &column.values[..]),
+            measured: if start_up_s > 0.0 { &recording.output } else { &[] },
+            start_up_s,
+        }
+    }
+
+    /// What the start-up of a stretch of samples measured; nothing behind it is shown.
+    #[must_use]
+    pub fn start_up(&self, stretch: std::ops::Range<usize>, period_s: f64) -> &'a [f64] {
+        let count = (self.start_up_s / period_s - 1e-6).max(0.0).ceil() as usize;
+        let end = stretch.end.min(stretch.start + count);
+        self.measured.get(stretch.start..end).unwrap_or_default()
+    }
 }
 
 /// A model that can be run.
@@ -109,6 +149,14 @@ pub trait Predictor: Send + Sync {
     /// As [`Self::predict`], and when the model has more inputs than are given.
     fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
         self.predict(inputs[0], gaps)
+    }
+
+    /// The same, free running behind a start-up stretch, by a model that knows about sessions; for others the context changes nothing.
+    ///
+    /// # Errors
+    /// As [`Self::simulate`].
+    fn simulate_in(&self, _context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        self.simulate(inputs, gaps)
     }
 }
 
@@ -250,9 +298,9 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
     let gaps = if fit.gaps == Gaps::Reset { &recording.gaps[..] } else { &[] };
     match model.description().sample_period_s {
         Some(period_s) if differs(period_s, recording.sample_period_s) || !resample::is_even(recording) => {
-            resample::predict(model, recording, gaps, period_s)
+            resample::predict(model, recording, gaps, period_s, fit.start_up_s)
         }
-        _ => model.simulate(&recording.inputs(), gaps),
+        _ => model.simulate_in(&Context::of(recording, fit.start_up_s), &recording.inputs(), gaps),
     }
 }
 

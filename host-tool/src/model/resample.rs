@@ -1,6 +1,6 @@
 //! A recording of another sample period: the input is interpolated to the model's clock, the prediction back to the recording's.
 
-use super::{ModelError, Predictor};
+use super::{Context, ModelError, Predictor};
 use crate::recording::{Recording, resample};
 
 /// Steps may be off by this share of a period: printed times are rounded.
@@ -17,10 +17,16 @@ pub(super) fn is_even(recording: &Recording) -> bool {
 
 /// The model's output at the recording's times, by way of an even clock of the model's period. Each stretch between the recording's
 /// gaps is put onto a clock of its own; memory starts anew at those in `gaps`.
-pub(super) fn predict(model: &dyn Predictor, recording: &Recording, gaps: &[usize], period_s: f64) -> Result<Vec<f64>, ModelError> {
+pub(super) fn predict(
+    model: &dyn Predictor,
+    recording: &Recording,
+    gaps: &[usize],
+    period_s: f64,
+    start_up_s: f64,
+) -> Result<Vec<f64>, ModelError> {
     let even = resample::uniform(recording, period_s);
     let reset = if gaps.is_empty() { &[][..] } else { &even.gaps };
-    let predicted = model.simulate(&even.inputs(), reset)?;
+    let predicted = model.simulate_in(&Context::of(&even, start_up_s), &even.inputs(), reset)?;
     if even.len() == recording.len() && even.time_s == recording.time_s {
         return Ok(predicted);
     }

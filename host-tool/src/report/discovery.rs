@@ -1,6 +1,6 @@
 //! The report of a discovery: the verdict, where the disagreement lies, every effect that was tried, and the gap before and after.
 
-use super::chart::{Caption, HeatMap, Panel, Series, bars, heat, loops, panels};
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
 use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, whereabouts};
@@ -20,6 +20,9 @@ pub fn headline(discovery: &Discovery) -> String {
             let explain = if names.len() == 1 { "explains" } else { "explain" };
             format!("Something is missing that the catalogue does not explain; {} {explain} a part of it.", names.join(" and "))
         }
+        Verdict::Ambiguous if discovery.runner_up.as_ref().is_none_or(|second| second.separable) => {
+            format!("What is missing looks like {}, but recordings that it has not seen do not confirm it.", names.join(" and "))
+        }
         Verdict::Ambiguous => {
             let second = discovery.runner_up.as_ref().map_or("another effect", |second| second.name.as_str());
             format!("Missing is {} or {second}: these recordings cannot tell them apart.", names.join(" and "))
@@ -34,6 +37,10 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     let discovery = &finding.discovery;
     let unit = &output.unit;
     let mut page = Page::new("Which effect does the simulation lack?", &headline(discovery));
+    page.section("Where simulation and measurement disagree");
+    page.paragraph(&discovery.summary);
+    disagreements(&mut page, finding, input, output);
+    memory(&mut page, discovery, unit);
     page.section("The verdict");
     let gap = percent(Some(discovery.gap_closed));
     page.tiles(&[
@@ -44,6 +51,22 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     ]);
     let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
     page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    page.paragraph(&match discovery.calibrate_s {
+        Some(seconds) => format!(
+            "Both models ran freely behind a start-up of {seconds:.2} s, over which the zero was set and which does not count: \
+             `catheter evaluate --calibrate-s {seconds}` gives the same."
+        ),
+        None => "Both models ran freely, from the input alone: `catheter evaluate` gives the same.".to_owned(),
+    });
+    if let Some([before, after, closed]) = discovery.one_step() {
+        page.paragraph(&format!(
+            "One step ahead, from the samples before, an observer that knows no jumps is off by {} {unit} and one that knows them by \
+             {} {unit}: {} of the gap closed.",
+            number(before, 3),
+            number(after, 3),
+            percent(Some(closed))
+        ));
+    }
     if !discovery.side_unknown.is_empty() {
         let names = discovery.side_unknown.join(", ");
         page.paragraph(&format!(
@@ -55,9 +78,6 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
         page.paragraph(&format!("The second best explanation is **{}**; {words}.", second.name));
     }
     effects(&mut page, discovery);
-    page.section("Where simulation and measurement disagree");
-    page.paragraph(&discovery.summary);
-    disagreements(&mut page, finding, input, output);
     page.section("What was tried");
     candidates(&mut page, discovery);
     page.section("Before and after");
@@ -165,6 +185,43 @@ fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Si
     }
 }
 
+/// How much of the past the output needs.
+fn memory(page: &mut Page, discovery: &Discovery, unit: &str) {
+    if discovery.memory_horizon.is_empty() {
+        return;
+    }
+    page.section("How much of the past the output needs");
+    page.how_to_read(
+        "Each bar is the error of a predictor that sees the input of the last so many seconds **and nothing before**, on recordings it was not \
+         fitted to. Where the bars stop falling ends the memory of the plant. A network with a window sees one of these lengths; play operators and \
+         recurrent networks see everything.",
+    );
+    let row = |name: String, note: String, value: f64, marked: bool| DotRow { name, note, value, dots: Vec::new(), marked };
+    let mut rows: Vec<DotRow> = discovery
+        .memory_horizon
+        .iter()
+        .map(|window| {
+            let [low, high] = window.interval.map(|value| number(value, 3));
+            row(format!("last {} s", number(window.window_s, 2)), format!("95 %: {low} to {high}"), window.rmse, false)
+        })
+        .collect();
+    rows.push(row("simulation as it was".into(), "sees everything".into(), discovery.rmse_before, false));
+    rows.push(row("with what was found".into(), "sees everything".into(), discovery.rmse_after, true));
+    let floor = 0.5 * discovery.noise_floor.max(1e-3 * discovery.rmse_before).max(1e-12);
+    let caption = Caption {
+        title: "Error against the length of the window",
+        description: "Root mean square error of the best predictor that sees a window of the input, for windows of growing length, beside both models.",
+    };
+    page.figure(
+        dots(caption, &format!("RMSE / {unit}"), 1120.0, floor, &rows),
+        Width::Full,
+        &format!(
+            "The noise is {} {unit}. The models are judged on the kept-out recordings, the windows on those that selected.",
+            number(discovery.noise_floor, 3)
+        ),
+    );
+}
+
 fn candidates(page: &mut Page, discovery: &Discovery) {
     page.how_to_read(
         "Every effect of the catalogue was added to the simulation alone and fitted to one half of the recordings. A bar says how much of \
@@ -212,7 +269,7 @@ fn before_and_after(page: &mut Page, finding: &Finding, input: &Signal, output: 
         let inputs: Vec<f64> = run.input.iter().map(|value| value * session.input_scale + session.input_offset).collect();
         let measured = scaled(&run.output);
         let was = scaled(&finding.simulated[run.index]);
-        let is = scaled(&finding.after.predict(run));
+        let is = finding.with_effects[run.index].as_ref().map_or_else(|| scaled(&finding.after.predict(run)), |values| scaled(values));
         let error = |predicted: &[f64]| -> Vec<f64> { predicted.iter().zip(&measured).map(|(p, y)| p - y).collect() };
         page.heading(&run.name);
         let description = format!("Measured output, the simulation as it was and with what was found, recording {}.", run.name);

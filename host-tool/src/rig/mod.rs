@@ -5,6 +5,7 @@
 //! the effects that it fits; they meet only in the recordings.
 
 mod command;
+mod composed;
 mod draw;
 pub mod live;
 mod muscle;
@@ -18,6 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 pub use command::Excitation;
+use composed::Set;
 pub use draw::{ALIENS, EFFECTS};
 
 use crate::recording::{ExtraColumn, Recording, RecordingError, Signal};
@@ -29,7 +31,7 @@ const PRESSURE_NOISE: f64 = 0.002;
 /// Integration steps per sample: 50 Hz.
 const STEPS_PER_SAMPLE: usize = 200;
 
-/// Which of the two virtual rigs makes the recordings.
+/// Which of the virtual rigs makes the recordings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Generator {
     /// Physics at 10 kHz.
@@ -37,6 +39,10 @@ pub enum Generator {
     Physics,
     /// Discrete laws at 1 kHz, other forms and strengths.
     Rival,
+    /// Laws drawn for every effect, of the set that choices may look at.
+    ComposedTuning,
+    /// Laws drawn for every effect, of the set that only judges.
+    ComposedReporting,
 }
 
 /// What to hide and how.
@@ -80,6 +86,7 @@ impl Generator {
         match self {
             Self::Physics => &ALIENS,
             Self::Rival => &rival::ALIENS,
+            Self::ComposedTuning | Self::ComposedReporting => &composed::ALIENS,
         }
     }
 }
@@ -154,8 +161,13 @@ pub fn hide(config: &CaseConfig) -> Result<Case, RigError> {
     command_draws.set_stream(2);
     let mut noise_draws = plant_draws.clone();
     noise_draws.set_stream(3);
-    if config.generator == Generator::Rival {
-        return hide_in_rival(config, plant_draws, effect_draws, command_draws, noise_draws);
+    match config.generator {
+        Generator::Physics => {}
+        Generator::Rival => return hide_in_rival(config, plant_draws, effect_draws, command_draws, noise_draws),
+        Generator::ComposedTuning => return composed::hide(config, Set::Tuning, [plant_draws, effect_draws, command_draws, noise_draws]),
+        Generator::ComposedReporting => {
+            return composed::hide(config, Set::Reporting, [plant_draws, effect_draws, command_draws, noise_draws]);
+        }
     }
 
     let commands = command::session(config.excitation, &mut command_draws);

@@ -23,15 +23,15 @@ fn every_effect_changes_the_recordings_by_more_than_half_a_percent_of_range() {
         let (mut sum, mut count, mut top) = (0.0, 0, 0.0_f64);
         for (before, after) in pairs {
             for (x, y) in before.output.iter().zip(&after.output) {
-                assert!(y.is_finite(), "{name} made a value that is not finite");
+                assert!(y.is_finite(), "{generator:?}: {name} made a value that is not finite");
                 sum += (x - y).powi(2);
                 count += 1;
                 top = top.max(*x);
             }
         }
         let share = (sum / f64::from(count)).sqrt() / top;
-        assert!(share > 0.004, "{name} changes the output by {share:.5} of range");
-        assert!(share < 0.6, "{name} changes the output by {share:.5} of range");
+        assert!(share > 0.004, "{generator:?}: {name} changes the output by {share:.5} of range");
+        assert!(share < 0.6, "{generator:?}: {name} changes the output by {share:.5} of range");
     }
 }
 
@@ -60,22 +60,45 @@ fn an_unknown_name_is_refused() {
 }
 
 #[test]
-fn every_effect_of_the_second_rig_changes_its_recordings_too() {
-    let make = |effects: Vec<String>| {
-        hide(&CaseConfig { effects, seed: 11, noise: 0.0, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case")
-    };
+fn every_effect_of_the_other_rigs_changes_their_recordings_too() {
+    [Generator::Rival, Generator::ComposedTuning, Generator::ComposedReporting]
+        .into_iter()
+        .for_each(every_effect_changes_the_recordings_of);
+}
+
+fn every_effect_changes_the_recordings_of(generator: Generator) {
+    let make =
+        |effects: Vec<String>| hide(&CaseConfig { effects, seed: 11, noise: 0.0, generator, ..CaseConfig::default() }).expect("a case");
     let plain = make(Vec::new());
     let top = plain.recordings.iter().flat_map(|run| &run.output).copied().fold(0.0, f64::max);
-    for name in EFFECTS.iter().chain(Generator::Rival.aliens()) {
+    for name in EFFECTS.iter().chain(generator.aliens()) {
         let hidden = make(vec![(*name).to_owned()]);
         let (mut sum, mut count) = (0.0, 0.0);
         for (before, after) in plain.recordings.iter().zip(&hidden.recordings) {
-            assert!(after.output.iter().all(|value| value.is_finite()), "{name} made a value that is not finite");
+            assert!(after.output.iter().all(|value| value.is_finite()), "{generator:?}: {name} made a value that is not finite");
             sum += before.output.iter().zip(&after.output).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
             count += before.output.len() as f64;
         }
         let share = (sum / count).sqrt() / top;
-        assert!((0.004..0.6).contains(&share), "{name} changes the output by {share:.5} of range");
+        assert!((0.004..0.6).contains(&share), "{generator:?}: {name} changes the output by {share:.5} of range");
+    }
+}
+
+#[test]
+fn the_sets_of_laws_share_the_muscle_and_no_effect() {
+    let make = |effect: &str, generator| {
+        let effects = vec![effect.to_owned()];
+        hide(&CaseConfig { effects, seed: 12, noise: 0.0, generator, ..CaseConfig::default() }).expect("a case")
+    };
+    for name in EFFECTS.iter().filter(|name| !["clock-skew", "outliers"].contains(name)) {
+        let [tuning, reporting] = [Generator::ComposedTuning, Generator::ComposedReporting].map(|generator| make(name, generator));
+        assert_eq!(tuning.truth.slack_bar, reporting.truth.slack_bar, "{name}");
+        assert_ne!(tuning.recordings[3].output, reporting.recordings[3].output, "{name} has the same law in both sets");
+        assert_eq!(
+            tuning.recordings[3].output,
+            make(name, Generator::ComposedTuning).recordings[3].output,
+            "{name}: equal seeds, equal recordings"
+        );
     }
 }
 

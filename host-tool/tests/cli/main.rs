@@ -12,6 +12,7 @@ mod evaluate;
 mod fit;
 mod help;
 mod import_network;
+mod lab_effects;
 mod refusals;
 mod rig;
 mod streams;

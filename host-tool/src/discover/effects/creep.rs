@@ -26,7 +26,7 @@ struct OfInput;
 
 /// What earlier recordings have left of themselves, at the start of this one, in the input behind a lag of `time_s`: the lagged input over
 /// the input at rest. Between recordings the input rests.
-fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
+pub fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
     let start_s = run.session_s[0];
     let mut left = 0.0;
     for earlier in run.session.iter().take(run.index).rev() {
@@ -73,12 +73,13 @@ impl Form for OfOutput {
         true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        for time_s in TIMES_S {
+        for (at, time_s) in TIMES_S.into_iter().enumerate() {
             let mut slow = sum.to_vec();
             lag(&mut slow, time_s, run.period_s);
             if self.remembers {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
-                let left = gain(&run.input, sum) * left_of_earlier(run, time_s);
+                let told = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
+                let left = gain(&run.input, sum) * told.unwrap_or_else(|| left_of_earlier(run, time_s));
                 let keep = (-run.period_s / time_s).exp();
                 slow.iter_mut().fold(left, |left, value| {
                     *value += left;

@@ -90,8 +90,11 @@ impl Form for Lasting {
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // A model from a file goes on with a muscle that has been worked long ago.
         let worked = run.session.is_empty() && run.index > 0;
-        let mut travelled =
-            if worked { f64::INFINITY } else { run.session.iter().take(run.index).map(|earlier| travel(&earlier.input)).sum() };
+        let mut travelled = match &run.earlier {
+            Some(earlier) => earlier.travelled,
+            None if worked => f64::INFINITY,
+            None => travelled_before(run),
+        };
         let mut last = run.input[0];
         columns.push(true, |sample| {
             travelled += (run.input[sample] - last).abs();
@@ -127,12 +130,12 @@ impl Form for Largest {
         true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let highest_of = |input: &[f64]| input.iter().copied().fold(0.0, f64::max);
-        let mut highest: f64 = match (self.heals, run.session.is_empty() && run.index > 0) {
-            (true, _) => 0.0,
+        let mut highest: f64 = match &run.earlier {
+            _ if self.heals => 0.0,
+            Some(earlier) => earlier.highest,
             // A model from a file goes on with a muscle that has been worked long ago.
-            (false, true) => 1.0,
-            (false, false) => run.session.iter().take(run.index).map(|earlier| highest_of(&earlier.input)).fold(0.0, f64::max),
+            None if run.session.is_empty() && run.index > 0 => 1.0,
+            None => highest_before(run),
         };
         columns.push(true, |sample| {
             highest = highest.max(run.input[sample]);
@@ -142,6 +145,16 @@ impl Form for Largest {
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
     }
+}
+
+/// How far the input of the recordings before this one has travelled.
+pub fn travelled_before(run: &Run) -> f64 {
+    run.session.iter().take(run.index).map(|earlier| travel(&earlier.input)).sum()
+}
+
+/// The highest input of the recordings before this one.
+pub fn highest_before(run: &Run) -> f64 {
+    run.session.iter().take(run.index).flat_map(|earlier| &earlier.input).copied().fold(0.0, f64::max)
 }
 
 #[cfg(test)]

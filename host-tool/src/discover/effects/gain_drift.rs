@@ -50,6 +50,9 @@ impl Form for WarmUp {
 /// Least share of what the model leaves above the noise that must go with the recordings' own size.
 const LEAST_OF_GAINS: f64 = 0.6;
 
+/// Least deviation of what a model says, as a share of the span, that shows a gain.
+const LEAST_MOTION: f64 = 0.02;
+
 /// How far the gain of the samples that count lies above one, from what a model says (`sum`) and what was measured; and the sum of squares
 /// that this explains.
 fn own_gain(sum: &[f64], output: &[f64], keep: &[bool]) -> (f64, f64) {
@@ -58,7 +61,8 @@ fn own_gain(sum: &[f64], output: &[f64], keep: &[bool]) -> (f64, f64) {
     let (mean, missed) = (kept().map(|(sum, _)| sum).sum::<f64>() / count, kept().map(|(sum, output)| output - sum).sum::<f64>() / count);
     let square = kept().map(|(sum, _)| (sum - mean).powi(2)).sum::<f64>();
     let product = kept().map(|(sum, output)| (sum - mean) * (output - sum - missed)).sum::<f64>();
-    if square > 0.0 { (product / square, product * product / square) } else { (0.0, 0.0) }
+    // A start-up without motion tells no gain.
+    if square > LEAST_MOTION * LEAST_MOTION * count { (product / square, product * product / square) } else { (0.0, 0.0) }
 }
 
 /// A gain that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
@@ -81,6 +85,10 @@ impl Form for Own {
     }
     fn reads_output(&self) -> bool {
         true
+    }
+    fn start_up_s(&self, _: &[f64]) -> f64 {
+        // A gain shows where the output moves.
+        5.0
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // Whatever a model lacks goes a little with the output in each recording, beside much else; a gain leaves nothing else.

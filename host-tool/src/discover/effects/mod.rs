@@ -11,6 +11,7 @@ pub mod fill_vent_asymmetry;
 pub mod first_cycle_softening;
 pub mod gain_drift;
 pub mod leakage;
+pub mod of_a_file;
 pub mod offset_drift;
 pub mod periodic_disturbance;
 pub mod pneumatic_lag;
@@ -27,7 +28,17 @@ pub mod supply_saturation;
 pub mod valve_dead_band;
 
 use super::columns::Filter;
+use super::session::{Earlier, Run};
 use super::turning::between_samples;
+
+/// What the recordings before this one left in the material, for a file.
+pub(super) fn earlier(run: &Run) -> Earlier {
+    Earlier {
+        travelled: first_cycle_softening::travelled_before(run),
+        highest: first_cycle_softening::highest_before(run),
+        creeping: creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s)).to_vec(),
+    }
+}
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
 #[inline(always)]

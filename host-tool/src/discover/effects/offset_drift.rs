@@ -78,6 +78,12 @@ impl Form for Own {
     fn reads_output(&self) -> bool {
         true
     }
+    fn start_up_s(&self, _: &[f64]) -> f64 {
+        1.0
+    }
+    fn is_a_zero(&self) -> bool {
+        true
+    }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.of_creep {
             return Vec::new();

@@ -29,6 +29,9 @@ struct Loose {
 static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 6 };
 static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 14 };
 
+/// Periods of a rhythm from which its phase is read.
+const PERIODS_OF_START_UP: f64 = 3.0;
+
 const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: true }];
 
 /// The residual of one recording, ready to be searched for lines.
@@ -401,6 +404,9 @@ impl Form for Loose {
     fn reads_output(&self) -> bool {
         true
     }
+    fn start_up_s(&self, parameters: &[f64]) -> f64 {
+        PERIODS_OF_START_UP / parameters[0]
+    }
     fn cost(&self) -> usize {
         self.cost
     }
@@ -421,8 +427,9 @@ impl Form for Loose {
         // no measured output (a simulation) there is no rhythm either.
         let mut rhythm = vec![0.0; run.output.len()];
         if run.output.iter().any(|value| *value != 0.0) {
-            let count = run.output.len() as f64;
-            let mean = run.output.iter().zip(sum).map(|(output, sum)| output - sum).sum::<f64>() / count;
+            let kept = || run.output.iter().zip(sum).zip(&run.keep).filter(|(_, keep)| **keep);
+            let count = kept().count().max(1) as f64;
+            let mean = kept().map(|((output, sum), _)| output - sum).sum::<f64>() / count;
             for harmonic in 1..=self.harmonics {
                 let omega = 2.0 * PI * parameters[0] * harmonic as f64;
                 let angles: Vec<(f64, f64)> = run.time_s.iter().map(|time_s| (omega * time_s).sin_cos()).collect();

@@ -1,4 +1,4 @@
-//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with a power of the rate, operators follow late, or their weights
+//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with the rate or its inverse hyperbolic sine, operators follow late, or their weights
 //! change with the rate.
 //!
 //! Thresholds that all grow by `c |dv/dt|` and a lag of the time constant `c` are the same to first order in `c`. To second order the lag
@@ -37,27 +37,29 @@ struct Stiffening;
 struct Weights;
 struct LogarithmicWeights;
 
-const POWER: Parameter = Parameter { name: "rate_power", quantity: Quantity::Ratio, low: 0.2, high: 1.5, logarithmic: true };
+/// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
+/// above.
+const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
 
 impl Form for Additive {
     fn name(&self) -> &'static str {
         "rate-dependent-hysteresis"
     }
     fn form(&self) -> &'static str {
-        "every threshold grows by the same overstress"
+        "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate"
     }
     fn place(&self) -> Place {
         Place::Operators
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, POWER]
+        &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, RATE]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.003, 0.15, 6).into_iter().map(|size| vec![size, 0.5]).collect()
+        ladder(0.003, 0.1, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.extra_per_rate = parameters[0];
-        habit.rate_power = parameters[1];
+        habit.rate_scale_per_s = parameters[1];
     }
 }
 
@@ -66,20 +68,20 @@ impl Form for Proportional {
         "rate-dependent-hysteresis"
     }
     fn form(&self) -> &'static str {
-        "every threshold grows in proportion"
+        "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate"
     }
     fn place(&self) -> Place {
         Place::Operators
     }
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, POWER]
+        &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, RATE]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.05, 3.0, 5).into_iter().map(|size| vec![size, 0.5]).collect()
+        ladder(0.03, 1.0, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
     }
     fn habit(&self, parameters: &[f64], habit: &mut Habit) {
         habit.growth_per_rate = parameters[0];
-        habit.rate_power = parameters[1];
+        habit.rate_scale_per_s = parameters[1];
     }
 }
 
