@@ -268,8 +268,7 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
                 // Not across a turn: the mean of both strokes' rates would be next to nothing.
                 let before = if turned_before.is_some() { index } else { index.saturating_sub(1) };
                 let after = if turned.is_some() { index } else { (index + 1).min(last) };
-                let rate = (path[after] - path[before]).abs() / ((after - before).max(1) as f64 * period_s);
-                rate
+                (path[after] - path[before]).abs() / ((after - before).max(1) as f64 * period_s)
             }
             _ => 0.0,
         };
