@@ -49,7 +49,6 @@ pub struct Memory {
     transmit: TransmitQueue,
 }
 
-#[expect(clippy::new_without_default, reason = "a place in static memory is made by nobody at run time")]
 impl Memory {
     /// Empty.
     pub const fn new() -> Self {
