@@ -209,8 +209,9 @@ impl FrontEnd {
     ///
     /// # Deadline
     /// Runs in the control tick: about 15 instructions a play operator and 10 a feature.
+    #[inline(always)]
     pub fn step<T: FromFeature>(&self, state: &mut FrontEndState, raw: &[f32], features: &mut [T]) -> FrontEndOutput {
-        let first = !state.started;
+        let (first, single) = (!state.started, self.inputs.len() <= 1);
         let held = self.take(state, raw);
         if held {
             state.held_samples = state.held_samples.saturating_add(1);
@@ -220,26 +221,22 @@ impl FrontEnd {
             // A stand-in is no start: the first good sample shall find its own equilibrium.
             state.started = !held;
         }
-        let &PathState { input, path, .. } = state.path_of(0);
+        let [PathState { input, path, .. }, ..] = state.paths;
 
         let mut sum = 0.0;
-        let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights).zip(&mut state.plays);
-        if self.config.play_inputs.is_empty() {
-            for ((threshold, weight), memory) in operators {
+        if single {
+            let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights);
+            for ((threshold, weight), memory) in operators.zip(&mut state.plays) {
                 *memory = play::step(*threshold, path, *memory);
                 sum += weight * *memory;
             }
         } else {
-            for (((threshold, weight), memory), input) in operators.zip(&self.config.play_inputs) {
-                let path = state.paths.get(usize::from(*input)).map_or(0.0, |path| path.path);
-                *memory = play::step(*threshold, path, *memory);
-                sum += weight * *memory;
-            }
+            sum = self.plays_of_several(state);
         }
 
         let mut linear = self.config.bias + self.config.input_weight * path + sum;
-        for (weight, other) in self.config.more_input_weights.iter().zip(state.paths.iter().skip(1)) {
-            linear += weight * other.path;
+        if !single {
+            linear = self.with_more_paths(state, linear);
         }
         let filters = self.config.creep_coefficients.iter().zip(&self.config.creep_weights);
         for ((coefficient, weight), memory) in filters.zip(&mut state.creeps) {
@@ -248,60 +245,116 @@ impl FrontEnd {
         }
         let readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
 
-        // Found once: a model of one input, whose lists are empty, shall not pay for those of several.
-        let first_path = state.path_of(0);
-        let of_input = |input: Option<&u8>| input.map_or(first_path, |input| state.path_of(usize::from(*input)));
-        for (index, (feature, value)) in self.config.features.iter().zip(features).enumerate() {
-            let seen = of_input(self.config.feature_inputs.get(index));
-            let signal = match feature.source {
-                FeatureSource::Input => seen.input,
-                FeatureSource::InputDifference => seen.input - seen.last.0,
-                FeatureSource::Path => seen.path,
-                FeatureSource::PathDifference => seen.path - seen.last.1,
-                FeatureSource::Play(index) => element(&state.plays, index),
-                FeatureSource::Stop(index) => {
-                    let path = of_input(self.config.play_inputs.get(usize::from(index))).path;
-                    (path - element(&state.plays, index)) / element(&self.config.play_thresholds, index)
-                }
-                FeatureSource::Readout => readout,
-                FeatureSource::Creep(index) => element(&state.creeps, index),
-                FeatureSource::Past(age) => seen.past(state.newest, usize::from(age)),
-            };
-            *value = T::from_feature((signal - feature.offset) * feature.gain);
+        if single {
+            // A model of one input does not pay for the lists of several.
+            let [only, ..] = &state.paths;
+            for (feature, value) in self.config.features.iter().zip(features) {
+                let signal = self.signal(state, only, only, readout, feature.source);
+                *value = T::from_feature((signal - feature.offset) * feature.gain);
+            }
+        } else {
+            self.features_of_several(state, readout, features);
         }
         FrontEndOutput { input, path, readout, held }
     }
 
+    #[inline(never)]
+    fn plays_of_several(&self, state: &mut FrontEndState) -> f32 {
+        let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights).zip(&mut state.plays);
+        let mut sum = 0.0;
+        for (index, ((threshold, weight), memory)) in operators.enumerate() {
+            let path = state.paths.get(self.config.play_input(index)).map_or(0.0, |path| path.path);
+            *memory = play::step(*threshold, path, *memory);
+            sum += weight * *memory;
+        }
+        sum
+    }
+
+    #[inline(never)]
+    fn with_more_paths(&self, state: &FrontEndState, linear: f32) -> f32 {
+        let others = self.config.more_input_weights.iter().zip(state.paths.iter().skip(1));
+        others.fold(linear, |linear, (weight, other)| linear + weight * other.path)
+    }
+
+    /// A feature's signal: of the input `seen`, and of the path that operators follow where it is a stop's.
+    #[inline(always)]
+    fn signal(&self, state: &FrontEndState, seen: &PathState, followed: &PathState, readout: f32, source: FeatureSource) -> f32 {
+        match source {
+            FeatureSource::Input => seen.input,
+            FeatureSource::InputDifference => seen.input - seen.last.0,
+            FeatureSource::Path => seen.path,
+            FeatureSource::PathDifference => seen.path - seen.last.1,
+            FeatureSource::Play(index) => element(&state.plays, index),
+            FeatureSource::Stop(index) => (followed.path - element(&state.plays, index)) / element(&self.config.play_thresholds, index),
+            FeatureSource::Readout => readout,
+            FeatureSource::Creep(index) => element(&state.creeps, index),
+            FeatureSource::Past(age) => seen.past(state.newest, usize::from(age)),
+        }
+    }
+
+    #[inline(never)]
+    fn features_of_several<T: FromFeature>(&self, state: &FrontEndState, readout: f32, features: &mut [T]) {
+        let of_input = |input: Option<&u8>| state.path_of(input.map_or(0, |input| usize::from(*input)));
+        for (index, (feature, value)) in self.config.features.iter().zip(features).enumerate() {
+            let seen = of_input(self.config.feature_inputs.get(index));
+            let followed = match feature.source {
+                FeatureSource::Stop(operator) => of_input(self.config.play_inputs.get(usize::from(operator))),
+                _ => seen,
+            };
+            let signal = self.signal(state, seen, followed, readout, feature.source);
+            *value = T::from_feature((signal - feature.offset) * feature.gain);
+        }
+    }
+
     /// Takes a sample through every input path; whether any of its values was no measurement.
+    #[inline(always)]
     fn take(&self, state: &mut FrontEndState, raw: &[f32]) -> bool {
         let FrontEndState { started, newest, paths, .. } = state;
         *newest = if *newest == 0 { DELAY_LINE - 1 } else { *newest - 1 };
         let (newest, first) = (*newest, !*started);
-        let lag = self.config.lag_coefficient;
+        let [first_path, more_paths @ ..] = paths;
+        let (Some((normalisation, others)), value) = (self.inputs.split_first(), raw.first().copied().unwrap_or(f32::NAN)) else {
+            return true;
+        };
+        let held = self.take_one(normalisation, first_path, value, newest, first);
+        if others.is_empty() { held } else { held | self.take_others(others, more_paths, raw, newest, first) }
+    }
+
+    /// The inputs beside the first.
+    #[inline(never)]
+    fn take_others(&self, others: &[Normalisation], paths: &mut [PathState], raw: &[f32], newest: usize, first: bool) -> bool {
         let mut any_held = false;
-        for (index, (normalisation, state)) in self.inputs.iter().zip(paths).enumerate() {
-            let measured = (raw.get(index).copied().unwrap_or(f32::NAN) - normalisation.offset) / normalisation.scale;
-            // Also true for what is not a number.
-            let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
-            any_held |= held;
-            let input = match (held, first) {
-                (false, _) => measured,
-                (true, false) => state.input,
-                (true, true) => normalisation.rest,
-            };
-            if first {
-                state.delay_line = [input; DELAY_LINE];
-            } else if let Some(slot) = state.delay_line.get_mut(newest) {
-                *slot = input;
-            }
-            state.last = if first { (input, input) } else { (state.input, state.path) };
-            state.input = input;
-            // Dead time by linear interpolation between the two samples around it.
-            let (younger, older) = (state.past(newest, self.delay_whole), state.past(newest, self.delay_whole + 1));
-            let delayed = younger + self.delay_fraction * (older - younger);
-            state.path = if first || lag >= 1.0 { delayed } else { state.last.1 + lag * (delayed - state.last.1) };
+        for (index, (normalisation, path)) in others.iter().zip(paths).enumerate() {
+            let value = raw.get(1 + index).copied().unwrap_or(f32::NAN);
+            any_held |= self.take_one(normalisation, path, value, newest, first);
         }
         any_held
+    }
+
+    /// Takes a value through one input path; whether it was no measurement.
+    #[inline(always)]
+    fn take_one(&self, normalisation: &Normalisation, state: &mut PathState, raw: f32, newest: usize, first: bool) -> bool {
+        let measured = (raw - normalisation.offset) / normalisation.scale;
+        // Also true for what is not a number.
+        let held = measured.is_nan() || measured.abs() > MAX_NORMALISED;
+        let input = match (held, first) {
+            (false, _) => measured,
+            (true, false) => state.input,
+            (true, true) => normalisation.rest,
+        };
+        if first {
+            state.delay_line = [input; DELAY_LINE];
+        } else if let Some(slot) = state.delay_line.get_mut(newest) {
+            *slot = input;
+        }
+        state.last = if first { (input, input) } else { (state.input, state.path) };
+        state.input = input;
+        // Dead time by linear interpolation between the two samples around it.
+        let (younger, older) = (state.past(newest, self.delay_whole), state.past(newest, self.delay_whole + 1));
+        let delayed = younger + self.delay_fraction * (older - younger);
+        let lag = self.config.lag_coefficient;
+        state.path = if first || lag >= 1.0 { delayed } else { state.last.1 + lag * (delayed - state.last.1) };
+        held
     }
 }
 

@@ -240,6 +240,7 @@ impl<'a, K: Kernel> Estimator<'a, K> {
     ///
     /// # Deadline
     /// As [`Self::step`].
+    #[inline(always)]
     pub fn step_all(&self, state: &mut EstimatorState, raw: &[f32]) -> Estimate {
         let mut features = [0; MAX_WIDTH];
         // Without a network nobody sees the features.
