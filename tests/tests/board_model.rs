@@ -105,7 +105,7 @@ fn the_last_seconds_before_a_fault_outlast_a_reset_and_the_image_logs_what_happe
     let log = rig.transport().processor().log().to_owned();
     println!("{log}");
     for text in [
-        "stm32f405-rig, firmware",
+        "custom-f405, firmware",
         "started by",
         "state Running",
         "error E028 in state Running",
