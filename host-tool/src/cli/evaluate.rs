@@ -287,7 +287,12 @@ impl Promise {
                     minimum: f64::from(channel.minimum),
                     maximum: f64::from(channel.maximum),
                 };
-                Self { ranges: network::load(path)?.inputs().map(range).collect(), expected: None, nuisances: Vec::new(), calibrate_s: None }
+                Self {
+                    ranges: network::load(path)?.inputs().map(range).collect(),
+                    expected: None,
+                    nuisances: Vec::new(),
+                    calibrate_s: None,
+                }
             }
             _ => {
                 let (quantity, unit) = (description.input.quantity.clone(), description.input.unit.clone());

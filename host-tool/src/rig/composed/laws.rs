@@ -1,4 +1,5 @@
-//! The laws of the composed rig: for every effect one to tune on and another to report on. A skewed clock and wrong readings have one law only.
+//! The laws of the composed rig: for every effect one to tune on and another to report on. A dead time, a skewed clock and wrong
+//! readings have one law only: operators without rates take no notice on which side of them something is late.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
