@@ -13,8 +13,7 @@ use crate::storage::MappedFlash;
 
 /// The program, the chip and why it started.
 pub fn start(board: &str, build: &Build, cause: ResetCause, core_hz: u32, program_crc32: u32) {
-    let [major, minor, patch] = crate::VERSION;
-    defmt::info!("{=str}, firmware {=u16}.{=u16}.{=u16} of source {=[u8]:02x}", board, major, minor, patch, build.source);
+    defmt::info!("{=str}, firmware {=str} of source {=[u8]:02x}", board, env!("CARGO_PKG_VERSION"), build.source);
     defmt::info!("chip {=u32:08x}, started by {}, core at {=u32} Hz, program {=u32:08x}", build.chip, cause, core_hz, program_crc32);
 }
 
