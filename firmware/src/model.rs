@@ -186,11 +186,6 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Model
         self.companion.is_outside
     }
 
-    fn validation_error(&self) -> Option<f32> {
-        // Zero is a model that nobody validated. Whatever is not a number is not larger.
-        self.is_ready.then_some(self.model.borrow().metrics.validation_rmse).filter(|error| *error > 0.0)
-    }
-
     fn identity(&self) -> [u8; 8] {
         if self.is_ready { self.companion.identity } else { [0; 8] }
     }

@@ -6,4 +6,4 @@ mod stillness;
 
 pub use residual::{ResidualMonitor, ResidualMonitorConfig, ResidualState};
 pub use sensor::{RECOVERY_TICKS, Rejection, Sensor, SensorConfig, SensorState, Verdict};
-pub use stillness::{EXPECTED_ERRORS, EXPECTED_SHARE, Expectation, STILL_SHARE};
+pub use stillness::STILL_SHARE;

@@ -12,7 +12,7 @@
 use crate::calibration::Calibration;
 use crate::number::MicroBar;
 
-use super::stillness::{Expectation, Stillness, StillnessState};
+use super::stillness::{Stillness, StillnessState};
 
 #[cfg(test)]
 mod tests;
@@ -131,11 +131,6 @@ impl SensorState {
     /// Ticks went by without a sample: the quantity moved on meanwhile.
     pub fn miss(&mut self, ticks: u16) {
         self.unseen_ticks = self.unseen_ticks.saturating_add(ticks);
-    }
-
-    /// What a model expects the quantity to be now; `None` where there is no model, or none to trust.
-    pub fn expect(&mut self, expected: Option<Expectation>) {
-        self.still.expect(expected);
     }
 
     /// Whether the sensor is believed.

@@ -5,10 +5,8 @@
 //! deviation `s`, the log-likelihood ratio of the two grows by `e^2 / 2 s^2` with every sample. The converter's noise is 0.005 mm, and an expected motion of
 //! 0.2 mm gives 800 a sample: noise never limits the decision. What limits it is how far the expectation can be trusted, since friction may hold
 //! a living tip. So the sensor is **still** while it stays within [`STILL_SHARE`] of its range, which is forty times the noise, and it is lost once
-//! what is expected moved by more than friction and errors of the expectation can explain:
-//!
-//! * by the estimate of a model that was validated: [`EXPECTED_ERRORS`] of its errors, and [`EXPECTED_SHARE`] of the range;
-//! * without a model by the command, followed at once or with the rig's slowest time constant, whichever moved less: `still_command_bar`.
+//! the command, followed at once or with the rig's slowest time constant, whichever moved less, went through `still_command_bar`. A model's estimate
+//! does not decide: one that was validated on another rig lost a sound laser.
 //!
 //! During a hold the command does not move, and nothing is judged: a model may drift then.
 
@@ -16,29 +14,13 @@ use crate::number::MicroBar;
 
 /// Share of the measured range within which a sensor counts as still: more than any noise, less than any motion worth the name.
 pub const STILL_SHARE: f32 = 0.01;
-/// Share of the measured range that a model's estimate must have moved by at least, however good the model: 40 times what noise does.
-pub const EXPECTED_SHARE: f32 = 0.08;
-/// Validated errors (RMSE) of the model that its estimate must have moved by: both ends of the motion may be wrong by several of them.
-pub const EXPECTED_ERRORS: f32 = 8.0;
-/// How far the command must have moved for the model's estimate to count, share of what it must have moved without a model.
-const COMMAND_SHARE: f32 = 0.25;
 /// Time constants at zero command after which a sensor that was still may prove itself again: everything is at rest then.
 const FORGOTTEN: f32 = 5.0;
-
-/// What a model expects a quantity to be.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Expectation {
-    /// The estimate.
-    pub value: f32,
-    /// The model's validated error (RMSE).
-    pub error: f32,
-}
 
 /// The watch over a sensor, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stillness {
     band: f32,
-    expected: f32,
     command_bar: f32,
     /// Share of the way to the command that the rig goes in a tick.
     response: f32,
@@ -50,13 +32,10 @@ pub(super) struct Stillness {
 pub(super) struct StillnessState {
     /// The command as the slowest rig follows it, bar.
     followed_bar: f32,
-    /// What a model expects now.
-    expected_now: Option<Expectation>,
-    /// Since the sensor moved last: what the command went through, what the slowest rig would have followed, what was expected, and
-    /// the sensor's values.
+    /// Since the sensor moved last: what the command went through, what the slowest rig would have followed, and the
+    /// sensor's values.
     command_bar: Range,
     slow_bar: Range,
-    expected: Option<Range>,
     value: Range,
     /// Ticks at zero command.
     zero_ticks: f32,
@@ -82,21 +61,11 @@ impl Range {
     }
 }
 
-impl StillnessState {
-    pub(super) fn expect(&mut self, expected: Option<Expectation>) {
-        self.expected_now = expected;
-        if expected.is_none() {
-            self.expected = None;
-        }
-    }
-}
-
 impl Stillness {
     /// Over a sensor with this range, and a rig with this time constant.
     pub(super) fn new(measured_range: f32, command_bar: f32, response_ms: f32) -> Self {
         Self {
             band: STILL_SHARE * measured_range,
-            expected: EXPECTED_SHARE * measured_range,
             command_bar,
             // Backward Euler of a first-order lag: stable for every time constant.
             response: 1.0 / (1.0 + response_ms),
@@ -115,14 +84,9 @@ impl Stillness {
             state.value = Range::at(value);
             state.command_bar = Range::at(command.bar());
             state.slow_bar = Range::at(state.followed_bar);
-            state.expected = None;
         }
         // Both: a rig that is fast has come to rest before a slow one would have moved.
         let (command_bar, slow_bar) = (state.command_bar.width_with(command.bar()), state.slow_bar.width_with(state.followed_bar));
-        let by_model = state.expected_now.is_some_and(|Expectation { value, error }| {
-            let moved = state.expected.get_or_insert(Range::at(value)).width_with(value);
-            moved >= self.expected && moved >= EXPECTED_ERRORS * error && command_bar >= COMMAND_SHARE * self.command_bar
-        });
-        by_model || command_bar.min(slow_bar) >= self.command_bar
+        command_bar.min(slow_bar) >= self.command_bar
     }
 }

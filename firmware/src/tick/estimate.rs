@@ -5,7 +5,7 @@ use model_export::link::fault::{Fault, FaultSet, Notice};
 use super::ports::{Direction, ModelStep};
 use super::state::Rig;
 use crate::number::MicroBar;
-use crate::plausibility::{Expectation, ResidualState};
+use crate::plausibility::ResidualState;
 
 impl Rig {
     pub(super) fn step_model(
@@ -24,7 +24,6 @@ impl Rig {
             state.filtered = filtered;
             if state.direction == Direction::Inverse {
                 state.estimate_mm = None;
-                state.laser.expect(None);
                 let wanted = Some(state.controller.tracking.learned_wanted_mm()).filter(|_| state.has_model);
                 state.inverse_bar = wanted.map(|wanted_mm| model.step(wanted_mm)).filter(|bar| bar.is_finite());
                 return faults;
@@ -40,8 +39,6 @@ impl Rig {
                 }
                 _ => None,
             };
-            let trusted = state.estimate_mm.filter(|_| !model.is_outside_domain());
-            state.laser.expect(trusted.zip(model.validation_error()).map(|(value, error)| Expectation { value, error }));
             if let (Some(monitor), Some(estimate_mm), Some(displacement_mm)) =
                 (&self.tick.model_residual, state.estimate_mm, displacement_mm)
             {

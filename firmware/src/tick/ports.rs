@@ -58,11 +58,6 @@ pub trait ModelStep {
         false
     }
 
-    /// How far its output was from the truth when it was validated (RMSE, free running), in the output's unit; `None` if that is not known.
-    fn validation_error(&self) -> Option<f32> {
-        None
-    }
-
     /// What tells it from other models: the first bytes of its blob's content hash.
     fn identity(&self) -> [u8; 8] {
         [0; 8]

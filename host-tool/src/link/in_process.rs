@@ -69,10 +69,6 @@ impl ModelStep for Heap {
         self.loaded.borrow_dependent().is_outside_domain()
     }
 
-    fn validation_error(&self) -> Option<f32> {
-        self.loaded.borrow_dependent().validation_error()
-    }
-
     fn identity(&self) -> [u8; 8] {
         self.loaded.borrow_dependent().identity()
     }

@@ -78,6 +78,14 @@ struct Architecture {
     cells: Vec<Cell>,
 }
 
+/// Lists of the front end for inputs beside the first; see [`schema::FrontEnd`].
+#[derive(Serialize, Deserialize)]
+struct SeveralInputs {
+    more_input_weights: heapless::Vec<f32, { schema::MAX_MORE_INPUTS }>,
+    play_inputs: heapless::Vec<u8, { schema::MAX_PLAY }>,
+    feature_inputs: heapless::Vec<u8, { schema::MAX_FEATURES }>,
+}
+
 #[derive(Serialize, Deserialize)]
 struct Metadata {
     format_version: u32,
@@ -89,6 +97,9 @@ struct Metadata {
     sample_period_s: f64,
     mode: Mode,
     front_end: schema::FrontEnd,
+    /// What the front end has for inputs beside the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    several_inputs: Option<SeveralInputs>,
     network: Option<Architecture>,
     provenance: Provenance,
 }
@@ -116,6 +127,11 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
         sample_period_s: model.sample_period_s,
         mode: model.mode,
         front_end: model.front_end.clone(),
+        several_inputs: (!model.more_inputs.is_empty()).then(|| SeveralInputs {
+            more_input_weights: model.front_end.more_input_weights.clone(),
+            play_inputs: model.front_end.play_inputs.clone(),
+            feature_inputs: model.front_end.feature_inputs.clone(),
+        }),
         network: model.network.as_ref().map(|network| Architecture {
             activation: network.activation,
             state_limit: network.state_limit,
@@ -214,13 +230,19 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
             network.features()
         )));
     }
+    let mut front_end = metadata.front_end;
+    if let Some(several) = metadata.several_inputs {
+        front_end.more_input_weights = several.more_input_weights;
+        front_end.play_inputs = several.play_inputs;
+        front_end.feature_inputs = several.feature_inputs;
+    }
     Ok(TrainedModel {
         input: metadata.input,
         more_inputs: metadata.more_inputs,
         output: metadata.output,
         sample_period_s: metadata.sample_period_s,
         mode: metadata.mode,
-        front_end: metadata.front_end,
+        front_end,
         network,
         provenance: metadata.provenance,
     })

@@ -66,7 +66,7 @@ impl Bench {
     /// Runs `catheter` and expects it to work.
     pub fn works(&self, line: &str) -> Said {
         let said = self.run(line);
-        assert_eq!(said.code, 0, "`{line}` ended with {}: {}", said.code, said.stderr);
+        assert_eq!(said.code, 0, "`{line}` ended with {}: {}\n{}", said.code, said.stderr, said.stdout);
         said
     }
 

@@ -61,10 +61,6 @@ impl ModelStep for Tenant {
         self.0.as_ref().is_some_and(|model| model.is_outside_domain())
     }
 
-    fn validation_error(&self) -> Option<f32> {
-        self.0.as_ref()?.validation_error()
-    }
-
     fn identity(&self) -> [u8; 8] {
         self.0.as_ref().map_or([0; 8], |model| model.identity())
     }

@@ -19,7 +19,9 @@ pub mod sampling;
 pub mod serial;
 mod start;
 pub mod supply;
+mod vent;
 pub mod watchdog;
 
-pub use start::{Peripherals, ThisBoard, vent};
+pub use start::{Peripherals, ThisBoard};
 pub use stm32h7::stm32h743v as pac;
+pub use vent::vent;

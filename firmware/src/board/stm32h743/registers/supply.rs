@@ -3,7 +3,7 @@
 use model_export::link::fault::Fault;
 use stm32h7::stm32h743v::{EXTI, PWR};
 
-use super::vent;
+use super::vent::vent;
 use crate::board::contract::SupplyMonitor;
 use crate::board::stm32h743::facts::BROWN_OUT_LEVEL;
 use crate::board::target::crash;
