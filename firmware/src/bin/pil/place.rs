@@ -54,10 +54,6 @@ impl ModelStep for Buffer {
         self.running.is_outside_domain()
     }
 
-    fn validation_error(&self) -> Option<f32> {
-        self.running.validation_error()
-    }
-
     fn identity(&self) -> [u8; 8] {
         self.running.identity()
     }
