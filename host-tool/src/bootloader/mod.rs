@@ -2,7 +2,7 @@
 //!
 //! The protocol is ST's (application note AN3155, USART protocol used in the STM32 bootloader): a command and its complement, an
 //! address or data with their exclusive-or, and after each a byte that acknowledges or refuses. The bootloader waits for ever for a byte that was lost;
-//! what is refused or not answered is therefore taken up again from a known point ([`Bootloader::resynchronise`]).
+//! what is refused or not answered is therefore taken up again from a known point (`Bootloader::resynchronise`).
 //!
 //! # Order
 //!
