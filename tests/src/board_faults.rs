@@ -97,7 +97,7 @@ pub enum Expected {
     StaysVented(Fault),
     /// It goes on, or vents; at no time does it leave its limits.
     Bounded,
-    /// It goes on, and the true pressure is what was asked for within 1 %, from [`CORRECTED_WITHIN_MS`] on.
+    /// It goes on, and the true pressure is what was asked for within 1 %, from `CORRECTED_WITHIN_MS` on.
     Holds,
     /// What was saved is as before or as wanted.
     OldOrNew,
