@@ -9,7 +9,7 @@ use model_export::schema::{Activation, Cell, Layer, Mode, Model};
 use super::shape::Shape;
 
 /// A step without network, operators, filters and features.
-const STEP: usize = 255;
+const STEP: usize = 156;
 /// What a network adds to that, besides its layers.
 const NETWORK: usize = 149;
 const PLAY: usize = 28;
@@ -17,7 +17,7 @@ const CREEP: usize = 13;
 /// A bend of the readout's curve, of which the curve's own part is counted in.
 const BEND: usize = 16;
 /// A feature with its rounding; without a network there are none.
-const FEATURE: usize = 39;
+const FEATURE: usize = 32;
 /// Glue around a layer's kernel, and a unit's share of the dense output.
 const LAYER: usize = 25;
 const DENSE_UNIT: usize = 3;
