@@ -1,4 +1,4 @@
-//! What a link is told by its board, and what it tells the board.
+//! What a link takes from its board, and what it asks of it.
 
 use model_export::link::hello::{Build, MAX_BOARD_NAME};
 use model_export::link::message::FaultRecord;
