@@ -154,6 +154,19 @@ fn a_column_that_a_lab_wrote_is_named_with_its_parameter() {
 }
 
 #[test]
+fn a_law_without_a_value_in_a_part_of_the_range_explains_nothing() {
+    let bench = Bench::new();
+    record(&bench, &PLAIN);
+    for shape in ["static-map", "threshold", "column"] {
+        let law = "law = \"u + depth * ln(u - 0.3)\"\nparameters.depth = { low = 0.01, high = 0.3 }";
+        bench.write("lab.toml", format!("[[effect]]\nname = \"sleeve\"\nshape = \"{shape}\"\n{law}\n"));
+        bench.works("discover --data data --holdout kept --effects lab.toml --out found --json result.json");
+        let result = bench.json("result.json");
+        assert_eq!(result["verdict"], "none", "{shape}: {result}");
+    }
+}
+
+#[test]
 fn a_law_that_makes_no_sense_is_refused_with_what_would() {
     let bench = Bench::new();
     record(&bench, &PLAIN);

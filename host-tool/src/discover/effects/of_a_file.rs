@@ -29,6 +29,8 @@ const STEPS: usize = 4;
 const MOST_STARTS: usize = 48;
 /// Longest law, characters: longer ones are no law that a person wrote.
 const LONGEST_LAW: usize = 500;
+/// What stands for a value that a law does not have, in spans: so far off that no fit takes it for an explanation.
+const FAR: f64 = 1e6;
 /// Most parameters: a grid of more is too coarse to find anything.
 const MOST_PARAMETERS: usize = 4;
 
@@ -271,7 +273,7 @@ impl Law {
             Self { definition: definition.clone(), name, form, parameters: Box::leak(parameters.into_boxed_slice()), law, variables };
         let middle: Vec<f64> = form.parameters.iter().map(|parameter| 0.5 * (parameter.low + parameter.high)).collect();
         let sight = Sight { signal: 0.5, state: 0.5, rate: 1.0, time_s: 1.0, session_s: 1.0 };
-        if !form.value(&middle, &sight).is_finite() {
+        if form.value(&middle, &sight).abs() >= FAR {
             return Err("the law has no finite value in the middle of its parameters' ranges at half of the span".to_owned());
         }
         Ok(form)
@@ -289,7 +291,9 @@ impl Law {
                 Variable::Parameter(at) => parameters[at],
             };
         }
-        self.law.eval(&values[..self.variables.len()]).unwrap_or(f64::NAN)
+        let value = self.law.eval(&values[..self.variables.len()]).unwrap_or(f64::NAN);
+        // Sums of squares take what is no number for nothing.
+        if value.is_finite() { value.clamp(-FAR, FAR) } else { FAR }
     }
 
     /// What a law without operators makes of a signal.
@@ -310,6 +314,7 @@ impl Law {
                     let at = |share: f64| before + (signal - before) * (step as f64 + share) / STEPS as f64;
                     let slope = self.value(parameters, &Sight { signal: at(0.0), state, ..sight });
                     state += step_s * self.value(parameters, &Sight { signal: at(0.5), state: state + 0.5 * step_s * slope, ..sight });
+                    state = state.clamp(-FAR, FAR);
                 }
             }
             state
