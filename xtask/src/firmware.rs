@@ -129,7 +129,7 @@ pub fn build(board: &Board) -> Result<Sealed> {
             // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
             .env("DEFMT_LOG", "info")
             .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?)
-            .env("FIRMWARE_COMMIT", commit()),
+            .env(COMMIT, commit()),
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
@@ -156,6 +156,9 @@ pub fn build(board: &Board) -> Result<Sealed> {
 /// What the image is made of.
 const SOURCES: [&str; 6] = ["Cargo.toml", "Cargo.lock", "memory.x", "hysteresis", "model-export", "firmware"];
 
+/// The variable that tells the image its commit; an archive of the sources, which git knows nothing of, is told by it as well.
+const COMMIT: &str = "FIRMWARE_COMMIT";
+
 /// The last commit that changed the image's sources, which `Hello` tells; empty where the tree holds something else. Later commits of other
 /// files build the same image.
 fn commit() -> String {
@@ -165,6 +168,7 @@ fn commit() -> String {
     };
     match (git(&["status", "--porcelain", "--untracked-files=no"]), git(&["log", "-1", "--format=%H"])) {
         (Some(changes), Some(commit)) if changes.is_empty() => commit,
+        (None, None) => std::env::var(COMMIT).unwrap_or_default(),
         _ => String::new(),
     }
 }
@@ -236,7 +240,7 @@ fn rebuild(board: &Board, folder: &Path) -> Result<Vec<u8>> {
         }
     }
     let mut again = cargo();
-    again.current_dir(folder).env("CARGO_TARGET_DIR", folder.join("target")).env_remove("CARGO_MANIFEST_DIR");
+    again.current_dir(folder).env("CARGO_TARGET_DIR", folder.join("target")).env(COMMIT, commit()).env_remove("CARGO_MANIFEST_DIR");
     run(
         "reproducible: the same sources elsewhere",
         again.args(["run", "--quiet", "--package", "xtask", "--", "firmware", "--board", board.name]),
