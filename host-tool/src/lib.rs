@@ -9,6 +9,8 @@
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
 
+pub use {output, output::say, recording};
+
 pub mod backend;
 pub mod bootloader;
 pub mod cli;
@@ -26,9 +28,7 @@ pub mod journal;
 pub mod link;
 pub mod model;
 pub mod network;
-pub mod output;
 pub mod plant;
-pub mod recording;
 pub mod report;
 pub mod rig;
 pub mod track;

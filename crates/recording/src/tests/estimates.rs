@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::recording::{drift, repeatability};
+use crate::{drift, repeatability};
 
 /// Standard normal: twelve uniform numbers less six.
 fn normal(random: &mut ChaCha8Rng) -> f64 {

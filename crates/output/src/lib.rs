@@ -12,8 +12,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// command goes on and still leaves its files.
 #[macro_export]
 macro_rules! say {
-    () => { $crate::output::print_line(format_args!("")) };
-    ($($argument:tt)*) => { $crate::output::print_line(format_args!($($argument)*)) };
+    () => { $crate::print_line(format_args!("")) };
+    ($($argument:tt)*) => { $crate::print_line(format_args!($($argument)*)) };
 }
 
 /// The first error of standard output other than a closed pipe, for example a full disk behind `> report.txt`.

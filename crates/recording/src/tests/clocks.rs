@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::recording::resample::{common_period_s, uniform};
+use crate::resample::{common_period_s, uniform};
 
 /// A file of our own with these stamps; the input is a triangle of 4 s, the output the row's number.
 fn file(stamps_s: &[f64]) -> String {

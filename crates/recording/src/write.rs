@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::{Recording, RecordingError};
-use crate::output;
 
 /// Writes a recording as CSV, atomically. Reading it back gives the same bits.
 ///
