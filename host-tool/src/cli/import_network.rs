@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use crate::import::options::{
-    DenseActivation, FeatureKind, Options, activation, dense_activations, features, names, number, positive, range, signal,
+    DenseActivation, InputOptions, MAX_INPUTS, NetworkInput, Options, activation, dense_activations, features, names, number, positive,
+    range, signal,
 };
 use crate::import::{self, CheckVectors, Found, PARITY, Parity};
 use crate::network::{self, Activation, Mode, Network, TrainedModel};
@@ -29,9 +30,10 @@ pub struct Arguments {
     /// The model to write.
     #[arg(long, value_name = "FILE.safetensors", value_parser = output::file_argument("safetensors"))]
     out: PathBuf,
-    /// Quantity and unit of the input, for example `pressure:bar`.
+    /// Quantity and unit of the input, for example `pressure:bar`. A plant with several inputs (four at most): once for each, and the other options
+    /// that begin with the input's name, too.
     #[arg(long, value_name = "QUANTITY:UNIT", value_parser = signal)]
-    input: Option<Signal>,
+    input: Vec<Signal>,
     /// Quantity and unit of the output, for example `displacement:mm`.
     #[arg(long, value_name = "QUANTITY:UNIT", value_parser = signal)]
     output: Option<Signal>,
@@ -40,19 +42,19 @@ pub struct Arguments {
     sample_period_s: Option<f64>,
     /// Smallest and largest input in training, in its unit; the check vectors' when absent.
     #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true)]
-    input_range: Option<Ends>,
+    input_range: Vec<Ends>,
     /// Smallest and largest output in training, in its unit; the check vectors' when absent.
     #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true)]
     output_range: Option<Ends>,
     /// The network saw `(input - OFFSET) / scale`; 0 when absent.
     #[arg(long, value_name = "OFFSET", value_parser = number, allow_hyphen_values = true)]
-    input_offset: Option<f64>,
+    input_offset: Vec<f64>,
     /// The network saw `(input - offset) / SCALE`; 1 when absent.
     #[arg(long, value_name = "SCALE", value_parser = positive)]
-    input_scale: Option<f64>,
+    input_scale: Vec<f64>,
     /// The network saw `(input - LOW) / (HIGH - LOW)`.
     #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true, conflicts_with_all = ["input_offset", "input_scale"])]
-    input_min_max: Option<Ends>,
+    input_min_max: Vec<Ends>,
     /// The network gave `(output - OFFSET) / scale`; 0 when absent.
     #[arg(long, value_name = "OFFSET", value_parser = number, allow_hyphen_values = true)]
     output_offset: Option<f64>,
@@ -63,15 +65,15 @@ pub struct Arguments {
     #[arg(long, value_name = "LOW,HIGH", value_parser = two_numbers, allow_hyphen_values = true, conflicts_with_all = ["output_offset", "output_scale"])]
     output_min_max: Option<Ends>,
     /// The network's inputs in their order: `input`, `difference`, and `lag:N`, the input N samples ago; `lag:9..0` is the last ten samples,
-    /// the oldest first.
+    /// the oldest first. `input2`, `difference2` and `lag2:N` are those of the second input of the plant.
     #[arg(long, value_name = "LIST", value_parser = feature_list)]
     features: Option<FeatureList>,
     /// What the difference of two samples was divided by; the scale of the input when absent.
     #[arg(long, value_name = "SCALE", value_parser = positive)]
-    difference_scale: Option<f64>,
+    difference_scale: Vec<f64>,
     /// Largest change of the input from one sample to the next in training; the check vectors' when absent.
     #[arg(long, value_name = "STEP", value_parser = positive)]
-    largest_step: Option<f64>,
+    largest_step: Vec<f64>,
     /// Every output comes from the last SAMPLES, from zero state.
     #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u16).range(1..), conflicts_with = "streaming")]
     window: Option<u16>,
@@ -88,7 +90,7 @@ pub struct Arguments {
     /// The layers in the order of the signal, where their widths leave a choice; the output may be left out.
     #[arg(long, value_name = "NAME,NAME", value_parser = name_list)]
     layers: Option<NameList>,
-    /// CSV file with the columns `input` and `output` as the framework computes them, in the channels' units; an optional column
+    /// CSV file with the columns `input` (`input2` and so on) and `output` as the framework computes them, in the channels' units; an optional column
     /// `sequence` changes where the state starts from zero.
     #[arg(long, value_name = "FILE.csv")]
     check: Option<PathBuf>,
@@ -99,7 +101,7 @@ pub struct Arguments {
 
 // `clap` takes an array, a `Vec` or an option of them for an option that is repeated.
 type Ends = Box<[f64; 2]>;
-type FeatureList = std::sync::Arc<[FeatureKind]>;
+type FeatureList = std::sync::Arc<[NetworkInput]>;
 type NameList = std::sync::Arc<[String]>;
 type DenseActivationList = std::sync::Arc<[DenseActivation]>;
 
@@ -138,22 +140,46 @@ struct Summary<'a> {
 }
 
 impl Arguments {
-    fn options(&self) -> Options {
+    /// Each option as often as there are inputs, or not at all.
+    fn inputs(&self) -> Result<[InputOptions; MAX_INPUTS]> {
+        let mut inputs: [InputOptions; MAX_INPUTS] = Default::default();
+        let given = [
+            ("--input", self.input.len()),
+            ("--input-range", self.input_range.len()),
+            ("--input-offset", self.input_offset.len()),
+            ("--input-scale", self.input_scale.len()),
+            ("--input-min-max", self.input_min_max.len()),
+            ("--difference-scale", self.difference_scale.len()),
+            ("--largest-step", self.largest_step.len()),
+        ];
+        for (option, count) in given {
+            anyhow::ensure!(count <= MAX_INPUTS, "{option} is given {count} times; a model has at most {MAX_INPUTS} inputs");
+        }
+        for (index, input) in inputs.iter_mut().enumerate() {
+            let ends = self.input_min_max.get(index);
+            *input = InputOptions {
+                signal: self.input.get(index).cloned(),
+                range: self.input_range.get(index).map(|range| **range),
+                offset: self.input_offset.get(index).copied().or(ends.map(|ends| ends[0])),
+                scale: self.input_scale.get(index).copied().or(ends.map(|ends| ends[1] - ends[0])),
+                difference_scale: self.difference_scale.get(index).copied(),
+                largest_step: self.largest_step.get(index).copied(),
+            };
+        }
+        Ok(inputs)
+    }
+
+    fn options(&self) -> Result<Options> {
         let offset = |given: Option<f64>, ends: &Option<Ends>| given.or(ends.as_ref().map(|ends| ends[0]));
         let scale = |given: Option<f64>, ends: &Option<Ends>| given.or(ends.as_ref().map(|ends| ends[1] - ends[0]));
-        Options {
-            input: self.input.clone(),
+        Ok(Options {
+            inputs: self.inputs()?,
             output: self.output.clone(),
             sample_period_s: self.sample_period_s,
-            input_range: self.input_range.as_deref().copied(),
             output_range: self.output_range.as_deref().copied(),
-            input_offset: offset(self.input_offset, &self.input_min_max),
-            input_scale: scale(self.input_scale, &self.input_min_max),
             output_offset: offset(self.output_offset, &self.output_min_max),
             output_scale: scale(self.output_scale, &self.output_min_max),
-            features: self.features.as_deref().map(<[FeatureKind]>::to_vec),
-            difference_scale: self.difference_scale,
-            largest_step: self.largest_step,
+            features: self.features.as_deref().map(<[NetworkInput]>::to_vec),
             mode: match self.window {
                 Some(length) => Some(Mode::Window { length: length.into() }),
                 None => self.streaming.then_some(Mode::Streaming),
@@ -162,7 +188,7 @@ impl Arguments {
             dense_activation: self.dense_activation.as_deref().map(<[DenseActivation]>::to_vec),
             layers: self.layers.as_deref().map(<[String]>::to_vec),
             framework: None,
-        }
+        })
     }
 }
 
@@ -175,7 +201,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inputs: Vec<PathBuf> = [Some(&arguments.file), arguments.check.as_ref()].into_iter().flatten().cloned().collect();
     let outputs: Vec<&Path> = [Some(&arguments.out), arguments.json.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
-    let mut found = import::read(&arguments.file, arguments.options()).with_context(|| path.to_string())?;
+    let mut found = import::read(&arguments.file, arguments.options()?).with_context(|| path.to_string())?;
     let check = arguments.check.as_deref().map(|path| vectors(path, &found)).transpose()?;
     let model = found.model(check.as_ref()).with_context(|| path.to_string())?;
     let parity = check.as_ref().map(|check| check.compare(&model)).transpose().with_context(|| path.to_string())?;
@@ -209,7 +235,9 @@ fn vectors(path: &Path, found: &Found) -> Result<CheckVectors> {
     let length = std::fs::metadata(path).with_context(shown)?.len();
     anyhow::ensure!(length <= MOST_CHECK_BYTES, "{}: {length} bytes of check vectors, some hundred rows are enough", path.display());
     let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    Ok(CheckVectors::parse(&bytes, path, [found.options.input.as_ref(), found.options.output.as_ref()])?)
+    let inputs: Vec<Option<&Signal>> =
+        found.options.inputs[..found.options.named_inputs()?.max(1)].iter().map(|input| input.signal.as_ref()).collect();
+    Ok(CheckVectors::parse(&bytes, path, &inputs, found.options.output.as_ref())?)
 }
 
 fn print(arguments: &Arguments, found: &Found, model: &TrainedModel, parity: Option<Parity>) {

@@ -8,7 +8,7 @@ use model_export::schema::{Feature, FeatureSource, FrontEnd, MAX_FEATURES, MAX_W
 
 use super::ImportError;
 use super::check::CheckVectors;
-use super::options::{FeatureKind, Options};
+use super::options::{FeatureKind, InputOptions, NetworkInput, Options};
 use super::source::{SourceLayer, SourceNetwork};
 use crate::network::{Activation, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 use crate::recording::Signal;
@@ -80,19 +80,21 @@ pub fn assemble(
     notes: &mut Vec<String>,
 ) -> Result<TrainedModel, ImportError> {
     source.check()?;
-    let features = features(source, options)?;
-    let input = known(&options.input, "the input's quantity and unit", "--input, for example --input pressure:bar")?;
+    let count = options.named_inputs()?;
+    known(&options.inputs[0].signal, "the input's quantity and unit", "--input, for example --input pressure:bar")?;
+    let features = features(source, options, count)?;
     let output = known(&options.output, "the output's quantity and unit", "--output, for example --output displacement:mm")?;
     let sample_period_s = known(&options.sample_period_s, "the sample period", "--sample-period-s")?;
-    let seen = check.and_then(CheckVectors::input_range);
-    let input_range = range_or_check(options.input_range, seen, "the input's range in training", "--input-range LOW,HIGH", notes)?;
+    let mut inputs = Vec::with_capacity(count);
+    for (index, said) in options.inputs[..count].iter().enumerate() {
+        inputs.push(input(index, said, check, notes)?);
+    }
     let seen = check.and_then(CheckVectors::output_range);
     let output_range = range_or_check(options.output_range, seen, "the output's range in training", "--output-range LOW,HIGH", notes)?;
-    if options.input_scale.is_none() && options.input_offset.is_none() && options.output_scale.is_none() && options.output_offset.is_none()
-    {
+    let unscaled = |input: &InputOptions| input.scale.is_none() && input.offset.is_none();
+    if options.inputs.iter().all(unscaled) && options.output_scale.is_none() && options.output_offset.is_none() {
         notes.push("no scaling: the network takes and gives values in the channels' units".to_owned());
     }
-    let input = channel(input, options.input_offset, options.input_scale, input_range);
     let output = channel(output, options.output_offset, options.output_scale, output_range);
     let mode = mode(source, options, features.len())?;
     let activation = source.activation.or(options.activation);
@@ -110,12 +112,18 @@ pub fn assemble(
 
     let mut front_end = FrontEnd { lag_coefficient: 1.0, ..FrontEnd::default() };
     let mut factors = Vec::new();
-    for kind in features {
-        let (feature, factor) = feature(kind, &input, options, check, notes)?;
+    for seen in features {
+        let (feature, factor) = feature(seen, &inputs[seen.channel], &options.inputs[seen.channel], check, notes)?;
         // No more than fit were let in.
         let _ = front_end.features.push(feature);
+        if count > 1 {
+            let _ = front_end.feature_inputs.push(u8::try_from(seen.channel).unwrap_or(u8::MAX));
+        }
         factors.push(factor);
     }
+    front_end.more_input_weights.extend((1..count).map(|_| 0.0));
+    let more_inputs = inputs.split_off(1);
+    let input = inputs.remove(0);
     let mut layers = Vec::with_capacity(source.layers.len());
     for (index, layer) in source.layers.iter().enumerate() {
         layers.push(converted(layer, (index == 0).then_some(&factors[..]))?);
@@ -126,7 +134,7 @@ pub fn assemble(
     let framework = options.framework.as_deref().unwrap_or(source.kind);
     let model = TrainedModel {
         input,
-        more_inputs: Vec::new(),
+        more_inputs,
         output,
         sample_period_s,
         mode,
@@ -147,14 +155,25 @@ pub fn assemble(
     Ok(model)
 }
 
-/// What the network's inputs are.
-fn features(source: &SourceNetwork, options: &Options) -> Result<Vec<FeatureKind>, ImportError> {
+/// An input of the plant.
+fn input(index: usize, said: &InputOptions, check: Option<&CheckVectors>, notes: &mut Vec<String>) -> Result<Channel, ImportError> {
+    let signal = known(&said.signal, "the input's quantity and unit", "--input")?;
+    let seen = check.and_then(|check| check.input_range(index));
+    let what =
+        ["the input's range in training", "the range of the second input", "the range of the third input", "the range of the last input"];
+    let range = range_or_check(said.range, seen, what[index.min(what.len() - 1)], "--input-range LOW,HIGH", notes)?;
+    Ok(channel(signal, said.offset, said.scale, range))
+}
+
+/// What the network's inputs are; the plant has `count` of its own.
+fn features(source: &SourceNetwork, options: &Options, count: usize) -> Result<Vec<NetworkInput>, ImportError> {
     let first: Option<&SourceLayer> = source.layers.first();
     let inputs = first.map_or(0, |layer| layer.inputs);
     let name = first.map_or("", |layer| layer.name.as_str());
     match (&options.features, inputs) {
-        (Some(features), _) if features.len() == inputs => Ok(features.clone()),
-        (None, 1) => Ok(vec![FeatureKind::Input]),
+        (Some(features), _) if features.len() == inputs => all_used(features, count),
+        // The network's inputs are the plant's, in the order in which these were said.
+        (None, _) if inputs == count => Ok((0..count).map(|channel| NetworkInput { channel, kind: FeatureKind::Input }).collect()),
         _ if inputs > MAX_FEATURES => {
             let remedy = format!("at most {MAX_FEATURES} fit; train with fewer");
             Err(ImportError::refuse(format!("`{name}` with {inputs} inputs"), remedy))
@@ -167,6 +186,18 @@ fn features(source: &SourceNetwork, options: &Options) -> Result<Vec<FeatureKind
             let problem = format!("{} given, `{name}` takes {inputs}", features.len());
             Err(ImportError::Value { name: "--features".to_owned(), problem })
         }
+    }
+}
+
+/// Every input of the plant that a feature names is there, and every one that is there has a feature.
+fn all_used(features: &[NetworkInput], count: usize) -> Result<Vec<NetworkInput>, ImportError> {
+    let refuse = |problem: String| Err(ImportError::Value { name: "--features".to_owned(), problem });
+    if let Some(seen) = features.iter().find(|seen| seen.channel >= count) {
+        return refuse(format!("names input {}, but there are {count}; give --input once for each", seen.channel + 1));
+    }
+    match (0..count).find(|channel| features.iter().all(|seen| seen.channel != *channel)) {
+        Some(unused) => refuse(format!("the network sees nothing of input {}; leave out its --input", unused + 1)),
+        None => Ok(features.to_vec()),
     }
 }
 
@@ -201,26 +232,26 @@ fn mode(source: &SourceNetwork, options: &Options, features: usize) -> Result<Mo
 
 /// A feature, and what its column of the first layer's weights is multiplied by.
 fn feature(
-    kind: FeatureKind,
+    seen: NetworkInput,
     input: &Channel,
-    options: &Options,
+    options: &InputOptions,
     check: Option<&CheckVectors>,
     notes: &mut Vec<String>,
 ) -> Result<(Feature, f64), ImportError> {
     let scale = f64::from(input.scale);
-    let (source, largest, ratio) = match kind {
+    let (source, largest, ratio) = match seen.kind {
         FeatureKind::Input | FeatureKind::Lag(_) => {
             let normalised = |value: f32| ((f64::from(value) - f64::from(input.offset)) / scale).abs();
-            let source = if let FeatureKind::Lag(age) = kind { FeatureSource::Past(age) } else { FeatureSource::Input };
+            let source = if let FeatureKind::Lag(age) = seen.kind { FeatureSource::Past(age) } else { FeatureSource::Input };
             (source, normalised(input.minimum).max(normalised(input.maximum)), 1.0)
         }
         FeatureKind::Difference => {
-            let seen = check.and_then(CheckVectors::largest_step);
+            let shown = check.and_then(|check| check.largest_step(seen.channel));
             let (what, option) = ("the largest step of the input between samples", "--largest-step");
-            if let (None, Some(step)) = (options.largest_step, seen) {
+            if let (None, Some(step)) = (options.largest_step, shown) {
                 notes.push(format!("{what} is taken from the check vectors: {step}; {option} says otherwise"));
             }
-            let step = known(&options.largest_step.or(seen), what, option)?;
+            let step = known(&options.largest_step.or(shown), what, option)?;
             // The front end gives the difference of the normalised input; the network may have seen it divided by something else.
             (FeatureSource::InputDifference, step / scale, options.difference_scale.map_or(1.0, |divisor| scale / divisor))
         }

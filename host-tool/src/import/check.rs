@@ -12,8 +12,8 @@ pub const PARITY: f64 = 1e-6;
 /// Input samples with the framework's output.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CheckVectors {
-    /// In the input's unit.
-    pub input: Vec<f64>,
+    /// One row an input of the plant, in its unit.
+    pub inputs: Vec<Vec<f64>>,
     /// In the output's unit; none where nothing is to be compared.
     pub expected: Vec<Option<f64>>,
     /// Where sequences after the first start, from zero state.
@@ -45,12 +45,12 @@ fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
 }
 
 impl CheckVectors {
-    /// Reads a CSV file with the columns `input` and `output`, or those of the channels such as `pressure_bar`, and optionally `sequence`
-    /// (another number starts from zero state) and `time_s` (not used).
+    /// Reads a CSV file with the columns `input` (and `input2` and so on, one for each of `inputs`) and `output`, or those of the channels such
+    /// as `pressure_bar`, and optionally `sequence` (another number starts from zero state) and `time_s` (not used).
     ///
     /// # Errors
     /// What is wrong, with the line.
-    pub fn parse(bytes: &[u8], path: &Path, channels: [Option<&Signal>; 2]) -> Result<Self, ImportError> {
+    pub fn parse(bytes: &[u8], path: &Path, inputs: &[Option<&Signal>], output: Option<&Signal>) -> Result<Self, ImportError> {
         let problem = |line: u64, problem: String| ImportError::Check { problem: format!("{}:{line}: {problem}", path.display()) };
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
         let header = reader.headers().map_err(|error| problem(1, format!("not a CSV file ({error})")))?.clone();
@@ -62,14 +62,16 @@ impl CheckVectors {
                 problem(1, format!("there is no column `{role}`{also} (the file has `{found}`); rename the column"))
             })
         };
-        let (input, output) = (column("input", channels[0])?, column("output", channels[1])?);
+        let role = |index: usize| if index == 0 { "input".to_owned() } else { format!("input{}", index + 1) };
+        let inputs = inputs.iter().enumerate().map(|(index, signal)| column(&role(index), *signal)).collect::<Result<Vec<_>, _>>()?;
+        let output = column("output", output)?;
         let sequence = header.iter().position(|name| name == "sequence");
         for (index, name) in header.iter().enumerate() {
-            if index != input && index != output && Some(index) != sequence && name != "time_s" {
+            if !inputs.contains(&index) && index != output && Some(index) != sequence && name != "time_s" {
                 return Err(problem(1, format!("the column `{name}` is not known; remove it")));
             }
         }
-        let mut vectors = Self::default();
+        let mut vectors = Self { inputs: vec![Vec::new(); inputs.len()], ..Self::default() };
         let mut last = None;
         for record in reader.records() {
             let record =
@@ -84,11 +86,13 @@ impl CheckVectors {
             };
             if let Some(index) = sequence {
                 if last.as_deref().is_some_and(|last| last != cell(index)) {
-                    vectors.starts.push(vectors.input.len());
+                    vectors.starts.push(vectors.expected.len());
                 }
                 last = Some(cell(index).to_owned());
             }
-            vectors.input.push(value(input)?);
+            for (values, column) in vectors.inputs.iter_mut().zip(&inputs) {
+                values.push(value(*column)?);
+            }
             vectors.expected.push(if cell(output).is_empty() { None } else { Some(value(output)?) });
         }
         if vectors.output_range().is_none() {
@@ -97,10 +101,10 @@ impl CheckVectors {
         Ok(vectors)
     }
 
-    /// Smallest and largest input.
+    /// Smallest and largest value of an input.
     #[must_use]
-    pub fn input_range(&self) -> Option<[f64; 2]> {
-        ends(self.input.iter().copied())
+    pub fn input_range(&self, channel: usize) -> Option<[f64; 2]> {
+        ends(self.inputs.get(channel)?.iter().copied())
     }
 
     /// Smallest and largest expected output.
@@ -109,10 +113,10 @@ impl CheckVectors {
         ends(self.expected.iter().flatten().copied())
     }
 
-    /// Largest change of the input from one sample to the next.
+    /// Largest change of an input from one sample to the next.
     #[must_use]
-    pub fn largest_step(&self) -> Option<f64> {
-        let steps = self.input.windows(2).enumerate().filter(|(index, _)| self.starts.binary_search(&(index + 1)).is_err());
+    pub fn largest_step(&self, channel: usize) -> Option<f64> {
+        let steps = self.inputs.get(channel)?.windows(2).enumerate().filter(|(index, _)| self.starts.binary_search(&(index + 1)).is_err());
         let largest = steps.map(|(_, pair)| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
         (largest > 0.0).then_some(largest)
     }
@@ -123,7 +127,7 @@ impl CheckVectors {
     /// When the model is out of its domain.
     pub fn compare(&self, model: &TrainedModel) -> Result<Parity, ImportError> {
         let computed = model
-            .predict(&[&self.input], &self.starts)
+            .predict(&self.inputs.iter().map(Vec::as_slice).collect::<Vec<_>>(), &self.starts)
             .map_err(|invalid| ImportError::Value { name: "the network".to_owned(), problem: invalid.to_string() })?;
         let range = self.output_range().map_or(f64::NAN, |[low, high]| high - low);
         let mut worst = Parity {

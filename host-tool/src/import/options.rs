@@ -1,17 +1,30 @@
 //! What weights do not tell: channels, normalisation, period, features. It comes from the command line or from the file's metadata.
 //!
-//! The metadata entries are called `catheter.` and the name of the option with `_` for `-`; the Python helper writes them.
+//! The metadata entries are called `catheter.` and the name of the option with `_` for `-`; the Python helper writes them. What is said of
+//! the second input has a 2 in its name: `catheter.input2`, `catheter.input2_range`, `catheter.difference2_scale`, `catheter.largest_step2`.
 
 use std::collections::BTreeMap;
 
-use model_export::schema::{MAX_DEAD_TIME_SAMPLES, MAX_FEATURES};
+use model_export::schema::{MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_MORE_INPUTS};
 
 use super::ImportError;
 pub use super::source::DenseActivation;
 use crate::network::{Activation, Mode};
 use crate::recording::Signal;
 
-/// One input of the network.
+/// Inputs of the plant at most.
+pub const MAX_INPUTS: usize = 1 + MAX_MORE_INPUTS;
+
+/// One input of the network: what it sees of one input of the plant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetworkInput {
+    /// Which input of the plant, from zero.
+    pub channel: usize,
+    /// What of it.
+    pub kind: FeatureKind,
+}
+
+/// What a network sees of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FeatureKind {
     /// The input itself.
@@ -22,33 +35,40 @@ pub enum FeatureKind {
     Lag(u8),
 }
 
+/// What was said of one input of the plant.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InputOptions {
+    /// Its quantity and unit.
+    pub signal: Option<Signal>,
+    /// Smallest and largest value in training.
+    pub range: Option<[f64; 2]>,
+    /// The network saw `(input - offset) / scale`; 0 when absent.
+    pub offset: Option<f64>,
+    /// 1 when absent.
+    pub scale: Option<f64>,
+    /// What its difference was divided by; its scale when absent.
+    pub difference_scale: Option<f64>,
+    /// Largest change from one sample to the next in training.
+    pub largest_step: Option<f64>,
+}
+
 /// What was said; nothing has a silent default but the normalisation, which is none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// The input's quantity and unit.
-    pub input: Option<Signal>,
-    /// The output's.
+    /// The plant's inputs in their order; those without a signal are not there.
+    pub inputs: [InputOptions; MAX_INPUTS],
+    /// The output's quantity and unit.
     pub output: Option<Signal>,
     /// Time between samples in s.
     pub sample_period_s: Option<f64>,
-    /// Smallest and largest input in training.
-    pub input_range: Option<[f64; 2]>,
     /// Smallest and largest output in training.
     pub output_range: Option<[f64; 2]>,
-    /// The network saw `(input - offset) / scale`; 0 when absent.
-    pub input_offset: Option<f64>,
-    /// 1 when absent.
-    pub input_scale: Option<f64>,
     /// The network gave `(output - offset) / scale`; 0 when absent.
     pub output_offset: Option<f64>,
     /// 1 when absent.
     pub output_scale: Option<f64>,
-    /// The network's inputs in their order; a single one is the input when absent.
-    pub features: Option<Vec<FeatureKind>>,
-    /// What the difference was divided by; the input's scale when absent.
-    pub difference_scale: Option<f64>,
-    /// Largest change of the input from one sample to the next in training.
-    pub largest_step: Option<f64>,
+    /// The network's inputs in their order; the plant's in theirs when absent and as many.
+    pub features: Option<Vec<NetworkInput>>,
     /// Streaming or window.
     pub mode: Option<Mode>,
     /// The activation of the recurrent layers.
@@ -102,20 +122,25 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// Reads a list of `input`, `difference`, `lag:N` (the input N samples ago) and `lag:N..M`, a row of them.
+/// Reads a list of `input`, `difference`, `lag:N` (the input N samples ago) and `lag:N..M`, a row of them; `input2`, `difference2` and `lag2:N`
+/// are those of the second input of the plant.
 ///
 /// # Errors
 /// For anything else, and for more than fit.
-pub fn features(text: &str) -> Result<Vec<FeatureKind>, String> {
+pub fn features(text: &str) -> Result<Vec<NetworkInput>, String> {
     let mut features = Vec::new();
     for part in text.split(',').map(str::trim) {
-        match (part, part.strip_prefix("lag:")) {
-            ("input", _) => features.push(FeatureKind::Input),
-            ("difference", _) => features.push(FeatureKind::Difference),
-            (_, Some(lags)) => features.extend(self::lags(lags)?.into_iter().map(FeatureKind::Lag)),
+        let (name, lags) = part.split_once(':').map_or((part, None), |(name, lags)| (name, Some(lags)));
+        let (word, channel) = numbered(name);
+        let seen = |kind| NetworkInput { channel, kind };
+        match (word.as_str(), lags) {
+            ("input", None) => features.push(seen(FeatureKind::Input)),
+            ("difference", None) => features.push(seen(FeatureKind::Difference)),
+            ("lag", Some(lags)) => features.extend(self::lags(lags)?.into_iter().map(|age| seen(FeatureKind::Lag(age)))),
             _ => {
                 return Err(format!(
-                    "`{part}` is none of `input`, `difference`, `lag:3` and `lag:9..0`: other inputs have no place in the model"
+                    "`{part}` is none of `input`, `difference`, `lag:3` and `lag:9..0`, or of `input2` to `input{MAX_INPUTS}` and so on: \
+                     nothing else has a place in the model"
                 ));
             }
         }
@@ -124,6 +149,18 @@ pub fn features(text: &str) -> Result<Vec<FeatureKind>, String> {
         return Err(format!("{} inputs, at most {MAX_FEATURES} fit; train with fewer", features.len()));
     }
     Ok(features)
+}
+
+/// A name without the number of its input, and that input, from zero: `input2_range` is `input_range` of the second.
+fn numbered(name: &str) -> (String, usize) {
+    let number = name.char_indices().find_map(|(at, found)| {
+        let number = usize::try_from(found.to_digit(10)?).ok().filter(|number| (2..=MAX_INPUTS).contains(number))?;
+        Some((at, number))
+    });
+    match number {
+        Some((at, number)) => (format!("{}{}", &name[..at], &name[at + 1..]), number - 1),
+        None => (name.to_owned(), 0),
+    }
 }
 
 /// The ages of `3`, or of `9..0` or `0..9`, both ends included.
@@ -202,19 +239,29 @@ impl Options {
     }
 
     fn set(&mut self, name: &str, text: &str) -> Result<(), String> {
+        let (word, channel) = numbered(name);
+        let input = &mut self.inputs[channel];
+        match word.as_str() {
+            "input" => input.signal = Some(signal(text)?),
+            "input_range" => input.range = Some(range(text)?),
+            "input_offset" => input.offset = Some(number(text)?),
+            "input_scale" => input.scale = Some(positive(text)?),
+            "difference_scale" => input.difference_scale = Some(positive(text)?),
+            "largest_step" => input.largest_step = Some(positive(text)?),
+            _ => return self.set_of_all(name, text),
+        }
+        Ok(())
+    }
+
+    /// What is no single input's.
+    fn set_of_all(&mut self, name: &str, text: &str) -> Result<(), String> {
         match name {
-            "input" => self.input = Some(signal(text)?),
             "output" => self.output = Some(signal(text)?),
             "sample_period_s" => self.sample_period_s = Some(positive(text)?),
-            "input_range" => self.input_range = Some(range(text)?),
             "output_range" => self.output_range = Some(range(text)?),
-            "input_offset" => self.input_offset = Some(number(text)?),
-            "input_scale" => self.input_scale = Some(positive(text)?),
             "output_offset" => self.output_offset = Some(number(text)?),
             "output_scale" => self.output_scale = Some(positive(text)?),
             "features" => self.features = Some(features(text)?),
-            "difference_scale" => self.difference_scale = Some(positive(text)?),
-            "largest_step" => self.largest_step = Some(positive(text)?),
             "window" => self.mode = Some(mode(text)?),
             "activation" => self.activation = Some(activation(text)?),
             "dense_activation" => self.dense_activation = Some(dense_activations(text)?),
@@ -225,39 +272,63 @@ impl Options {
         Ok(())
     }
 
+    /// Inputs of the plant that have a name: the first ones.
+    ///
+    /// # Errors
+    /// When something was said of one that has none.
+    pub fn named_inputs(&self) -> Result<usize, ImportError> {
+        let named = self.inputs.iter().take_while(|input| input.signal.is_some()).count();
+        match self.inputs.iter().enumerate().skip(named.max(1)).find(|(_, input)| **input != InputOptions::default()) {
+            Some((index, _)) => {
+                let problem = format!("something is said of input {}, but there are {named}; give --input once for each", index + 1);
+                Err(ImportError::Value { name: "--input".to_owned(), problem })
+            }
+            None => Ok(named),
+        }
+    }
+
     /// These options, and where they are silent those of the file; notes say where both spoke and differ.
     #[must_use]
     pub fn over(self, file: Self) -> (Self, Vec<String>) {
         let mut notes = Vec::new();
-        macro_rules! merged {
-            ($($field:ident),*) => {
-                Self { $($field: {
-                    if let (Some(ours), Some(theirs)) = (&self.$field, &file.$field) && ours != theirs {
-                        notes.push(format!("`catheter.{}` of the file is replaced by the option", stringify!($field).replace("mode", "window")));
-                    }
-                    self.$field.or(file.$field)
-                }),* }
-            };
-        }
-        let options = merged!(
-            input,
-            output,
-            sample_period_s,
-            input_range,
-            output_range,
-            input_offset,
-            input_scale,
-            output_offset,
-            output_scale,
-            features,
-            difference_scale,
-            largest_step,
-            mode,
-            activation,
-            dense_activation,
-            layers,
-            framework
-        );
+        let mut numbers = 1..;
+        let mut pairs = self.inputs.into_iter().zip(file.inputs);
+        let inputs = std::array::from_fn(|_| {
+            let (ours, theirs) = pairs.next().unwrap_or_default();
+            let number = numbers.next().filter(|number| *number > 1).map_or_else(String::new, |number| number.to_string());
+            InputOptions {
+                signal: either(ours.signal, theirs.signal, &format!("input{number}"), &mut notes),
+                range: either(ours.range, theirs.range, &format!("input{number}_range"), &mut notes),
+                offset: either(ours.offset, theirs.offset, &format!("input{number}_offset"), &mut notes),
+                scale: either(ours.scale, theirs.scale, &format!("input{number}_scale"), &mut notes),
+                difference_scale: either(ours.difference_scale, theirs.difference_scale, &format!("difference{number}_scale"), &mut notes),
+                largest_step: either(ours.largest_step, theirs.largest_step, &format!("largest_step{number}"), &mut notes),
+            }
+        });
+        let options = Self {
+            inputs,
+            output: either(self.output, file.output, "output", &mut notes),
+            sample_period_s: either(self.sample_period_s, file.sample_period_s, "sample_period_s", &mut notes),
+            output_range: either(self.output_range, file.output_range, "output_range", &mut notes),
+            output_offset: either(self.output_offset, file.output_offset, "output_offset", &mut notes),
+            output_scale: either(self.output_scale, file.output_scale, "output_scale", &mut notes),
+            features: either(self.features, file.features, "features", &mut notes),
+            mode: either(self.mode, file.mode, "window", &mut notes),
+            activation: either(self.activation, file.activation, "activation", &mut notes),
+            dense_activation: either(self.dense_activation, file.dense_activation, "dense_activation", &mut notes),
+            layers: either(self.layers, file.layers, "layers", &mut notes),
+            framework: either(self.framework, file.framework, "framework", &mut notes),
+        };
         (options, notes)
     }
+}
+
+/// The option, or else what the file says; a note where both spoke and differ.
+fn either<T: PartialEq>(option: Option<T>, file: Option<T>, name: &str, notes: &mut Vec<String>) -> Option<T> {
+    if let (Some(ours), Some(theirs)) = (&option, &file)
+        && ours != theirs
+    {
+        notes.push(format!("`catheter.{name}` of the file is replaced by the option"));
+    }
+    option.or(file)
 }

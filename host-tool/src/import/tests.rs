@@ -6,23 +6,38 @@ use std::path::{Path, PathBuf};
 use proptest::prelude::*;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
-use super::options::FeatureKind;
+use super::options::{FeatureKind, InputOptions, NetworkInput};
 use super::*;
 use crate::export;
 use crate::network::{Activation, Mode};
-use crate::recording::{Recording, Signal};
+use crate::recording::{Channel, Recording, Signal};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/vectors/import")
 }
 
+/// A plant of one input.
+fn one(input: InputOptions) -> [InputOptions; 4] {
+    [input, InputOptions::default(), InputOptions::default(), InputOptions::default()]
+}
+
+/// What is said of the pressure, changed.
+fn pressure(change: impl FnOnce(&mut InputOptions)) -> [InputOptions; 4] {
+    let mut inputs = said().inputs;
+    change(&mut inputs[0]);
+    inputs
+}
+
+fn seen(kind: FeatureKind) -> NetworkInput {
+    NetworkInput { channel: 0, kind }
+}
+
 /// What was said of a network that brings no metadata.
 fn said() -> Options {
     Options {
-        input: Some(Signal::pressure_bar()),
+        inputs: one(InputOptions { signal: Some(Signal::pressure_bar()), range: Some([0.0, 3.0]), ..InputOptions::default() }),
         output: Some(Signal::displacement_mm()),
         sample_period_s: Some(0.02),
-        input_range: Some([0.0, 3.0]),
         output_range: Some([0.0, 12.0]),
         ..Options::default()
     }
@@ -30,12 +45,12 @@ fn said() -> Options {
 
 /// Every network in the folder, with what must be said of it.
 fn networks() -> Vec<(&'static str, Options)> {
-    let both = Some(vec![FeatureKind::Input, FeatureKind::Difference]);
-    let difference = Options { features: both, mode: Some(Mode::Streaming), largest_step: Some(0.1), ..said() };
+    let both = Some(vec![seen(FeatureKind::Input), seen(FeatureKind::Difference)]);
+    let stepping = pressure(|input| input.largest_step = Some(0.1));
+    let difference = Options { features: both, mode: Some(Mode::Streaming), inputs: stepping, ..said() };
     let window = Options {
         mode: Some(Mode::Window { length: 25 }),
-        input_offset: Some(1.5),
-        input_scale: Some(1.5),
+        inputs: pressure(|input| (input.offset, input.scale) = (Some(1.5), Some(1.5))),
         output_offset: Some(5.0),
         output_scale: Some(4.0),
         ..said()
@@ -56,14 +71,19 @@ fn networks() -> Vec<(&'static str, Options)> {
         ("torch_dense.safetensors", Options::default()),
         ("keras_gru_dense.safetensors", Options::default()),
         ("onnx_torch_gru.onnx", Options { mode: None, ..window.clone() }),
-        ("onnx_torch_dense.onnx", Options { mode: None, features: Some((0..10).rev().map(FeatureKind::Lag).collect()), ..window }),
+        (
+            "onnx_torch_dense.onnx",
+            Options { mode: None, features: Some((0..10).rev().map(FeatureKind::Lag).map(seen).collect()), ..window },
+        ),
+        ("torch_two_inputs.safetensors", Options::default()),
     ]
 }
 
 fn imported(name: &str, options: Options) -> (TrainedModel, CheckVectors) {
     let mut found = read(&folder().join(name), options).unwrap_or_else(|error| panic!("{name}: {error}"));
     let path = folder().join(name).with_extension("csv");
-    let vectors = CheckVectors::parse(&std::fs::read(&path).expect("the vectors"), &path, [None, None]).expect("vectors");
+    let inputs = vec![None; found.options.named_inputs().expect("inputs")];
+    let vectors = CheckVectors::parse(&std::fs::read(&path).expect("the vectors"), &path, &inputs, None).expect("vectors");
     let model = found.model(Some(&vectors)).unwrap_or_else(|error| panic!("{name}: {error}"));
     (model, vectors)
 }
@@ -84,11 +104,13 @@ fn every_imported_network_s_blob_stays_within_a_thousandth_of_the_range() {
     let mut far = Vec::new();
     for (name, options) in networks() {
         let (model, vectors) = imported(name, options);
-        let time_s = (0..vectors.input.len()).map(|index| index as f64 * 0.02).collect();
+        let time_s = (0..vectors.expected.len()).map(|index| index as f64 * 0.02).collect();
         let output = vectors.expected.iter().map(|value| value.unwrap_or(0.0)).collect();
-        let signals = (Signal::pressure_bar(), Signal::displacement_mm());
-        let recording =
-            Recording::new(Path::new("check.csv"), signals.0, signals.1, time_s, vectors.input.clone(), output).expect("a recording");
+        let signal = |channel: &crate::network::Channel| Signal { quantity: channel.quantity.clone(), unit: channel.unit.clone() };
+        let (first, path) = (vectors.inputs[0].clone(), Path::new("check.csv"));
+        let mut recording = Recording::new(path, signal(&model.input), signal(&model.output), time_s, first, output).expect("a recording");
+        let more = model.more_inputs.iter().zip(&vectors.inputs[1..]);
+        recording.more_inputs = more.map(|(channel, values)| Channel { signal: signal(channel), values: values.clone() }).collect();
         let export = export::export(&model, &[recording]).unwrap_or_else(|error| panic!("{name}: {error}"));
         let [low, high] = vectors.output_range().expect("outputs");
         let worst = export.comparison.max_abs / (high - low);
@@ -110,7 +132,7 @@ fn a_model_survives_its_file() {
 #[test]
 fn features_of_any_range_lie_within_one_and_the_network_stays_the_same() {
     for high in [0.003, 0.9, 1.0, 3.0, 4000.0] {
-        let options = Options { input_range: Some([0.0, high]), ..said() };
+        let options = Options { inputs: pressure(|input| input.range = Some([0.0, high])), ..said() };
         let mut found = read(&folder().join("torch_single.safetensors"), options).expect("a network");
         let model = found.model(None).expect("a model");
         let span = (high - 1.5).abs().max(1.5) / 1.5;
@@ -243,13 +265,13 @@ fn nothing_that_weights_do_not_tell_is_guessed() {
     let bytes = changed(&torch(1, 8, 4), &[]);
     let full = || Options { mode: Some(Mode::Streaming), ..said() };
     let cases: Vec<(Options, &str)> = vec![
-        (Options { input: None, ..full() }, "--input"),
+        (Options { inputs: Default::default(), ..full() }, "--input"),
         (Options { output: None, ..full() }, "--output"),
         (Options { sample_period_s: None, ..full() }, "--sample-period-s"),
-        (Options { input_range: None, ..full() }, "--input-range"),
+        (Options { inputs: pressure(|input| input.range = None), ..full() }, "--input-range"),
         (Options { output_range: None, ..full() }, "--output-range"),
         (Options { mode: None, ..full() }, "--streaming"),
-        (Options { features: Some(vec![FeatureKind::Input, FeatureKind::Difference]), ..full() }, "--features"),
+        (Options { features: Some(vec![seen(FeatureKind::Input), seen(FeatureKind::Difference)]), ..full() }, "--features"),
         (Options { activation: Some(Activation::Relu), ..full() }, "--activation"),
         (Options { mode: Some(Mode::Window { length: 2000 }), ..full() }, "window of 2000"),
     ];
@@ -257,7 +279,7 @@ fn nothing_that_weights_do_not_tell_is_guessed() {
         let complaint = complaint(&bytes, options);
         assert!(complaint.contains(word), "{word} in: {complaint}");
     }
-    let difference = Options { features: Some(vec![FeatureKind::Input, FeatureKind::Difference]), ..full() };
+    let difference = Options { features: Some(vec![seen(FeatureKind::Input), seen(FeatureKind::Difference)]), ..full() };
     assert!(complaint(&changed(&torch(2, 8, 4), &[]), difference).contains("--largest-step"));
     let tensors = torch(1, 8, 4);
     let made: Vec<Made<'_>> = tensors.iter().map(|(name, shape)| (name.as_str(), shape.as_slice())).collect();
@@ -265,6 +287,43 @@ fn nothing_that_weights_do_not_tell_is_guessed() {
         let complaint = complaint(&state(&made, &[(key, value)]), full());
         assert!(complaint.contains(key), "{key} in: {complaint}");
     }
+}
+
+#[test]
+fn inputs_and_features_belong_together() {
+    let bytes = changed(&torch(2, 8, 4), &[]);
+    let two = || {
+        let mut inputs = said().inputs;
+        inputs[1] = inputs[0].clone();
+        Options { inputs, mode: Some(Mode::Streaming), ..said() }
+    };
+    let of = |channel| NetworkInput { channel, kind: FeatureKind::Input };
+    let model = from_bytes(&bytes, two()).expect("a network").model(None).expect("the inputs in their order");
+    assert_eq!(model.front_end.feature_inputs[..], [0, 1]);
+    let unnamed = || {
+        let mut inputs = said().inputs;
+        inputs[2].scale = Some(2.0);
+        inputs
+    };
+    let cases = [
+        (Options { features: Some(vec![of(0), of(2)]), ..two() }, "input 3"),
+        (Options { features: Some(vec![of(1), of(1)]), ..two() }, "nothing of input 1"),
+        (Options { inputs: unnamed(), ..two() }, "said of input 3"),
+    ];
+    for (options, words) in cases {
+        let complaint = complaint(&bytes, options);
+        assert!(complaint.contains(words), "{words} in: {complaint}");
+    }
+    assert_eq!(
+        options::features("input2, lag3:1..0, difference"),
+        Ok(vec![
+            of(1),
+            NetworkInput { channel: 2, kind: FeatureKind::Lag(1) },
+            NetworkInput { channel: 2, kind: FeatureKind::Lag(0) },
+            seen(FeatureKind::Difference),
+        ])
+    );
+    assert!(options::features("input5").is_err() && options::features("input1").is_err() && options::features("lag2").is_err());
 }
 
 #[test]

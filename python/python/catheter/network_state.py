@@ -38,33 +38,49 @@ def _metadata(
     input_scale=1.0,
     output_offset=0.0,
     output_scale=1.0,
-    features=("input",),
+    features=None,
     difference_scale=None,
     largest_step=None,
     window=None,
 ):
     """The metadata of both frameworks; the arguments are described at `save_torch`."""
+    several = not isinstance(input_channel, str)
+    channels = list(input_channel) if several else [input_channel]
+    if not 1 <= len(channels) <= 4:
+        raise CannotRepresent(f"{len(channels)} inputs: one to four are possible")
     entries = {
         "catheter.framework": framework,
-        "catheter.input": input_channel,
         "catheter.output": output_channel,
         "catheter.sample_period_s": _numbers(sample_period_s),
-        "catheter.input_offset": _numbers(input_offset),
-        "catheter.input_scale": _numbers(input_scale),
         "catheter.output_offset": _numbers(output_offset),
         "catheter.output_scale": _numbers(output_scale),
-        "catheter.features": ",".join(features),
+        "catheter.features": ",".join(features or [f"input{_number(index)}" for index in range(len(channels))]),
         "catheter.window": "streaming" if window is None else str(int(window)),
     }
-    if input_range is not None:
-        entries["catheter.input_range"] = _numbers(*input_range)
+    per_input = {
+        "input{}_range": input_range,
+        "input{}_offset": input_offset,
+        "input{}_scale": input_scale,
+        "difference{}_scale": difference_scale,
+        "largest_step{}": largest_step,
+    }
+    for index, channel in enumerate(channels):
+        entries[f"catheter.input{_number(index)}"] = channel
+        for name, values in per_input.items():
+            of_each = several and np.ndim(values) == (2 if values is input_range else 1)
+            if of_each and len(values) != len(channels):
+                raise ValueError(f"{name.format('')}: {len(values)} values for {len(channels)} inputs")
+            value = values[index] if of_each else values
+            if value is not None:
+                entries[f"catheter.{name.format(_number(index))}"] = _numbers(*np.atleast_1d(value))
     if output_range is not None:
         entries["catheter.output_range"] = _numbers(*output_range)
-    if difference_scale is not None:
-        entries["catheter.difference_scale"] = _numbers(difference_scale)
-    if largest_step is not None:
-        entries["catheter.largest_step"] = _numbers(largest_step)
     return entries
+
+
+def _number(index):
+    """The second input is `input2`; the first has no number."""
+    return "" if index == 0 else str(index + 1)
 
 
 def _torch_activation(part):
@@ -94,12 +110,14 @@ def _torch_activations(module):
 def save_torch(module, path, *, dense_activation=None, **channels):
     """Writes a `torch.nn.Module` of up to four LSTM, GRU and linear layers and a linear output.
 
-    input_channel, output_channel: quantity and unit, for example "pressure:bar".
+    input_channel, output_channel: quantity and unit, for example "pressure:bar". For a plant with up to four inputs `input_channel` is a list,
+    and so is each of input_range, input_offset, input_scale, difference_scale and largest_step that differs between them.
     sample_period_s: time between samples.
     input_range, output_range: smallest and largest value in training, in the channel's unit.
     input_offset, input_scale, output_offset, output_scale: the normalisation of training; none by default.
     features: the network's inputs in their order, "input", "difference" (the change since the last sample) and "lag:N", the input N samples
-    ago; "lag:9..0" is the last ten samples, the oldest first.
+    ago; "lag:9..0" is the last ten samples, the oldest first; "input2", "difference2" and "lag2:N" are those of the second input. Without it the
+    inputs themselves.
     difference_scale: what the difference was divided by; `input_scale` by default.
     largest_step: largest change of the input from one sample to the next in training.
     window: samples of a window that starts from zero state; None carries the state from sample to sample.
@@ -211,10 +229,13 @@ def save_keras(model, path, **channels):
 def save_check(path, input_values, expected, sequence=None):
     """Writes check vectors: input samples and the output the framework gave, both in the channels' units, not normalised.
 
+    input_values: one value a sample, or a row of them, [samples, inputs].
     sequence: a number per sample that changes where the network starts from zero state again; a NaN in `expected` is not compared.
     """
-    columns = [np.asarray(input_values, dtype=float).ravel(), np.asarray(expected, dtype=float).ravel()]
-    names = ["input", "output"]
+    inputs = np.asarray(input_values, dtype=float)
+    inputs = inputs if inputs.ndim == 2 else inputs.reshape(-1, 1)
+    columns = [*inputs.T, np.asarray(expected, dtype=float).ravel()]
+    names = [*(f"input{_number(index)}" for index in range(inputs.shape[1])), "output"]
     if sequence is not None:
         columns.append(np.asarray(sequence, dtype=int).ravel())
         names.append("sequence")

@@ -1,7 +1,7 @@
 """Makes the files in this folder: small networks of PyTorch, Keras and ONNX with the outputs that these frameworks give.
 
     pip install torch keras onnx onnxruntime onnxscript safetensors
-    python3 make_import_vectors.py [lstm] [others]
+    python3 make_import_vectors.py [lstm] [others] [inputs]
 
 Each network learns a few play operators for some seconds, so that its weights are those of a trained network. `NAME.safetensors` or
 `NAME.onnx` is the network, `NAME.csv` what the framework computes in f32, in bar and mm. The versions used are in `versions.json`.
@@ -301,13 +301,57 @@ def other_cases():
     network_state.save_check(HERE / "keras_gru_dense.csv", check, expected)
 
 
+def several_inputs():
+    """A network that sees two pressures, the change of the second, and the first three samples ago."""
+    scaling = [(1.5, 1.5), (1.0, 0.8)]
+    normalised = lambda pressures: [(values - np.float32(o)) / np.float32(s) for values, (o, s) in zip(pressures, scaling)]
+
+    def seen(pressures):
+        first, second = normalised(pressures)
+        past = np.concatenate([np.repeat(first[:1], 3), first[:-3]])
+        # The training script divided the change by a tenth of a bar.
+        change = np.diff(pressures[1], prepend=pressures[1][:1]) / np.float32(0.1)
+        return torch.tensor(np.stack([second, first, change, past], axis=-1)[None].astype(np.float32))
+
+    draw = lambda samples, seed: [pressure(samples, seed), (0.6 * pressure(samples, seed + 100)).astype(np.float32)]
+    source, check = draw(900, 21), draw(SAMPLES, 27)
+    target = (displacement(source[0]) - 0.8 * displacement(source[1]) - 2) / 4
+    torch.manual_seed(5)
+    module = Stacked(4, 10)
+    optimiser = torch.optim.Adam(module.parameters(), lr=0.02)
+    for _ in range(150):
+        optimiser.zero_grad()
+        ((module(seen(source)).flatten() - torch.tensor(target)) ** 2).mean().backward()
+        optimiser.step()
+    network_state.save_torch(
+        module.eval(),
+        HERE / "torch_two_inputs.safetensors",
+        input_channel=["bending_pressure:bar", "extending_pressure:bar"],
+        output_channel="displacement:mm",
+        sample_period_s=PERIOD_S,
+        input_range=[(0.0, 3.0), (0.0, 1.8)],
+        output_range=(-6.0, 12.0),
+        input_offset=[offset for offset, _ in scaling],
+        input_scale=[scale for _, scale in scaling],
+        output_offset=2.0,
+        output_scale=4.0,
+        features=("input2", "input", "difference2", "lag:3"),
+        difference_scale=[1.0, 0.1],
+    )
+    with torch.no_grad():
+        expected = module(seen(check)).numpy().ravel() * np.float32(4) + np.float32(2)
+    network_state.save_check(HERE / "torch_two_inputs.csv", np.stack(check, axis=-1), expected)
+
+
 torch.set_num_threads(1)
-wanted = sys.argv[1:] or ["lstm", "others"]
+wanted = sys.argv[1:] or ["lstm", "others", "inputs"]
 if "lstm" in wanted:
     onnx_cases(*torch_cases())
     keras_cases()
 if "others" in wanted:
     other_cases()
+if "inputs" in wanted:
+    several_inputs()
 versions = {
     "torch": torch.__version__.split("+")[0],
     "keras": f"{keras.__version__}, backend torch",
