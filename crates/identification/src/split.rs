@@ -188,12 +188,13 @@ impl Partition {
     }
 }
 
-/// Deals parts into at most [`FOLDS`] folds, in turn.
+/// Cuts parts into at most [`FOLDS`] folds of neighbours. Recordings that follow each other are alike where a rig changes over the day; dealt in
+/// turn, every fold would have its twin among what it is judged by (blocked cross-validation: P. Burman, E. Chow and D. Nolan, Biometrika 81, 1994).
 fn deal(parts: Vec<Vec<usize>>) -> Vec<Vec<usize>> {
-    let count = parts.len().min(FOLDS);
+    let (count, all) = (parts.len().min(FOLDS), parts.len());
     let mut folds = vec![Vec::new(); count];
     for (index, part) in parts.into_iter().enumerate() {
-        folds[index % count].extend(part);
+        folds[index * count / all].extend(part);
     }
     folds
 }
@@ -234,6 +235,14 @@ mod tests {
             tested.sort_unstable();
             assert_eq!(tested, (0..partition.units().len()).collect::<Vec<_>>(), "each unit is tested once");
         }
+    }
+
+    #[test]
+    fn folds_of_many_recordings_are_neighbours() {
+        let partition = Partition::new(&series(20, &[]));
+        let folds: Vec<Vec<usize>> = partition.outer().iter().map(|outer| outer.test.units().to_vec()).collect();
+        assert_eq!((folds.len(), &folds[0], &folds[7]), (8, &vec![0, 1, 2], &vec![18, 19]));
+        assert!(folds.iter().all(|fold| fold.windows(2).all(|pair| pair[1] == pair[0] + 1)));
     }
 
     #[test]

@@ -89,7 +89,7 @@ pub(super) fn add(
         let mut refused = None;
         for fold in 0..count {
             begin();
-            let left_out: Vec<usize> = (0..partition.folds()).filter(|other| other % count == fold).collect();
+            let left_out: Vec<usize> = (0..partition.folds()).filter(|other| other * count / partition.folds() == fold).collect();
             let training = nuisance::cleaned(prepared, partition, judging.search, &left_out);
             match trained(&training, preset, 0.5 * budget_cpu_s, settings) {
                 Ok(model) => {
