@@ -76,7 +76,8 @@ pub(super) fn add(
     }
     // Outer folds in as many parts as there are trainings.
     let count = partition.folds().min(FOLDS);
-    let fold_of: Vec<usize> = (0..partition.units().len()).map(|unit| partition.fold_of(unit) % count).collect();
+    let part = |fold: usize| fold * count / partition.folds();
+    let fold_of: Vec<usize> = (0..partition.units().len()).map(|unit| part(partition.fold_of(unit))).collect();
     let of = RUNGS.len() * (count + 1);
     let mut number = 0;
     for (name, preset, what) in RUNGS {
@@ -89,7 +90,7 @@ pub(super) fn add(
         let mut refused = None;
         for fold in 0..count {
             begin();
-            let left_out: Vec<usize> = (0..partition.folds()).filter(|other| other * count / partition.folds() == fold).collect();
+            let left_out: Vec<usize> = (0..partition.folds()).filter(|other| part(*other) == fold).collect();
             let training = nuisance::cleaned(prepared, partition, judging.search, &left_out);
             match trained(&training, preset, 0.5 * budget_cpu_s, settings) {
                 Ok(model) => {
