@@ -11,9 +11,9 @@ use crate::files::figures;
 use crate::files::file::DiscoveredModel;
 use crate::model::past::Past;
 use crate::model::structure::{Model, Scope};
-use crate::result::{DiscoverConfig, Discovery, Verdict};
+use crate::result::{DiscoverConfig, Discovery, Member, Verdict};
 use crate::selection::rounds::Bench;
-use crate::selection::{find, verdict};
+use crate::selection::{criterion, find, verdict};
 
 /// A finished discovery: the result and what it was made of.
 pub struct Finding {
@@ -94,6 +94,7 @@ pub fn discover_from(
     after.fit_all(&session);
     after.anchor(&session);
     before.fit_all(&session);
+    let compared = compare(&session, &before, &after, &search.second, &search.met, &search.tried, config);
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
     before.fit_all(&session);
@@ -125,6 +126,10 @@ pub fn discover_from(
     let is = counted.simulate(&with_effects, calibrate_s)?;
     verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
+    if let Some((criterion, set)) = compared {
+        discovery.criterion = Some(criterion);
+        discovery.confidence_set = set;
+    }
     discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
     discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
@@ -138,6 +143,40 @@ pub fn discover_from(
         second
     });
     Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
+}
+
+/// Explanations of one effect that are compared, the best first.
+const MOST_SINGLE: usize = 6;
+/// Explanations that are compared in all.
+const MOST_COMPARED: usize = 14;
+
+/// Compares what was found with all that came near it: how much better it predicts than the model without effects, and the simplest members of
+/// the confidence set.
+fn compare(
+    session: &Session,
+    before: &Model,
+    after: &Model,
+    second: &Option<Model>,
+    met: &[Model],
+    tried: &[Model],
+    config: &DiscoverConfig,
+) -> Option<(f64, Vec<Member>)> {
+    let mut models = vec![before.clone(), after.clone()];
+    let others = second.iter().chain(met).chain(tried.iter().take(MOST_SINGLE));
+    for model in others {
+        if models.len() < MOST_COMPARED && models.iter().all(|other| other.forms() != model.forms()) {
+            models.push(model.clone());
+        }
+    }
+    let scored = criterion::compare(session, &models, config.threads);
+    let (bare, ours) = (scored.first()?.mean(), scored.get(1)?.mean());
+    let set = criterion::confidence_set(scored, config.seed);
+    let member = |one: criterion::Scored| Member {
+        effects: one.names.iter().map(|name| (*name).to_owned()).collect(),
+        criterion: one.mean() - bare,
+        p_value: one.p_value,
+    };
+    Some((ours - bare, criterion::simplest(&set).into_iter().map(member).collect()))
 }
 
 /// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.
@@ -184,4 +223,3 @@ fn baseline(session: &Session) -> Model {
     }
     fresh.with_best_past(session).model
 }
-

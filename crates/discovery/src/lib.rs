@@ -31,7 +31,7 @@ pub use files::file;
 pub use finding::{Finding, Start, discover, discover_from};
 pub use model::past::Past;
 pub use model::structure::{Model, Slot};
-pub use result::{Candidate, DiscoverConfig, Discovery, Effect, RunnerUp, Verdict};
+pub use result::{Candidate, DiscoverConfig, Discovery, Effect, Member, RunnerUp, Verdict};
 
 #[cfg(test)]
 mod tests;

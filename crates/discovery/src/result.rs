@@ -74,6 +74,17 @@ pub struct Candidate {
     pub p_value: f64,
 }
 
+/// A member of the confidence set.
+#[derive(Clone, Debug, Serialize)]
+pub struct Member {
+    /// Names of its effects; empty for the model without any.
+    pub effects: Vec<String>,
+    /// Mean log predictive density over that of the model without effects, nats per sample.
+    pub criterion: f64,
+    /// Probability of a distance from the other members like its own, were all as good.
+    pub p_value: f64,
+}
+
 /// The result, with the keys of the command's contract.
 #[derive(Clone, Debug, Serialize)]
 pub struct Discovery {
@@ -106,6 +117,12 @@ pub struct Discovery {
     pub calibrate_s: Option<f64>,
     /// Share of the mean square above the noise that stays unexplained on the samples worked with, 0 to 1.
     pub unexplained: f64,
+    /// Mean log predictive density of recordings that took no part in the fit, of the model with the effects over that of the model without,
+    /// nats per sample; absent when nothing was compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub criterion: Option<f64>,
+    /// The simplest explanations that no other predicts such recordings significantly better than, best first.
+    pub confidence_set: Vec<Member>,
     /// Every effect tried alone, best first.
     pub candidates: Vec<Candidate>,
     /// Where the model without effects and the measurement disagree.

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use virtual_rig::{self as rig, Case, CaseConfig, Generator};
 
+use crate::data::{mask, noise};
 use crate::finding::prepare;
+use crate::model::structure::Scope;
 use crate::selection::found::Found;
 use crate::selection::{find, verdict};
-use crate::data::{mask, noise};
-use crate::model::structure::Scope;
 use recording::{ExtraColumn, Recording};
 
 use super::*;

@@ -22,8 +22,8 @@ pub use command::Excitation;
 use composed::Set;
 pub use draw::{ALIENS, EFFECTS};
 
-use recording::{ExtraColumn, Recording, RecordingError, Signal};
 use draw::{Chain, Sampler};
+use recording::{ExtraColumn, Recording, RecordingError, Signal};
 use stages::{Moment, STEP_S};
 
 /// Noise of a pressure sensor, relative to the command's range: 0.2 % is an ordinary industrial one.

@@ -24,8 +24,8 @@ pub use blob::BlobModel;
 pub use discovered::DiscoveredPredictor;
 pub use error::ModelError;
 pub use physics::PhysicsPredictor;
-pub use recording::simulation::{Context, PERIOD_TOLERANCE};
 pub(crate) use recording::simulation::interpolate;
+pub use recording::simulation::{Context, PERIOD_TOLERANCE};
 pub use trained::NetworkModel;
 
 use crate::fit::file::FittedPredictor;

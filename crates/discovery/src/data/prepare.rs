@@ -153,7 +153,7 @@ impl Session {
                 };
                 self.runs[run].role.fill(role);
             }
-            self.choose_screening();
+            self.screen_some();
             return;
         }
         for &run in &own {
@@ -175,7 +175,7 @@ impl Session {
 
     /// A third of the fitted recordings takes the first, coarse look: every third by how fast their input is, the fastest first, so that
     /// slow and fast motion are both among them.
-    fn choose_screening(&mut self) {
+    pub fn screen_some(&mut self) {
         let mut fitted: Vec<(f64, usize)> = Vec::new();
         for (index, run) in self.runs.iter_mut().enumerate() {
             run.screens = false;

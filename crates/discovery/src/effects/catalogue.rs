@@ -6,7 +6,11 @@
 use std::sync::{Mutex, PoisonError};
 
 use crate::chain::form::Form;
-use crate::effects::{activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift, leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, setup_change, slew_limit, static_nonlinearity, stick_slip, supply_saturation, valve_dead_band};
+use crate::effects::{
+    activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift,
+    leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, setup_change, slew_limit,
+    static_nonlinearity, stick_slip, supply_saturation, valve_dead_band,
+};
 
 /// Forms that were added while the program runs.
 static ADDED: Mutex<Vec<&'static dyn Form>> = Mutex::new(Vec::new());

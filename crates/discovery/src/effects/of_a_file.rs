@@ -17,8 +17,9 @@ use std::sync::{Mutex, PoisonError};
 use exmex::{Express, FlatEx};
 use serde::Deserialize;
 
+pub use crate::chain::definition::{Definition, Shape, Side, Unit};
+
 use crate::chain::columns::Columns;
-use crate::chain::definition::{Definition, Shape, Side, Unit};
 use crate::chain::filters::ladder;
 use crate::chain::form::{Form, Habit, Parameter, Place, Quantity, ThresholdLaw};
 use crate::data::session::{Run, Session};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{FOLLOWING, Drive, Form, Parameter, Place};
+use crate::chain::form::{Drive, FOLLOWING, Form, Parameter, Place};
 use crate::data::session::{Run, Session};
 use crate::observers::{jumps, law};
 

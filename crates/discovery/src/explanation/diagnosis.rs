@@ -142,8 +142,7 @@ fn correlate(session: &Session, residual: &[Vec<f64>], signal: &[Vec<f64>], coun
 /// Splits the area of the loops; `None` when the model will not take a delay and a lag, or there is no loop.
 #[must_use]
 pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<LoopArea> {
-    let (delay, lag): (&'static dyn Form, &'static dyn Form) =
-        (*dead_time::FORMS.first()?, *pneumatic_lag::FORMS.first()?);
+    let (delay, lag): (&'static dyn Form, &'static dyn Form) = (*dead_time::FORMS.first()?, *pneumatic_lag::FORMS.first()?);
     if !baseline.slots.is_empty() {
         return None;
     }

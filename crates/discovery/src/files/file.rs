@@ -356,8 +356,7 @@ impl DiscoveredModel {
     /// # Errors
     /// When an effect of the file is not known.
     pub fn simulate_recording(&self, recording: &Recording, start_up_s: f64) -> Result<Vec<f64>, String> {
-        let simulate =
-            |context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]| self.simulate_stretches(context, inputs[0], gaps);
+        let simulate = |context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]| self.simulate_stretches(context, inputs[0], gaps);
         let (period_s, gaps) = (self.sample_period_s, &recording.gaps[..]);
         // Operators alone know no time.
         let on_clock = simulation::differs(period_s, recording.sample_period_s) || !simulation::is_even(recording);

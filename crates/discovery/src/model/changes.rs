@@ -1,6 +1,5 @@
 //! Recordings made about when the set-up changed: nobody knows on which side.
 
-
 use crate::data::session::Session;
 use crate::model::structure::Model;
 

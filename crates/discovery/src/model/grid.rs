@@ -19,7 +19,7 @@ pub fn coarse() -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use crate::model::structure::Model;
-    
+
     use crate::data::session::Session;
     use crate::model::past::Past;
     use crate::model::structure::Scope;

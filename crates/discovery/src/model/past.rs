@@ -45,11 +45,11 @@ impl Past {
 
 #[cfg(test)]
 mod tests {
-    use crate::data::session::Session;
-    use crate::model::structure::{Model, Scope};
     use super::*;
     use crate::data::closed_form::deviates;
+    use crate::data::session::Session;
     use crate::discover;
+    use crate::model::structure::{Model, Scope};
     use crate::result::{DiscoverConfig, Discovery, Verdict};
     use recording::{Recording, Signal};
     use std::path::Path;

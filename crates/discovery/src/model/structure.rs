@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::chain::columns::{AHEAD, Bank, Columns};
 use crate::chain::form::{Drive, FOLLOWING, Form, Habit, Place};
-use crate::chain::operators::{Begin, Lead, States};
 use crate::chain::operators;
+use crate::chain::operators::{Begin, Lead, States};
 use crate::data::session::{Beginning, Run};
 use crate::data::turning::remember;
 use crate::model::grid;

@@ -1,6 +1,5 @@
 //! Running a model over the recordings of a session: columns, outputs, residuals.
 
-
 use crate::chain::columns::Columns;
 use crate::chain::operators::Begin;
 use crate::data::session::{Beginning, Run, Session};

@@ -16,8 +16,8 @@
 use crate::chain::columns::{Bank, Columns};
 use crate::chain::filters::lag;
 use crate::chain::form::{Drive, Habit};
-use crate::chain::operators::{Begin, Lead};
 use crate::chain::operators;
+use crate::chain::operators::{Begin, Lead};
 use crate::data::session::Run;
 use crate::observers::law::{Expected, JumpLaw, OF_A_TIP, Seen, Told, WILD, density, doubt};
 use crate::observers::{tip_jumps, valve_jumps};
@@ -174,8 +174,8 @@ pub fn observe(seen: &Seen<'_>, law: &JumpLaw) -> Expected {
 
 #[cfg(test)]
 mod tests {
-    use crate::observers::law::OF_A_VALVE;
     use super::*;
+    use crate::observers::law::OF_A_VALVE;
 
     const LAW: JumpLaw = JumpLaw { break_away: 0.05, landing: 1.0, scatter: 0.1, wander: 0.002, ..JumpLaw::plain(Drive::Pull) };
     const NOISE: f64 = 0.005;

@@ -11,8 +11,8 @@ use crate::data::session::{Role, Run, Session};
 use crate::model::line::Line;
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
-use crate::search::simplex::Effort;
 use crate::search::simplex;
+use crate::search::simplex::Effort;
 
 /// Parameters are moved by this to see what changes, in first steps.
 const NUDGE: f64 = 0.02;

@@ -7,8 +7,8 @@
 
 use crate::effects::rate_dependent_hysteresis;
 use crate::search::simplex::PRICE;
-use crate::selection::rounds::{Bench, Judged, POLISH, leaders};
 use crate::selection::rounds;
+use crate::selection::rounds::{Bench, Judged, POLISH, leaders};
 
 /// The two.
 const PAIR: [&str; 2] = ["pneumatic-lag", "rate-dependent-hysteresis"];

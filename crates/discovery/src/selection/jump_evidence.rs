@@ -4,8 +4,8 @@ use crate::chain::form::Drive;
 use crate::data::session::{Role, Run, Session};
 use crate::model::paths::Paths;
 use crate::model::structure::Model;
-use crate::observers::jumps::Tip;
 use crate::observers::jumps;
+use crate::observers::jumps::Tip;
 use crate::observers::law::{JumpLaw, MOST_BEHIND, MOST_FALL, MOST_LEAP_PER_SPEED_S, MOST_LEAP_S, MOST_YIELDING, NEVER, Seen};
 use crate::search::parallel;
 
@@ -152,6 +152,11 @@ impl<'a> Pull<'a> {
         Evidence { blocks, levels: sums.map(|(sum, count)| sum / count) }
     }
 
+    /// Evidence on every sample of every recording.
+    pub fn of_every_recording(&self, evidence: impl Fn(&Seen<'_>) -> Vec<f64>) -> Vec<Vec<f64>> {
+        self.session.runs.iter().map(|run| evidence(&self.seen(run))).collect()
+    }
+
     /// Evidence of the best smooth observer of this pull.
     pub fn smooth(&self) -> Evidence {
         let (_, wander, time_s) = self.smoothest();
@@ -169,7 +174,7 @@ impl<'a> Pull<'a> {
     }
 
     /// The best smooth observer on the screening samples: the evidence for it, its wander and the time constant of that, s.
-    fn smoothest(&self) -> (f64, f64, f64) {
+    pub fn smoothest(&self) -> (f64, f64, f64) {
         let wanders = [0.4, 0.7, 1.0, 1.4].map(|share| share * self.excess);
         let grid = wanders.into_iter().flat_map(|wander| [0.04, 0.1, 0.25, 0.6, 2.0].map(|time_s| (wander, time_s)));
         let judged = grid.map(|(wander, time_s)| (self.fitted(false, |seen| jumps::smooth(seen, wander, time_s)), wander, time_s));

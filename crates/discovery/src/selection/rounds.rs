@@ -4,8 +4,8 @@ use crate::chain::form::Form;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Order, Scope};
-use crate::search::forms::Started;
 use crate::search::forms;
+use crate::search::forms::Started;
 use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
 use crate::search::simplex::{Fitted, judgement};
 

@@ -203,8 +203,9 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             name: (*name).to_owned(),
             form: slot.form.form().to_owned(),
             // The first must also have beaten the second.
-            confidence: ((1.0 - unexplained) * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
-                .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
+            confidence: ((1.0 - unexplained)
+                * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
+            .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
             parameters,
             intervals,
         });
@@ -251,6 +252,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         gap_closed_one_step: None,
         calibrate_s: None,
         unexplained: if stands_out { unexplained } else { 0.0 },
+        criterion: None,
+        confidence_set: Vec::new(),
         candidates: found.candidates.clone(),
         loop_area: None,
         memory_horizon: Vec::new(),
