@@ -1,7 +1,7 @@
 //! The criterion beside the verdict, on cases of a virtual rig.
-use std::time::Instant;
 use clap::ValueEnum;
 use discovery::{DiscoverConfig, discover};
+use std::time::Instant;
 use virtual_rig::{self as rig, CaseConfig, Excitation, Generator};
 
 fn main() {
@@ -12,8 +12,7 @@ fn main() {
     let coloured_noise = arguments[4] == "coloured";
     for seed in seeds {
         for name in &arguments[5..] {
-            let effects: Vec<String> =
-                if name == "none" { Vec::new() } else { name.split('+').map(str::to_owned).collect() };
+            let effects: Vec<String> = if name == "none" { Vec::new() } else { name.split('+').map(str::to_owned).collect() };
             let config = CaseConfig { effects, seed, generator, excitation, coloured_noise, ..CaseConfig::default() };
             let case = rig::hide(&config).expect("a case");
             let begin = Instant::now();

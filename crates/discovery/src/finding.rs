@@ -4,7 +4,7 @@ use recording::{ExtraColumn, Recording};
 
 use crate::chain::form::Place;
 use crate::data::mask;
-use crate::data::session::{Session, SessionError};
+use crate::data::session::{Run, Session, SessionError};
 use crate::effects::catalogue;
 use crate::explanation::{diagnosis, horizon, whereabouts};
 use crate::files::figures;
@@ -73,7 +73,7 @@ pub fn discover_from(
         Some(path) => Some(effects_of_the_pressure(&path, config)?),
         None => None,
     };
-    let mut session = Session::new(recordings, kept)?;
+    let (mut session, test) = Session::split(recordings, kept)?;
     let mut before = prepare(&mut session);
     let given = start.map(|start| session.normalised(&start.predictions));
     let mut model = before.clone();
@@ -85,9 +85,7 @@ pub fn discover_from(
     watch("figures");
     let mut after = search.model;
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
-    for run in &mut session.runs {
-        run.keep.fill(true);
-    }
+    session.unmask();
     let residual = after.residuals(&session);
     let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
     mask::outliers(&mut session, &residual, kind);
@@ -99,21 +97,20 @@ pub fn discover_from(
     before = before.refined();
     before.fit_all(&session);
     before = before.pruned();
-    let simulated = given.unwrap_or_else(|| before.outputs(&session, |_| true));
-    let residual_before: Vec<Vec<f64>> = session
-        .runs
-        .iter()
-        .zip(&simulated)
-        .map(|(run, simulated)| run.output.iter().zip(simulated).map(|(y, p)| y - p).collect())
-        .collect();
+    let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
+    let residual_before = residuals(&session, &simulate(&session));
     let mut found = search.found;
     let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
-    // What makes recordings worse that it has not seen is no part of an explanation.
+    // What makes selecting recordings worse is no part of an explanation.
     while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
         let Some(fewer) = verdict::without_the_least(&session, &before, &after, &mut found) else { break };
         after = fewer;
         discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     }
+    // All is decided: from here on it is the report.
+    test.reveal(&mut session);
+    let simulated = simulate(&session);
+    let residual_before = residuals(&session, &simulated);
     let written = |model: &Model| DiscoveredModel::bare(model, &session, &recordings[0]);
     let with_effects = written(&after);
     discovery.calibrate_s = with_effects.calibrate_s;
@@ -177,6 +174,12 @@ fn compare(
         p_value: one.p_value,
     };
     Some((ours - bare, criterion::simplest(&set).into_iter().map(member).collect()))
+}
+
+/// Measured minus simulated.
+fn residuals(session: &Session, simulated: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let of = |(run, simulated): (&Run, &Vec<f64>)| run.output.iter().zip(simulated).map(|(y, p)| y - p).collect();
+    session.runs.iter().zip(simulated).map(of).collect()
 }
 
 /// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.

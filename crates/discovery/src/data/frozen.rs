@@ -65,13 +65,13 @@ fn noise_without_motion(values: &[f64]) -> f64 {
 ///
 /// Pairs of equal readings tell how often the sensor repeats itself by chance: a sensor that stops for a while makes no pairs.
 fn too_many_equal(session: &Session) -> Option<usize> {
-    let mut noises: Vec<f64> = session.runs.iter().map(|run| noise_without_motion(&run.output)).collect();
+    let mut noises: Vec<f64> = session.worked().map(|run| noise_without_motion(&run.output)).collect();
     noises.sort_by(f64::total_cmp);
     if noises[noises.len() / 2] < LEAST_NOISE.max(NOISE_OVER_STEP * session.output_step) {
         return None;
     }
     let (mut samples, mut pairs, mut in_rows) = (0, 0, 0);
-    for run in &session.runs {
+    for run in session.worked() {
         samples += run.output.len();
         for row in rows(&run.output) {
             if row.len() == 2 { pairs += 1 } else { in_rows += row.len() }
@@ -90,9 +90,9 @@ pub fn stopped(session: &mut Session) -> usize {
     let Some(fewest) = too_many_equal(session) else { return 0 };
     let span = |values: &[f64]| values.iter().fold((f64::MAX, f64::MIN), |(low, high), &value| (low.min(value), high.max(value)));
     let (lowest, highest) =
-        session.runs.iter().map(|run| span(&run.output)).fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
+        session.worked().map(|run| span(&run.output)).fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
     let mut masked = 0;
-    for run in &mut session.runs {
+    for run in session.runs.iter_mut().filter(|run| run.is_worked_with()) {
         for row in rows(&run.output).into_iter().filter(|row| row.len() >= fewest) {
             let (low, high) = span(&run.input[row.clone()]);
             let at_the_end = [lowest, highest].contains(&run.output[row.start]);

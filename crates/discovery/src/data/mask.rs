@@ -31,7 +31,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
     // A reading between two steps of the sensor flickers by one.
     let output_step = session.output_step;
     let flicker = 2.5 * output_step;
-    for (run, residual) in session.runs.iter_mut().zip(residual) {
+    for (run, residual) in session.runs.iter_mut().zip(residual).filter(|(run, _)| run.is_worked_with()) {
         masked += bursts(run, output_step);
         let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what

@@ -11,4 +11,5 @@ pub mod noise;
 pub mod prepare;
 pub mod session;
 pub mod statistics;
+pub mod test_view;
 pub mod turning;

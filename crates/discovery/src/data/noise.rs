@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::data::fast_noise::fast_noise;
+use crate::data::prepare::worked_with;
 use crate::data::session::{Run, Session};
 
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
@@ -76,8 +77,11 @@ const LOUDER_THAN_FAST: f64 = 1.2;
 /// Standard deviation of the fast part, the median over all recordings. The noise is in the output as it is in the residual, and what is
 /// faster in one of them is none.
 fn fast_part(session: &Session, residual: &[Vec<f64>]) -> f64 {
-    let of = |(values, run): (&Vec<f64>, &Run)| fast_noise(values).min(fast_noise(&run.output));
-    let mut floors: Vec<f64> = residual.iter().zip(&session.runs).map(of).collect();
+    let of = |run: &Run| {
+        let [residual, output] = [&residual[run.index], &run.output].map(|values| fast_noise(&worked_with(run, values)));
+        residual.min(output)
+    };
+    let mut floors: Vec<f64> = session.worked().map(of).collect();
     floors.sort_by(f64::total_cmp);
     floors[floors.len() / 2]
 }
@@ -101,12 +105,13 @@ const MOST_OVER_FAST: f64 = 3.0;
 
 /// Where every recording shows its noise: at rest; in a session that never rests, where the input hardly moves.
 fn stretches(session: &Session) -> Vec<Vec<Range<usize>>> {
-    let at_rest: Vec<Vec<Range<usize>>> = session.runs.iter().map(|run| run.rest.clone()).collect();
+    let of = |run: &Run| if run.is_worked_with() { run.rest.clone() } else { Vec::new() };
+    let at_rest: Vec<Vec<Range<usize>>> = session.runs.iter().map(of).collect();
     if at_rest.iter().flatten().map(Range::len).sum::<usize>() >= ENOUGH_REST {
         return at_rest;
     }
     let mut quiet: Vec<(f64, usize, Range<usize>)> = Vec::new();
-    for run in &session.runs {
+    for run in session.worked() {
         let length = (QUIET_S / run.period_s).round().max(10.0) as usize;
         for range in (0..run.input.len() / length).map(|at| at * length..(at + 1) * length) {
             let (low, high) =

@@ -6,6 +6,7 @@ use recording::Recording;
 
 use crate::data::late_steps;
 use crate::data::session::{Role, Run, Session, SessionError};
+use crate::data::test_view::TestView;
 use crate::data::turning::remember;
 
 fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
@@ -13,11 +14,20 @@ fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 impl Session {
-    /// Makes recordings ready. `kept` take no part in any choice; when there are none, some of `recordings` are set apart.
+    /// Makes recordings ready. `kept` take no part in any choice; when there are none, some of `recordings` are set apart. The session has no
+    /// outputs of theirs.
     ///
     /// # Errors
     /// When there is too little or nothing moving.
     pub fn new(recordings: &[Recording], kept: &[Recording]) -> Result<Self, SessionError> {
+        Self::split(recordings, kept).map(|(session, _)| session)
+    }
+
+    /// As [`Self::new`], with the outputs that are kept out apart.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn split(recordings: &[Recording], kept: &[Recording]) -> Result<(Self, TestView), SessionError> {
         let first = recordings.first().ok_or(SessionError::Empty)?;
         let samples: usize = recordings.iter().map(Recording::len).sum();
         if samples < 400 {
@@ -36,18 +46,9 @@ impl Session {
         if highest - lowest <= 1e-12 * highest.abs().max(1e-12) {
             return Err(SessionError::StillInput { value: lowest });
         }
-        // The span of the output is taken between quantiles, or one wild sample would set the scale.
-        let mut outputs: Vec<f64> = recordings.iter().flat_map(|recording| recording.output.iter().copied()).collect();
-        outputs.sort_by(f64::total_cmp);
-        let output_scale = outputs[outputs.len() - 1 - outputs.len() / 200] - outputs[outputs.len() / 200];
-        if output_scale <= 1e-12 * outputs[0].abs().max(1e-12) {
-            return Err(SessionError::StillOutput { value: outputs[0] });
-        }
         // Zero stays zero unless the input never comes near it.
         let input_offset = if lowest > 0.1 * highest { lowest } else { 0.0 };
         let input_scale = (highest - input_offset).abs().max((lowest - input_offset).abs());
-        // A falling characteristic is turned round, so that weights are positive on any rig.
-        let output_scale = if correlation(recordings) < 0.0 { -output_scale } else { output_scale };
         let session_column = |recording: &Recording| {
             recording.extra.iter().find(|column| column.name == "session_time_s").map(|column| column.values.clone())
         };
@@ -72,7 +73,7 @@ impl Session {
                     continue;
                 }
                 let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| (value - input_offset) / input_scale).collect();
-                let output: Vec<f64> = recording.output[segment.clone()].iter().map(|value| value / output_scale).collect();
+                let output = recording.output[segment.clone()].to_vec();
                 let rest = rest_of(&input, recording.sample_period_s);
                 runs.push(Run {
                     name: if segments.len() > 1 { format!("{name} from sample {}", segment.start) } else { name.clone() },
@@ -113,6 +114,18 @@ impl Session {
             remember(&mut history, &run.input);
             steps.extend(run.input.windows(2).map(|pair| (pair[1] - pair[0]).abs() / run.period_s));
         }
+        assign_roles(&mut runs, kept.is_empty());
+        // The span of the output is taken between quantiles, or one wild sample would set the scale.
+        let mut outputs: Vec<f64> = runs.iter().flat_map(|run| worked_with(run, &run.output)).collect();
+        outputs.sort_by(f64::total_cmp);
+        let output_scale = outputs[outputs.len() - 1 - outputs.len() / 200] - outputs[outputs.len() / 200];
+        if output_scale <= 1e-12 * outputs[0].abs().max(1e-12) {
+            return Err(SessionError::StillOutput { value: outputs[0] });
+        }
+        // A falling characteristic is turned round, so that weights are positive on any rig.
+        let output_scale = if correlation(&runs) < 0.0 { -output_scale } else { output_scale };
+        runs.iter_mut().flat_map(|run| &mut run.output).for_each(|value| *value /= output_scale);
+        let test = TestView::withhold(&mut runs);
         let all = Arc::new(runs.clone());
         runs.iter_mut().for_each(|run| run.session = Arc::clone(&all));
         steps.sort_by(f64::total_cmp);
@@ -131,52 +144,20 @@ impl Session {
             has_session_time,
             fastest_per_s,
         };
-        session.assign_roles(kept.is_empty());
+        session.screen_some();
         for (run, sample) in late_steps::on_either_side(&session.runs) {
             session.runs[run].role[sample] = Role::Nothing;
         }
-        Ok(session)
-    }
-
-    /// Every other recording selects; without recordings of their own, one in six is kept out. Few recordings are cut into blocks.
-    fn assign_roles(&mut self, keep_some: bool) {
-        let own: Vec<usize> = (0..self.runs.len()).filter(|&run| self.runs[run].role[0] == Role::Fit).collect();
-        if own.len() >= 6 {
-            for (position, &run) in own.iter().enumerate() {
-                // Neighbours take turns, and turn about every eight so that no habit of the session's order falls on one role only.
-                let role = if keep_some && position % 6 == 4 {
-                    Role::Kept
-                } else if (position + position / 8) % 2 == 0 {
-                    Role::Fit
-                } else {
-                    Role::Select
-                };
-                self.runs[run].role.fill(role);
-            }
-            self.screen_some();
-            return;
-        }
-        for &run in &own {
-            let run = &mut self.runs[run];
-            let blocks = 12;
-            let length = run.input.len().div_ceil(blocks);
-            for (sample, role) in run.role.iter_mut().enumerate() {
-                let block = sample / length;
-                *role = if keep_some && block % 6 == 5 {
-                    Role::Kept
-                } else if block % 2 == 0 {
-                    Role::Fit
-                } else {
-                    Role::Select
-                };
-            }
-        }
+        Ok((session, test))
     }
 
     /// A third of the fitted recordings takes the first, coarse look: every third by how fast their input is, the fastest first, so that
     /// slow and fast motion are both among them.
     pub fn screen_some(&mut self) {
         let mut fitted: Vec<(f64, usize)> = Vec::new();
+        if self.runs.iter().any(|run| run.role.contains(&Role::Fit) && run.role.contains(&Role::Select)) {
+            return;
+        }
         for (index, run) in self.runs.iter_mut().enumerate() {
             run.screens = false;
             if run.role[0] == Role::Fit {
@@ -191,6 +172,45 @@ impl Session {
     }
 }
 
+/// Every other recording selects; without recordings of their own, one in six is kept out. Few recordings are cut into blocks.
+fn assign_roles(runs: &mut [Run], keep_some: bool) {
+    let own: Vec<usize> = (0..runs.len()).filter(|&run| runs[run].role[0] == Role::Fit).collect();
+    if own.len() >= 6 {
+        for (position, &run) in own.iter().enumerate() {
+            // Neighbours take turns, and turn about every eight so that no habit of the session's order falls on one role only.
+            let role = if keep_some && position % 6 == 4 {
+                Role::Kept
+            } else if (position + position / 8) % 2 == 0 {
+                Role::Fit
+            } else {
+                Role::Select
+            };
+            runs[run].role.fill(role);
+        }
+        return;
+    }
+    for &run in &own {
+        let run = &mut runs[run];
+        let blocks = 12;
+        let length = run.input.len().div_ceil(blocks);
+        for (sample, role) in run.role.iter_mut().enumerate() {
+            let block = sample / length;
+            *role = if keep_some && block % 6 == 5 {
+                Role::Kept
+            } else if block % 2 == 0 {
+                Role::Fit
+            } else {
+                Role::Select
+            };
+        }
+    }
+}
+
+/// Values of the samples that are fitted to or chosen by.
+pub fn worked_with(run: &Run, values: &[f64]) -> Vec<f64> {
+    values.iter().zip(&run.role).filter(|(_, role)| role.is_worked_with()).map(|(value, _)| *value).collect()
+}
+
 /// Median distance between neighbouring values that differ, of values in order: the step of whatever rounded them.
 fn usual_step(ordered: &[f64]) -> f64 {
     let mut steps: Vec<f64> = ordered.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
@@ -198,9 +218,9 @@ fn usual_step(ordered: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Correlation of input and output over all recordings.
-fn correlation(recordings: &[Recording]) -> f64 {
-    let pairs = || recordings.iter().flat_map(|recording| recording.input.iter().zip(&recording.output));
+/// Correlation of input and output over all that is worked with.
+fn correlation(runs: &[Run]) -> f64 {
+    let pairs = || runs.iter().flat_map(|run| worked_with(run, &run.input).into_iter().zip(worked_with(run, &run.output)));
     let count = pairs().count() as f64;
     let (x, y) = pairs().fold((0.0, 0.0), |(x, y), (input, output)| (x + input / count, y + output / count));
     pairs().map(|(input, output)| (input - x) * (output - y)).sum()

@@ -213,6 +213,18 @@ impl Session {
         history
     }
 
+    /// Lets all samples count again that are not kept out.
+    pub fn unmask(&mut self) {
+        for run in &mut self.runs {
+            run.keep.iter_mut().zip(&run.role).for_each(|(keep, role)| *keep = *role != Role::Kept);
+        }
+    }
+
+    /// Recordings that are fitted to or chosen by, at least in part.
+    pub fn worked(&self) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(|run| run.is_worked_with())
+    }
+
     /// Number of samples with this role that count.
     #[must_use]
     pub fn count(&self, role: Role) -> usize {

@@ -95,7 +95,7 @@ impl<'a> Pull<'a> {
             },
         );
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
-        let all = || session.runs.iter().flat_map(|run| &run.output).copied();
+        let all = || session.worked().flat_map(|run| &run.output).copied();
         let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
         Self { session, tips, low, high, noise, excess, threads: 1 }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::form::Parameter;
 use crate::data::noise;
-use crate::data::session::{Role, Session};
+use crate::data::session::{Role, Run, Session};
 use crate::explanation::diagnosis::Residual;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
@@ -25,8 +25,8 @@ const MOST_UNEXPLAINED: f64 = 0.12;
 /// rig to rig, are in what is left.
 const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
 
-/// Kept-out recordings off by more than this many times the noise are a disagreement, even where the others show none.
-const MOST_KEPT_OUT: f64 = 1.5;
+/// Selecting recordings off by more than this many times the noise are a disagreement.
+const MOST_SELECTING: f64 = 1.5;
 
 /// Share of the mean square above the noise that must not stay on kept-out recordings where it stands out of it there: what explains less
 /// than half of recordings that it has not seen is no explanation.
@@ -41,16 +41,16 @@ fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
     after > STANDS_OUT_KEPT_OUT * floor && excess(after) > MOST_UNEXPLAINED_KEPT_OUT * excess(before)
 }
 
-/// Root mean square over kept-out samples of recordings that are not `in_a_gap`, or over all others when there are none; masked samples count
-/// if `all`.
-fn rmse(session: &Session, residual: &[Vec<f64>], in_a_gap: &[bool], all: bool) -> f64 {
-    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == Role::Kept && !in_a_gap[run];
-    let any_kept = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
+/// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
+/// samples count if `all`.
+fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], all: bool) -> f64 {
+    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == of && !in_a_gap[run];
+    let any = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
     let mut sum = 0.0;
     let mut count = 0.0_f64;
     for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
         for (sample, value) in residual.iter().enumerate() {
-            let counts = if any_kept { reports(index, sample) } else { run.role[sample].is_worked_with() };
+            let counts = if any { reports(index, sample) } else { run.role[sample].is_worked_with() };
             if counts && (all || run.keep[sample]) {
                 sum += value * value;
                 count += 1.0;
@@ -125,7 +125,7 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     let smooth = jump_naming::without_jumps(after);
     let floor = noise::floor(session, &residual);
     let missed = Pull::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
-    Some([missed, residual].map(|residual| rmse(session, &residual, &in_a_gap, false) * session.output_scale.abs()))
+    Some([missed, residual].map(|residual| rmse(session, &residual, Role::Kept, &in_a_gap, false) * session.output_scale.abs()))
 }
 
 /// Takes the figures of the simulation, and of the observers where something jumps, and believes no effect by more than they show: an effect's
@@ -160,15 +160,16 @@ const OUTLIERS: &str = "outliers";
 /// The verdict and the figures; the model had `owned` effects before the search.
 pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, found: &Found, owned: usize) -> Discovery {
     let residual_after = after.residuals(session);
-    let total: usize = session.runs.iter().map(|run| run.keep.len()).sum();
-    let excluded: usize = session.runs.iter().map(|run| run.keep.iter().filter(|keep| !**keep).count()).sum();
+    let total: usize = session.runs.iter().map(|run| run.role.iter().filter(|role| **role != Role::Kept).count()).sum();
+    let wrong = |run: &Run| run.keep.iter().zip(&run.role).filter(|(keep, role)| !**keep && **role != Role::Kept).count();
+    let excluded: usize = session.runs.iter().map(wrong).sum();
     let floor = noise::floor(session, &residual_after);
     let scale = session.output_scale.abs();
     let with_outliers = excluded * 2000 > total;
     let in_a_gap = in_a_gap(session, after);
-    let rmse_before = rmse(session, residual_before, &in_a_gap, with_outliers);
-    let rmse_after = rmse(session, &residual_after, &in_a_gap, false);
-    // Effects are judged by the samples that were worked with; kept-out ones only report, and forbid to say that nothing is missing.
+    let rmse_before = rmse(session, residual_before, Role::Select, &in_a_gap, with_outliers);
+    let rmse_after = rmse(session, &residual_after, Role::Select, &in_a_gap, false);
+    // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
     let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
@@ -221,7 +222,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         });
     }
     debug_assert!(after.names().filter(|name| !found.order.contains(name)).count() <= owned, "an effect came in unnoticed");
-    let disagrees = stands_out || rmse_after > MOST_KEPT_OUT * floor;
+    let disagrees = stands_out || rmse_after > MOST_SELECTING * floor;
     // What is named by its jumps was not the search's to compare.
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
