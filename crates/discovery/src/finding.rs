@@ -6,10 +6,10 @@ use crate::chain::form::Place;
 use crate::data::mask;
 use crate::data::session::{Run, Session, SessionError};
 use crate::effects::catalogue;
-use crate::explanation::{diagnosis, horizon, whereabouts};
+use crate::explanation::{diagnosis, horizon, residual_map};
 use crate::files::figures;
 use crate::files::file::DiscoveredModel;
-use crate::model::past::Past;
+use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery, Member, Verdict};
 use crate::selection::rounds::Bench;
@@ -127,8 +127,9 @@ pub fn discover_from(
         discovery.criterion = Some(criterion);
         discovery.confidence_set = set;
     }
-    discovery.disagreements = whereabouts::disagreements(&session, &residual_before, config.seed);
-    discovery.summary = whereabouts::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
+    discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);
+    discovery.summary =
+        residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
     discovery.memory_horizon = horizon::horizon(&session);
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
@@ -217,12 +218,12 @@ fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) ->
 
 /// The baseline that fits best: operators that begin fresh in every recording, or ones that remember.
 fn baseline(session: &Session) -> Model {
-    let mut fresh = Model::baseline(Past::Fresh, false);
-    let mut stops = Model::baseline(Past::Fresh, true);
+    let mut fresh = Model::baseline(InitialState::Fresh, false);
+    let mut stops = Model::baseline(InitialState::Fresh, true);
     let (fresh_square, _) = fresh.fit(session, Scope::Fit);
     let (stops_square, _) = stops.fit(session, Scope::Fit);
     if stops_square < 0.5 * fresh_square {
         return stops;
     }
-    fresh.with_best_past(session).model
+    fresh.with_best_initial_state(session).model
 }

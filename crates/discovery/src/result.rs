@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::explanation::diagnosis::{LoopArea, Residual};
 use crate::explanation::horizon;
-use crate::explanation::whereabouts::Disagreement;
+use crate::explanation::residual_map::Disagreement;
 
 /// How to discover.
 #[derive(Clone, Debug)]
@@ -94,15 +94,15 @@ pub struct Discovery {
     pub effects: Vec<Effect>,
     /// Second best explanation.
     pub runner_up: Option<RunnerUp>,
-    /// RMSE of the simulation without the effects on kept-out samples, free running, output units.
+    /// RMSE of the simulation without the effects on test samples, free running, output units.
     pub rmse_before: f64,
-    /// RMSE of the simulation with them on kept-out samples, free running, output units.
+    /// RMSE of the simulation with them on test samples, free running, output units.
     pub rmse_after: f64,
     /// Noise, output units.
     pub noise_floor: f64,
     /// Share of the gap closed, `(before - after) / (before - floor)`, 0 to 1.
     pub gap_closed: f64,
-    /// Where something jumps: RMSE of the smooth observer, which knows no jumps, on kept-out samples, one step ahead, output units.
+    /// Where something jumps: RMSE of the smooth observer, which knows no jumps, on test samples, one step ahead, output units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_before_one_step: Option<f64>,
     /// The same of the observer that knows the jumps.
@@ -145,7 +145,7 @@ pub struct Discovery {
     pub pressure_path: Option<Vec<String>>,
     /// Samples left out as outliers.
     pub excluded_samples: usize,
-    /// Names of the kept-out recordings.
+    /// Names of the test recordings.
     pub kept_out: Vec<String>,
     /// Names of those among them that were made about when the set-up changed, nobody knows on which side: no figure counts them.
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -52,7 +52,7 @@ fn names_nothing_when_nothing_is_hidden() {
 
 #[test]
 fn coloured_noise_alone_is_no_unknown_effect() {
-    // What the play operators of the second rig leave of coloured noise is worse on the kept-out recordings: where nothing was found, that
+    // What the play operators of the second rig leave of coloured noise is worse on the test recordings: where nothing was found, that
     // is no reason to look for something unknown.
     let config = CaseConfig { seed: SEED + 1, coloured_noise: true, generator: Generator::Rival, ..CaseConfig::default() };
     let discovery = found(&rig::hide(&config).expect("a case"));
@@ -106,7 +106,7 @@ fn the_effect_that_is_missed_least_is_taken_away_and_the_others_are_fitted_again
     let case = case(&["dead-time"], SEED + 70, 0.005);
     let mut session = Session::new(&case.recordings, &case.kept_out).expect("a session");
     let bare = prepare(&mut session);
-    let model = Model::baseline(bare.past, false)
+    let model = Model::baseline(bare.initial_state, false)
         .with(effects::dead_time::FORMS[0], vec![case.truth.parameters["dead-time.delay_s"]])
         .with(effects::resonance::FORMS[0], vec![6.0, 0.3]);
     let runner_up = Some(RunnerUp { name: "creep".to_owned(), separable: false });
@@ -135,7 +135,7 @@ fn operators_that_remember_remember_what_a_slow_valve_made_of_earlier_recordings
     let lag = effects::pneumatic_lag::FORMS[0];
     let left = |carry: bool| {
         let time_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
-        let mut model = Model::baseline(Past::carrying(carry), false).with(lag, vec![time_s]).refined();
+        let mut model = Model::baseline(InitialState::carrying(carry), false).with(lag, vec![time_s]).refined();
         model.fit(&session, Scope::Both).1.sqrt() * session.output_scale.abs() / case.truth.noise_mm
     };
     let (remembers, forgets) = (left(true), left(false));
@@ -169,13 +169,13 @@ fn motion_during_rest_does_not_pass_for_noise() {
     case.recordings.truncate(6);
     let floor = |recordings: &[Recording]| {
         let session = Session::new(recordings, &[]).expect("a session");
-        let mut before = Model::baseline(Past::Fresh, false);
+        let mut before = Model::baseline(InitialState::Fresh, false);
         before.fit(&session, Scope::Fit);
         noise::floor(&session, &before.residuals(&session)) * session.output_scale.abs()
     };
     let quiet = floor(&case.recordings);
     assert!((quiet / case.truth.noise_mm - 1.0).abs() < 0.15, "{quiet} instead of {}", case.truth.noise_mm);
-    // Something unseen pulls at 0.9 Hz, ten times the noise.
+    // Something unseen quasi-static responses at 0.9 Hz, ten times the noise.
     for recording in &mut case.recordings {
         for (value, time_s) in recording.output.iter_mut().zip(&recording.time_s) {
             *value += 10.0 * case.truth.noise_mm * (5.65 * time_s).sin();
@@ -330,7 +330,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
     let run = finding.session.runs.iter().find(|run| run.index == 0).expect("the run");
     assert!(run.source == (0, 0) && run.input.len() == recording.input.len());
     let fitted = finding.after.predict(run);
-    if !finding.after.past.is_carried() {
+    if !finding.after.initial_state.is_carried() {
         for (from_file, normalised) in read.simulate(&recording.input).expect("a prediction").iter().zip(fitted) {
             // Printed numbers read back exactly; the scaling to units and back rounds.
             assert!((from_file - normalised * finding.session.output_scale).abs() < 1e-9);

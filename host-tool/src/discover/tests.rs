@@ -13,7 +13,7 @@ const SEED: u64 = 500;
 /// Least share of the gap that a simulation by the model with a single hidden effect closes.
 const LEAST_CLOSED: f64 = 0.85;
 
-/// What `evaluate` makes of the model in a folder on kept-out recordings: pooled root mean square.
+/// What `evaluate` makes of the model in a folder on test recordings: pooled root mean square.
 fn evaluated(finding: &Finding, recordings: &[Recording], kept: &[Recording]) -> f64 {
     let folder = tempfile::tempdir().expect("a folder");
     folder::write(finding, recordings, folder.path()).expect("a folder with a model");

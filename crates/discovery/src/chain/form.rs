@@ -62,7 +62,7 @@ impl Parameter {
 
 /// How the play operators deviate from plain ones; all zero is plain.
 #[derive(Clone, Copy, Default)]
-pub struct Habit {
+pub struct OperatorLaw {
     /// Thresholds grow by this per unit of input.
     pub growth_per_input: f64,
     /// Thresholds of the unloading branch alone grow by this more per unit of input.
@@ -100,7 +100,7 @@ pub trait ThresholdLaw: Sync {
     fn has_rate(&self) -> bool;
 }
 
-impl Habit {
+impl OperatorLaw {
     /// Whether the operators are plain ones.
     #[must_use]
     pub fn is_plain(&self) -> bool {
@@ -189,7 +189,7 @@ pub trait Form: Sync {
         0
     }
     /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
-    fn nearly(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         Vec::new()
     }
     /// Number of parameters it counts as when effects compete.
@@ -225,7 +225,7 @@ pub trait Form: Sync {
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![]]
     }
-    /// What it breaks away by, if its seat is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
+    /// What it breaks away by, if its stick position is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
     /// what the output shows.
     fn jumps(&self) -> Option<Drive> {
         None
@@ -244,7 +244,7 @@ pub trait Form: Sync {
     fn is_a_zero(&self) -> bool {
         false
     }
-    /// Whether a seat that is seen in the output feels what the sensor's effects add.
+    /// Whether a stick position that is seen in the output feels what the sensor's effects add.
     fn feels_sensor(&self) -> bool {
         false
     }
@@ -266,8 +266,8 @@ pub trait Form: Sync {
         }
     }
     /// Changes the operators, if it [leads them](Self::leads_operators).
-    fn habit(&self, _parameters: &[f64], _habit: &mut Habit) {}
-    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a seat or a zero is read from the output).
+    fn operator_law(&self, _parameters: &[f64], _habit: &mut OperatorLaw) {}
+    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a stick position or a zero is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
     /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
     fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
@@ -275,11 +275,11 @@ pub trait Form: Sync {
     }
 }
 
-/// What a seat is compared with to break away.
+/// What a stick position is compared with to break away.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Drive {
-    /// The pull of the model: a tip that sticks.
-    Pull,
+    /// The quasi-static response of the model: a tip that sticks.
+    QuasiStatic,
     /// The command: a valve with a dead band.
     Command,
 }

@@ -3,7 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::{AHEAD, Rows, SIDE};
-use crate::chain::form::Habit;
+use crate::chain::form::OperatorLaw;
 use crate::data::turning::between_samples;
 
 /// What operators know when a recording begins.
@@ -22,7 +22,7 @@ pub struct Lead<'a> {
     /// The input as the operators see it.
     pub path: &'a [f64],
     /// How the operators deviate from plain ones.
-    pub habit: &'a Habit,
+    pub operator_law: &'a OperatorLaw,
     /// Sample period, s.
     pub period_s: f64,
 }
@@ -38,10 +38,10 @@ pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
         Begin::After(history) => (history, &[]),
         Begin::From(states) => (&[], states),
     };
-    let (before, now) = if lead.habit.is_plain() {
+    let (before, now) = if lead.operator_law.is_plain() {
         (Vec::new(), Vec::new())
     } else {
-        (gaps(history, lead.habit, None, &[]), gaps(lead.path, lead.habit, Some(lead.period_s), &turns))
+        (gaps(history, lead.operator_law, None, &[]), gaps(lead.path, lead.operator_law, Some(lead.period_s), &turns))
     };
     let mut padded = vec![0.0; rows.stride];
     padded[AHEAD..AHEAD + thresholds.len()].copy_from_slice(thresholds);
@@ -53,15 +53,15 @@ pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
 /// States of operators from one recording to the next.
 pub struct States<'a> {
     thresholds: &'a [f64],
-    habit: Habit,
+    operator_law: OperatorLaw,
     states: Vec<f64>,
     rows: Rows,
 }
 
 impl<'a> States<'a> {
     /// The states behind these turning points.
-    pub fn new(thresholds: &'a [f64], history: &[f64], habit: Habit) -> Self {
-        let mut begun = Self { thresholds, habit, states: vec![0.0; thresholds.len()], rows: Rows::default() };
+    pub fn new(thresholds: &'a [f64], history: &[f64], operator_law: OperatorLaw) -> Self {
+        let mut begun = Self { thresholds, operator_law, states: vec![0.0; thresholds.len()], rows: Rows::default() };
         if let Some((&last, before)) = history.split_last() {
             begun.lead_from(Begin::After(before), &[last], 1.0);
         }
@@ -89,7 +89,7 @@ impl<'a> States<'a> {
     fn lead_from(&mut self, begin: Begin<'_>, path: &[f64], period_s: f64) {
         let count = AHEAD + self.thresholds.len();
         self.rows.shape(path.len(), count, count.next_multiple_of(SIDE));
-        write(self.thresholds, &Lead { begin, path, habit: &self.habit, period_s }, &mut self.rows);
+        write(self.thresholds, &Lead { begin, path, operator_law: &self.operator_law, period_s }, &mut self.rows);
         let last = self.rows.values.len() - self.rows.stride;
         self.states = self.rows.values[last + AHEAD..last + count].to_vec();
     }
@@ -136,7 +136,7 @@ impl Writing<'_> {
     /// Writes `N` vectors of operators.
     #[inline(always)]
     fn side<S: Simd, const N: usize>(&mut self, simd: S, first: usize) {
-        let Lead { path, habit, .. } = *self.lead;
+        let Lead { path, operator_law, .. } = *self.lead;
         let (thresholds, _) = S::as_simd_f64s(self.thresholds);
         let (begun, _) = S::as_simd_f64s(self.begun);
         let side = Side { simd, lead: self.lead, thresholds: std::array::from_fn::<_, N, _>(|at| thresholds[first + at]) };
@@ -149,7 +149,7 @@ impl Writing<'_> {
             let (row, _) = S::as_mut_simd_f64s(row);
             row[first..first + N].copy_from_slice(state);
         };
-        if habit.viscous_s > 0.0 {
+        if operator_law.viscous_s > 0.0 {
             for (sample, row) in self.rows.values.chunks_exact_mut(stride).enumerate() {
                 side.follow_late(&mut state, sample, self.now.get(sample));
                 write(row, &state);
@@ -205,14 +205,14 @@ impl<S: Simd, const N: usize> Side<'_, S, N> {
     /// One sample of operators that follow their bounds late.
     #[inline(always)]
     fn follow_late(&self, state: &mut [S::f64s; N], sample: usize, gap: Option<&Gap>) {
-        let Lead { path, habit, period_s, .. } = *self.lead;
+        let Lead { path, operator_law, period_s, .. } = *self.lead;
         let simd = self.simd;
         if sample == 0 {
             self.play(state, path[0], gap);
-        } else if habit.stiffening > 0.0 {
+        } else if operator_law.stiffening > 0.0 {
             self.stiffening(state, [path[sample - 1], path[sample]], gap);
         } else {
-            let share = simd.splat_f64s(1.0 - (-period_s / habit.viscous_s).exp());
+            let share = simd.splat_f64s(1.0 - (-period_s / operator_law.viscous_s).exp());
             let mut bound = *state;
             self.play(&mut bound, path[sample], gap);
             for (state, bound) in state.iter_mut().zip(bound) {
@@ -224,10 +224,10 @@ impl<S: Simd, const N: usize> Side<'_, S, N> {
     /// Operators that follow their bounds at the speed `x / T (1 + (x / E)^2)` for a distance `x`: the first terms of Eyring's law.
     #[inline(always)]
     fn stiffening(&self, state: &mut [S::f64s; N], [before, now]: [f64; 2], gap: Option<&Gap>) {
-        let Lead { habit, period_s, .. } = *self.lead;
+        let Lead { operator_law, period_s, .. } = *self.lead;
         let simd = self.simd;
-        let growth = simd.splat_f64s((2.0 * period_s / LOOKS as f64 / habit.viscous_s).min(700.0).exp());
-        let far = simd.splat_f64s(1.0 / (habit.stiffening * habit.stiffening));
+        let growth = simd.splat_f64s((2.0 * period_s / LOOKS as f64 / operator_law.viscous_s).min(700.0).exp());
+        let far = simd.splat_f64s(1.0 / (operator_law.stiffening * operator_law.stiffening));
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         for look in 1..=LOOKS {
             let mut bound = *state;
@@ -248,17 +248,19 @@ impl<S: Simd, const N: usize> Side<'_, S, N> {
 const LOOKS: usize = 2;
 
 /// The gap at every sample of `path`; rates count where there is a sample period.
-fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<Gap> {
+fn gaps(path: &[f64], operator_law: &OperatorLaw, period_s: Option<f64>, turns: &[(usize, f64)]) -> Vec<Gap> {
     let last = path.len().saturating_sub(1);
-    let with_rate = habit.growth_per_rate != 0.0 || habit.extra_per_rate != 0.0 || habit.law.is_some_and(|(law, _)| law.has_rate());
-    let fading = period_s.map_or(0.0, |period_s| -(-period_s / habit.rate_memory_s).exp_m1());
+    let with_rate = operator_law.growth_per_rate != 0.0
+        || operator_law.extra_per_rate != 0.0
+        || operator_law.law.is_some_and(|(law, _)| law.has_rate());
+    let fading = period_s.map_or(0.0, |period_s| -(-period_s / operator_law.rate_memory_s).exp_m1());
     let mut faded = 0.0;
     let mut turns = turns.iter().peekable();
     let mut turned = None;
     let gap = |(index, &value): (usize, &f64)| {
         let turned_before = std::mem::replace(&mut turned, turns.next_if(|turn| turn.0 == index + 1).map(|turn| turn.1));
         let rate = match period_s {
-            Some(period_s) if with_rate && habit.rate_memory_s > 0.0 => {
+            Some(period_s) if with_rate && operator_law.rate_memory_s > 0.0 => {
                 let from = path[index.saturating_sub(1)];
                 let way = turned_before.map_or((value - from).abs(), |turn| (turn - from).abs() + (value - turn).abs());
                 faded += (way / period_s - faded) * fading;
@@ -272,11 +274,13 @@ fn gaps(path: &[f64], habit: &Habit, period_s: Option<f64>, turns: &[(usize, f64
             }
             _ => 0.0,
         };
-        let rate = habit.saturated(rate);
-        let factor = ((1.0 + habit.growth_per_input * value).max(0.0) + habit.growth_per_rate * rate) * habit.factor(value, rate);
-        let unloading = habit.growth_unloading * value;
-        let opening = if habit.opening == 0.0 { 0.0 } else { habit.opening * value.max(0.0).powf(habit.opening_power) };
-        [factor, habit.envelope_bend * value * (1.0 - value) + opening + habit.extra_per_rate * rate, unloading]
+        let rate = operator_law.saturated(rate);
+        let factor = ((1.0 + operator_law.growth_per_input * value).max(0.0) + operator_law.growth_per_rate * rate)
+            * operator_law.factor(value, rate);
+        let unloading = operator_law.growth_unloading * value;
+        let opening =
+            if operator_law.opening == 0.0 { 0.0 } else { operator_law.opening * value.max(0.0).powf(operator_law.opening_power) };
+        [factor, operator_law.envelope_bend * value * (1.0 - value) + opening + operator_law.extra_per_rate * rate, unloading]
     };
     path.iter().enumerate().map(gap).collect()
 }
@@ -289,7 +293,7 @@ mod tests {
     fn operators_that_hang_on_rates_go_on_in_the_next_recording_where_the_last_one_left_them() {
         const PERIOD_S: f64 = 0.02;
         let thresholds = [0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7];
-        let habit = Habit { growth_per_rate: 0.6, rate_memory_s: 0.02, ..Habit::default() };
+        let operator_law = OperatorLaw { growth_per_rate: 0.6, rate_memory_s: 0.02, ..OperatorLaw::default() };
         // Fast strokes, then slow ones half as wide; each recording begins and ends at rest.
         let stroke = |sample: usize, frequency_hz: f64, size: f64| {
             let time_s = (sample.clamp(25, 175) - 25) as f64 * PERIOD_S;
@@ -300,10 +304,10 @@ mod tests {
         let written = |begin: Begin<'_>, path: &[f64]| {
             let mut rows = Rows::default();
             rows.shape(path.len(), AHEAD + thresholds.len(), (AHEAD + thresholds.len()).next_multiple_of(SIDE));
-            write(&thresholds, &Lead { begin, path, habit: &habit, period_s: PERIOD_S }, &mut rows);
+            write(&thresholds, &Lead { begin, path, operator_law: &operator_law, period_s: PERIOD_S }, &mut rows);
             rows.values.chunks_exact(rows.stride).map(|row| row[AHEAD..AHEAD + thresholds.len()].to_vec()).collect::<Vec<_>>()
         };
-        let mut states = States::new(&thresholds, &[], habit);
+        let mut states = States::new(&thresholds, &[], operator_law);
         states.lead(&fast, PERIOD_S);
         let in_two = written(states.begin(), &slow);
         let in_one = written(Begin::After(&[]), &[fast, slow.clone()].concat());

@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn what_jumps_one_way_or_rings_after_a_step_is_kept() {
-        // A tip that leaps to where it is pulled as often as five samples.
+        // A tip that slips to where it is pulled as often as five samples.
         assert_eq!(masked(sine, |_, value, _| (value / 0.3).round() * 0.3 - value).0, 0);
         // A step of the output that stays.
         assert_eq!(masked(sine, |at, _, _| if at > 400 { 0.5 } else { 0.0 }).0, 0);

@@ -1,6 +1,6 @@
 //! Rows of equal readings: a sensor that has stopped reading, or a line that was cut.
 //!
-//! Two kinds of evidence. A sensor with noise does not read the same value three times in a row, so such a row needs no model to be wrong.
+//! Two kinds of log-likelihood. A sensor with noise does not read the same value three times in a row, so such a row needs no model to be wrong.
 //! Where readings do repeat (a sensor that reads in steps, a simulation without noise), a row is wrong only when it disagrees with a model.
 
 use std::ops::Range;

@@ -129,7 +129,7 @@ fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
     masked
 }
 
-/// Whether the output is back behind the burst where it was before, but for what the input did meanwhile: what jumps and stays there is a seat
+/// Whether the output is back behind the burst where it was before, but for what the input did meanwhile: what jumps and stays there is a stick position
 /// that gave way, and no mistake of the sensor.
 fn returns(run: &Run, of_residual: &[f64], burst: Range<usize>) -> bool {
     let (before, after) = (burst.start - 1, burst.end.min(of_residual.len() - 1));
@@ -165,7 +165,7 @@ mod tests {
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
         let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (0.5 * time).cos()).collect();
         for (samples, masked) in [(400..406, 0), (400..401, 1)] {
-            // The model knows of the seat one sample late; after six samples the seat goes back.
+            // The model knows of the stick position one sample late; after six samples the stick position goes back.
             let mut residual: Vec<f64> = (0..1000).map(|_| 0.005 * rng.random_range(-1.0..1.0)).collect();
             let mut output: Vec<f64> = input.iter().zip(&residual).map(|(value, noise)| value + noise).collect();
             samples.for_each(|sample| output[sample] += 0.4);

@@ -63,7 +63,7 @@ impl Session {
                 _ => time_s.iter().map(|time| time + clock_s).collect(),
             };
             clock_s += time_s[time_s.len() - 1] + recording.sample_period_s;
-            let role = if position < recordings.len() { Role::Fit } else { Role::Kept };
+            let role = if position < recordings.len() { Role::Fit } else { Role::Test };
             let name =
                 recording.path.file_name().map_or_else(|| recording.path.display().to_string(), |name| name.to_string_lossy().into_owned());
             let segments = recording.segments();
@@ -177,9 +177,9 @@ fn assign_roles(runs: &mut [Run], keep_some: bool) {
     let own: Vec<usize> = (0..runs.len()).filter(|&run| runs[run].role[0] == Role::Fit).collect();
     if own.len() >= 6 {
         for (position, &run) in own.iter().enumerate() {
-            // Neighbours take turns, and turn about every eight so that no habit of the session's order falls on one role only.
+            // Neighbours take turns, and turn about every eight so that no operator law of the session's order falls on one role only.
             let role = if keep_some && position % 6 == 4 {
-                Role::Kept
+                Role::Test
             } else if (position + position / 8) % 2 == 0 {
                 Role::Fit
             } else {
@@ -196,7 +196,7 @@ fn assign_roles(runs: &mut [Run], keep_some: bool) {
         for (sample, role) in run.role.iter_mut().enumerate() {
             let block = sample / length;
             *role = if keep_some && block % 6 == 5 {
-                Role::Kept
+                Role::Test
             } else if block % 2 == 0 {
                 Role::Fit
             } else {

@@ -15,7 +15,7 @@ pub enum Role {
     /// Effects are chosen by it.
     Select,
     /// Nobody looks at it until the end.
-    Kept,
+    Test,
     /// Nothing: when in it the command stepped, nobody has recorded.
     Nothing,
 }
@@ -216,7 +216,7 @@ impl Session {
     /// Lets all samples count again that are not kept out.
     pub fn unmask(&mut self) {
         for run in &mut self.runs {
-            run.keep.iter_mut().zip(&run.role).for_each(|(keep, role)| *keep = *role != Role::Kept);
+            run.keep.iter_mut().zip(&run.role).for_each(|(keep, role)| *keep = *role != Role::Test);
         }
     }
 

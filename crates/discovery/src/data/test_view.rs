@@ -19,7 +19,7 @@ impl TestView {
             let worked_with = run.is_worked_with();
             let mut last = if worked_with { first_shown(run) } else { 0.0 };
             for sample in 0..run.output.len() {
-                if run.role[sample] == Role::Kept {
+                if run.role[sample] == Role::Test {
                     run.output[sample] = last;
                     run.keep[sample] = false;
                 } else if worked_with {
@@ -35,7 +35,7 @@ impl TestView {
         for (run, output) in session.runs.iter_mut().zip(self.outputs) {
             run.output = output;
             for (keep, role) in run.keep.iter_mut().zip(&run.role) {
-                *keep |= *role == Role::Kept;
+                *keep |= *role == Role::Test;
             }
         }
     }
@@ -43,7 +43,7 @@ impl TestView {
 
 /// The first output that is not kept out.
 fn first_shown(run: &Run) -> f64 {
-    run.output.iter().zip(&run.role).find(|(_, role)| **role != Role::Kept).map_or(0.0, |(output, _)| *output)
+    run.output.iter().zip(&run.role).find(|(_, role)| **role != Role::Test).map_or(0.0, |(output, _)| *output)
 }
 
 #[cfg(test)]
@@ -60,10 +60,10 @@ mod tests {
             for run in &session.runs {
                 let measured = &recordings[run.source.0].output[run.source.1..];
                 for (sample, role) in run.role.iter().enumerate() {
-                    if *role == Role::Kept {
+                    if *role == Role::Test {
                         withheld += 1;
                         assert!(!run.keep[sample]);
-                        let before = (0..sample).rev().find(|&at| run.role[at] != Role::Kept);
+                        let before = (0..sample).rev().find(|&at| run.role[at] != Role::Test);
                         assert_eq!(run.output[sample], before.map_or(0.0, |at| run.output[at]));
                     } else {
                         assert!((run.output[sample] * session.output_scale - measured[sample]).abs() < 1e-12);

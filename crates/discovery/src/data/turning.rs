@@ -140,8 +140,8 @@ fn farthest(left: [f64; 3], right: [f64; 3], sign: f64) -> f64 {
     let nearer = |share: f64| at(left, share).min(at(right, 1.0 - share));
     let top = (sign * left[0]).max(sign * right[0]);
     // Straight lines through the neighbouring steps would meet so far out at most.
-    let (rise, fall) = (sign * left[1], sign * right[1]);
-    let most = rise * fall / (rise + fall);
+    let (rise, rate_weakening) = (sign * left[1], sign * right[1]);
+    let most = rise * rate_weakening / (rise + rate_weakening);
     // The nearer side is highest where the two meet or where the nearer one has its vertex.
     let difference = [at(left, 0.0) - at(right, 1.0), 0.0, at(left, 1.0) - at(right, 0.0)];
     let bend = 0.5 * sign * (left[2] - right[2]);

@@ -39,8 +39,8 @@ impl Form for Corner {
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         let rest = 0.5 * (-parameters[0] + parameters[0].hypot(parameters[1]));
         for value in path {
-            let past = *value - parameters[0];
-            *value = 0.5 * (past + (past * past + parameters[1] * parameters[1]).sqrt()) - rest;
+            let initial_state = *value - parameters[0];
+            *value = 0.5 * (initial_state + (initial_state * initial_state + parameters[1] * parameters[1]).sqrt()) - rest;
         }
     }
 }

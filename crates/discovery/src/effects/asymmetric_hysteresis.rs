@@ -1,7 +1,7 @@
 //! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
 //! bend apart, or they part the more the higher the pressure is.
 
-use crate::chain::form::{Form, Habit, Parameter, Place, Quantity};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -57,9 +57,9 @@ impl Form for Growth {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
         let growth = parameters[0];
-        (habit.growth_per_input, habit.growth_unloading) = match self.branches {
+        (operator_law.growth_per_input, operator_law.growth_unloading) = match self.branches {
             Branches::Both => (growth, 0.0),
             Branches::Unloading => (0.0, growth),
             Branches::Loading => (growth, -growth),
@@ -83,8 +83,8 @@ impl Form for Bend {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.3, -0.1, 0.08, 0.2, 0.35, 0.5].into_iter().map(|value| vec![value]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.envelope_bend = parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.envelope_bend = parameters[0];
     }
 }
 
@@ -110,8 +110,8 @@ impl Form for Loading {
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, 0.5 * parameters[0]);
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.envelope_bend = -0.5 * parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.envelope_bend = -0.5 * parameters[0];
     }
 }
 
@@ -137,8 +137,8 @@ impl Form for Unloading {
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, 0.5 * parameters[0]);
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.envelope_bend = 0.5 * parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.envelope_bend = 0.5 * parameters[0];
     }
 }
 
@@ -176,8 +176,8 @@ impl Form for Unlike {
             *value += v * (1.0 - v) * (0.5 * (parameters[0] + parameters[1]) + parameters[2] * (1.0 - 2.0 * v));
         }
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.envelope_bend = 0.5 * (parameters[1] - parameters[0]);
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.envelope_bend = 0.5 * (parameters[1] - parameters[0]);
     }
 }
 
@@ -214,9 +214,9 @@ impl Form for Opening {
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, parameters[2]);
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.opening = parameters[0];
-        habit.opening_power = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.opening = parameters[0];
+        operator_law.opening_power = parameters[1];
     }
 }
 
@@ -233,7 +233,7 @@ fn both_branches(path: &mut [f64], size: f64) {
 mod tests {
     use super::*;
     use crate::chain::columns::Columns;
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use crate::model::structure::Model;
     use recording::{Recording, Signal};
     use std::path::Path;
@@ -247,7 +247,7 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(Past::Fresh, false) };
+        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(InitialState::Fresh, false) };
         let mut columns = Columns::default();
         model.with(&Opening, vec![0.08, 2.0, 0.0]).columns(run, &mut columns);
         let operator = columns.column(1);
@@ -265,7 +265,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let operator = |forms: &[(&'static dyn Form, f64)]| {
-            let mut model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(Past::Fresh, false) };
+            let mut model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(InitialState::Fresh, false) };
             for &(form, size) in forms {
                 model = model.with(form, vec![size]);
             }

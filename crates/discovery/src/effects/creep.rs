@@ -79,8 +79,8 @@ impl Form for OfOutput {
             lag(&mut slow, time_s, run.period_s);
             if self.remembers {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
-                let told = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
-                let left = gain(&run.input, sum) * told.unwrap_or_else(|| left_of_earlier(run, time_s));
+                let pseudo_measurements = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
+                let left = gain(&run.input, sum) * pseudo_measurements.unwrap_or_else(|| left_of_earlier(run, time_s));
                 let keep = (-run.period_s / time_s).exp();
                 slow.iter_mut().fold(left, |left, value| {
                     *value += left;
@@ -92,11 +92,11 @@ impl Form for OfOutput {
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         let total: f64 = weights.iter().sum();
-        let mut told = BTreeMap::from([("total_compliance".to_owned(), total)]);
+        let mut pseudo_measurements = BTreeMap::from([("total_compliance".to_owned(), total)]);
         for (time_s, weight) in TIMES_S.iter().zip(weights) {
-            told.insert(format!("compliance_at_{time_s}_s"), *weight);
+            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), *weight);
         }
-        told
+        pseudo_measurements
     }
 }
 

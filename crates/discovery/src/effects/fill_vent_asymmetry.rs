@@ -89,7 +89,7 @@ impl Form for TwoLags {
             Law::Orifice => &[FILL, VENT, POWER],
         }
     }
-    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         let [fill_s, vent_s] = [parameters[0], parameters[1]];
         let lag = pneumatic_lag::FORMS[usize::from(self.held)];
         if (fill_s / vent_s).ln().abs() < ALIKE { vec![(lag, vec![(fill_s * vent_s).sqrt()])] } else { Vec::new() }
@@ -273,11 +273,11 @@ mod tests {
     #[test]
     fn like_time_constants_come_near_a_lag_and_unlike_ones_do_not() {
         for form in [&TWO_LAGS, &TWO_LAGS_HELD, &ORIFICE] {
-            let near = form.nearly(&[0.05, 0.06, 1.0]);
+            let near = form.nested_limits(&[0.05, 0.06, 1.0]);
             let [(lag, parameters)] = &near[..] else { panic!("{}", form.form) };
             assert_eq!(lag.name(), "pneumatic-lag");
             assert!((parameters[0] - 0.003_f64.sqrt()).abs() < 1e-12, "{parameters:?}");
-            assert!(form.nearly(&[0.05, 0.1, 1.0]).is_empty(), "{}", form.form);
+            assert!(form.nested_limits(&[0.05, 0.1, 1.0]).is_empty(), "{}", form.form);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `gain-drift`: the gain wanders with the session's time, towards a limit or along a spline; or every recording has a gain of its own.
+//! `gain-drift`: the gain drifts with the session's time, towards a limit or along a spline; or every recording has a gain of its own.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! The effects that discovery knows, one file each; [`catalogue::forms`] registers them. `seated` and `session_curve` are
+//! The effects that discovery knows, one file each; [`catalogue::forms`] registers them. `sticking` and `session_curve` are
 //! forms that two of them share.
 
 pub mod activation_threshold;
@@ -18,11 +18,11 @@ pub mod periodic_disturbance;
 pub mod pneumatic_lag;
 pub mod rate_dependent_hysteresis;
 pub mod resonance;
-pub mod seated;
 pub mod session_curve;
 pub mod setup_change;
 pub mod slew_limit;
 pub mod static_nonlinearity;
 pub mod stick_slip;
+pub mod sticking;
 pub mod supply_saturation;
 pub mod valve_dead_band;

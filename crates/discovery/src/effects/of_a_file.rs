@@ -21,7 +21,7 @@ pub use crate::chain::definition::{Definition, Shape, Side, Unit};
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Habit, Parameter, Place, Quantity, ThresholdLaw};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, ThresholdLaw};
 use crate::data::session::{Run, Session};
 
 /// Steps of a first-order law inside a sample.
@@ -314,9 +314,9 @@ impl Form for OfAFile {
             path.copy_from_slice(&followed);
         }
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
         if self.0.definition.shape == Shape::Threshold {
-            habit.set_law(self.0, parameters);
+            operator_law.set_law(self.0, parameters);
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {

@@ -1,4 +1,4 @@
-//! `offset-drift`: the zero wanders with the session's time, towards a limit or along a spline; or every recording has a zero of its own.
+//! `offset-drift`: the zero drifts with the session's time, towards a limit or along a spline; or every recording has a zero of its own.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ struct Own {
     of_creep: bool,
 }
 
-/// What a creep of which nobody knows the past leaves in each recording. It is never looked for: zeros beside a creep become it.
+/// What a creep of which nobody knows the initial state leaves in each recording. It is never looked for: zeros beside a creep become it.
 pub const LEFT_BY_CREEP: &dyn Form = &Own { of_creep: true };
 
 static CURVE: SessionCurve = SessionCurve { name: "offset-drift", drifts: Drifts::Offset };

@@ -196,7 +196,7 @@ impl Spectrum {
     }
 
     /// How much speaks for a rhythm at this frequency, known to half a step at its harmonic `exact`: the lines among its harmonics.
-    fn evidence(&self, frequency_hz: f64, exact: usize) -> f64 {
+    fn log_likelihood(&self, frequency_hz: f64, exact: usize) -> f64 {
         let line = |harmonic: usize| {
             let place = (harmonic as f64 * frequency_hz - self.lowest_hz) / self.spacing_hz;
             let width = 0.5 + 0.5 * harmonic as f64 / exact as f64;
@@ -209,12 +209,12 @@ impl Spectrum {
 
     /// Of which harmonic of a rhythm the peak is the line: the first unless a slower rhythm has lines that speak for it.
     fn harmonic_of(&self, peak_hz: f64) -> usize {
-        let mut best = (1, self.evidence(peak_hz, 1));
+        let mut best = (1, self.log_likelihood(peak_hz, 1));
         for harmonic in 2..=3 {
             let base_hz = peak_hz / harmonic as f64;
-            let evidence = self.evidence(base_hz, harmonic);
-            if base_hz >= self.lowest_hz && evidence > 1.1 * best.1 {
-                best = (harmonic, evidence);
+            let log_likelihood = self.log_likelihood(base_hz, harmonic);
+            if base_hz >= self.lowest_hz && log_likelihood > 1.1 * best.1 {
+                best = (harmonic, log_likelihood);
             }
         }
         best.0

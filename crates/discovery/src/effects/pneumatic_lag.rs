@@ -160,8 +160,8 @@ impl Filter<2> for Condensing {
         let slope = (value - *last) / LOOKS as f64;
         for _ in 0..LOOKS {
             let now = *last + slope;
-            let ease = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
-            let time_s = self.time_s * (1.0 + self.slower * *state).max(0.1) / ease;
+            let sensitivities = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
+            let time_s = self.time_s * (1.0 + self.slower * *state).max(0.1) / sensitivities;
             let (keep, of_now, of_last) = lag_coefficients(time_s, self.step_s);
             *state = keep * *state + of_now * now + of_last * *last;
             *last = now;

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Habit, Parameter, Place, Quantity};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -66,9 +66,9 @@ impl Form for Additive {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.003, 0.1, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.extra_per_rate = parameters[0];
-        habit.rate_scale_per_s = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
+        operator_law.rate_scale_per_s = parameters[1];
     }
 }
 
@@ -88,9 +88,9 @@ impl Form for Proportional {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.03, 1.0, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.growth_per_rate = parameters[0];
-        habit.rate_scale_per_s = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
+        operator_law.rate_scale_per_s = parameters[1];
     }
 }
 
@@ -110,8 +110,8 @@ impl Form for AdditiveLinear {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.003, 0.15, 6).into_iter().map(|time| vec![time]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.extra_per_rate = parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
     }
 }
 
@@ -131,8 +131,8 @@ impl Form for ProportionalLinear {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.05, 3.0, 5).into_iter().map(|growth| vec![growth]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.growth_per_rate = parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
     }
 }
 
@@ -155,9 +155,9 @@ impl Form for AdditiveFading {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.01, 0.1, 3).into_iter().flat_map(|time| [vec![time, 0.02], vec![time, 0.06]]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.extra_per_rate = parameters[0];
-        habit.rate_memory_s = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
+        operator_law.rate_memory_s = parameters[1];
     }
 }
 
@@ -177,9 +177,9 @@ impl Form for ProportionalFading {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.08, 1.2, 3).into_iter().flat_map(|growth| [vec![growth, 0.02], vec![growth, 0.06]]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.growth_per_rate = parameters[0];
-        habit.rate_memory_s = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
+        operator_law.rate_memory_s = parameters[1];
     }
 }
 
@@ -199,8 +199,8 @@ impl Form for Viscous {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.01, 0.4, 6).into_iter().map(|value| vec![value]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.viscous_s = parameters[0];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.viscous_s = parameters[0];
     }
 }
 
@@ -223,9 +223,9 @@ impl Form for Stiffening {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.05, 0.2, 0.8].into_iter().flat_map(|time| [vec![time, 0.01], vec![time, 0.03], vec![time, 0.1]]).collect()
     }
-    fn habit(&self, parameters: &[f64], habit: &mut Habit) {
-        habit.viscous_s = parameters[0];
-        habit.stiffening = parameters[1];
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.viscous_s = parameters[0];
+        operator_law.stiffening = parameters[1];
     }
 }
 

@@ -82,7 +82,7 @@ impl Filter<3> for Part {
 }
 
 /// What follows a slow command hardly differently from a swing that is damped so much.
-fn nearly(parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+fn nested_limits(parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
     let [frequency_hz, damping] = [parameters[0], parameters[1]];
     if damping < HARDLY_SWINGS {
         return Vec::new();
@@ -115,8 +115,8 @@ impl Form for Tip {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()
     }
-    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        nearly(parameters)
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nested_limits(parameters)
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
@@ -161,8 +161,8 @@ impl Form for Pressure {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()
     }
-    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        nearly(parameters)
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nested_limits(parameters)
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         Swing::new(parameters[0], parameters[1], run.period_s).run(path);

@@ -115,7 +115,7 @@ impl Form for Twice {
 
 /// First recordings after a change, of all changes that the recordings worked with tell apart.
 ///
-/// Kept-out recordings have no say, so a change among them is put in front of the first: on which side of it they are is not known.
+/// Test recordings have no say, so a change among them is put in front of the first: on which side of it they are is not known.
 fn told_apart(session: &Session) -> Vec<usize> {
     (1..session.runs.len()).filter(|&first| session.runs[first - 1].is_worked_with()).collect()
 }
@@ -131,7 +131,7 @@ fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
     places.into_iter().take(4).map(|place| place.1).collect()
 }
 
-/// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2. Kept-out recordings have no say.
+/// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2. Test recordings have no say.
 fn line_sums(run: &Run, residual: &[f64]) -> [f64; 6] {
     let mut sums = [0.0; 6];
     for ((&output, &r), (&role, &keep)) in run.output.iter().zip(residual).zip(run.role.iter().zip(&run.keep)) {

@@ -32,8 +32,8 @@ impl Form for Corner {
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
-            let past = *value - parameters[0];
-            *value -= 0.5 * (past + (past * past + parameters[1] * parameters[1]).sqrt());
+            let initial_state = *value - parameters[0];
+            *value -= 0.5 * (initial_state + (initial_state * initial_state + parameters[1] * parameters[1]).sqrt());
         }
     }
 }

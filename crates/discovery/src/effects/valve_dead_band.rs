@@ -7,7 +7,7 @@ use crate::chain::form::{Drive, Form, Parameter, Place, Quantity};
 use crate::chain::side_by_side;
 use crate::data::session::{Role, Run, Session};
 use crate::effects::pneumatic_lag;
-use crate::effects::seated::Seated;
+use crate::effects::sticking::Sticking;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
@@ -17,8 +17,8 @@ struct Follow;
 struct Overlap;
 
 /// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
-static SEEN: Seated =
-    Seated { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
+static SEEN: Sticking =
+    Sticking { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
 
 /// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
 const LOOKS: usize = 2;
@@ -82,7 +82,7 @@ impl Form for Follow {
         Place::Supply
     }
     fn parameters(&self) -> &'static [Parameter] {
-        // The travel decides when the next jump comes, and the one after it: an error in it adds up along the stairs, one in the band
+        // The travel decides when the next jump comes, and the one after it: an error in it adds up along the limit-cycle staircases, one in the band
         // does not. As parameters of their own the two are searched along the axes of the valley.
         &[
             Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true },
@@ -148,7 +148,7 @@ struct Begin {
 }
 
 /// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
-/// stair hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
+/// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
 /// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
 /// and finer ones about the best.
 fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> Begin {
@@ -195,7 +195,7 @@ impl Form for Overlap {
     fn place(&self) -> Place {
         Place::Supply
     }
-    fn nearly(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
     }
     fn parameters(&self) -> &'static [Parameter] {

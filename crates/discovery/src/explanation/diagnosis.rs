@@ -169,8 +169,8 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     let half_widths = intervals::half_widths(&fitted, session);
     // What is within 95 % of the best by the ratio of likelihoods, a chi square with one degree of freedom; correlated residuals tell less.
     let least = profile.iter().map(|entry| entry.0).fold(f64::MAX, f64::min);
-    let told = session.count(Role::Fit) as f64 * (1.0 - correlation) / (1.0 + correlation);
-    profile.retain(|entry| told * (entry.0 / least).ln() < 3.84);
+    let pseudo_measurements = session.count(Role::Fit) as f64 * (1.0 - correlation) / (1.0 + correlation);
+    profile.retain(|entry| pseudo_measurements * (entry.0 / least).ln() < 3.84);
     let (delay_s, lag_s) = (fitted.slots[delay_at].parameters[0], fitted.slots[lag_at].parameters[0]);
     let area = |delay_s: f64, lag_s: f64| {
         let mut model = fitted.clone();
@@ -245,7 +245,7 @@ fn area_of(session: &Session, model: &Model) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use crate::model::structure::Model;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn nine_of_ten_intervals_of_the_loop_area_hold_the_truth() {
-        let (mut held, mut told) = (0, 0);
+        let (mut held, mut pseudo_measurements) = (0, 0);
         let mut misses = Vec::new();
         for (seed, (delay_s, lag_s)) in (520_u64..).zip([(0.08, 0.0), (0.0, 0.12), (0.06, 0.1), (0.03, 0.03), (0.15, 0.05), (0.0, 0.0)]) {
             let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -308,11 +308,11 @@ mod tests {
                 })
                 .collect();
             let session = Session::new(&recordings, &recordings[..1]).expect("a session");
-            let mut baseline = Model::baseline(Past::Fresh, false);
+            let mut baseline = Model::baseline(InitialState::Fresh, false);
             baseline.fit_all(&session);
             let found = loop_area(&session, &baseline, 1).expect("loops");
             for (share, truth) in [found.dead_time, found.lag, found.hysteresis].into_iter().zip(truth) {
-                told += 1;
+                pseudo_measurements += 1;
                 // A share is told to a percent.
                 if (share.low - 0.01..=share.high + 0.01).contains(&truth) {
                     held += 1;
@@ -322,7 +322,7 @@ mod tests {
                 assert!(share.high - share.low < 0.35, "an interval that says nothing: {share:?} of {delay_s} s and {lag_s} s");
             }
         }
-        assert!(10 * held >= 9 * told, "{held} of {told}: {misses:?}");
+        assert!(10 * held >= 9 * pseudo_measurements, "{held} of {pseudo_measurements}: {misses:?}");
     }
 }
 

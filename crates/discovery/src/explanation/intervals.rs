@@ -131,7 +131,7 @@ fn inverse_row(matrix: &[f64], n: usize, wanted: usize) -> Option<Vec<f64>> {
 mod tests {
     use super::*;
     use crate::effects::pneumatic_lag;
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use crate::search::forms::polish;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
@@ -163,7 +163,7 @@ mod tests {
         const TRUTH_S: f64 = 0.15;
         let case = rig::hide(&CaseConfig { seed: 570, generator: Generator::Rival, noise: 0.0, ..CaseConfig::default() }).expect("a case");
         let mut session = Session::new(&case.recordings, &[]).expect("a session");
-        let mut model = Model::baseline(Past::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![TRUTH_S]);
+        let mut model = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![TRUTH_S]);
         model.fit(&session, Scope::Both);
         let exact = model.outputs(&session, |_| true);
         let (mut held, mut shares) = (0, Vec::new());

@@ -3,4 +3,4 @@
 pub mod diagnosis;
 pub mod horizon;
 pub mod intervals;
-pub mod whereabouts;
+pub mod residual_map;

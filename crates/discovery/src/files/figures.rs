@@ -34,7 +34,7 @@ impl<'a> Counted<'a> {
     pub fn new(session: &Session, after: &Model, recordings: &'a [Recording], kept: &'a [Recording], threads: usize) -> Self {
         let all: Vec<&Recording> = recordings.iter().chain(kept).collect();
         let in_a_gap = changes::in_a_gap(session, after);
-        let reported = |at: usize| session.runs[at].role.contains(&Role::Kept) && !in_a_gap[at];
+        let reported = |at: usize| session.runs[at].role.contains(&Role::Test) && !in_a_gap[at];
         let any = (0..session.runs.len()).any(reported);
         let mut samples = vec![Vec::new(); all.len()];
         for at in (0..session.runs.len()).filter(|&at| !any || reported(at)) {
@@ -44,7 +44,7 @@ impl<'a> Counted<'a> {
             // A recording that was kept out whole counts whole, as it does to `evaluate`.
             counts.resize(all[recording].len(), !run.is_worked_with());
             if any && run.is_worked_with() {
-                run.role.iter().enumerate().for_each(|(sample, role)| counts[first + sample] = *role == Role::Kept);
+                run.role.iter().enumerate().for_each(|(sample, role)| counts[first + sample] = *role == Role::Test);
             } else if !any {
                 counts.fill(true);
             }

@@ -20,7 +20,7 @@ use crate::chain::definition::Definition;
 use crate::chain::form::Quantity;
 use crate::data::session::{Beginning, Earlier, Role, Run, Session};
 use crate::effects::{catalogue, creep, earlier};
-use crate::model::past::Past;
+use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Slot};
 
 /// What the file calls its kind.
@@ -181,7 +181,11 @@ impl DiscoveredModel {
             session_origin_s: session.has_session_time.then_some(session.origin_s),
             calibrate_s: calibration_s(model, session),
             stops: model.stops,
-            memory: if model.past.is_carried() { [model.past.before_the_session(), session.memory()].concat() } else { Vec::new() },
+            memory: if model.initial_state.is_carried() {
+                [model.initial_state.before_the_session(), session.memory()].concat()
+            } else {
+                Vec::new()
+            },
             thresholds: model.thresholds.clone(),
             weights: model.base[1..].to_vec(),
             constant: model.base[0],
@@ -274,12 +278,12 @@ impl DiscoveredModel {
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {
             thresholds: self.thresholds.clone(),
-            past: if self.memory.is_empty() { Past::Fresh } else { Past::SESSION },
+            initial_state: if self.memory.is_empty() { InitialState::Fresh } else { InitialState::SESSION },
             stops: self.stops,
             slots,
             base,
-            ease: Arc::default(),
-            settled: false,
+            sensitivities: Arc::default(),
+            fixed_weights: false,
         })
     }
 
@@ -394,7 +398,7 @@ impl DiscoveredModel {
             output: vec![0.0; input.len()],
             session_s: time_s.iter().map(|time| time + self.session_s).collect(),
             time_s,
-            role: vec![Role::Kept; input.len()],
+            role: vec![Role::Test; input.len()],
             screens: false,
             keep: vec![true; input.len()],
             rest: Vec::new(),

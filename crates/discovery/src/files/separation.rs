@@ -4,7 +4,7 @@ use recording::Recording;
 
 use crate::data::session::{Role, Session, SessionError};
 use crate::files::file::DiscoveredModel;
-use crate::model::past::Past;
+use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
 use crate::search::forms::polish;
 
@@ -25,7 +25,7 @@ pub fn left_over(pupil: &DiscoveredModel, recording: Recording) -> Result<Result
         Ok(slots) => slots,
         Err(problem) => return Ok(Err(problem)),
     };
-    let model = Model { slots, ..Model::baseline(Past::Fresh, pupil.stops) };
+    let model = Model { slots, ..Model::baseline(InitialState::Fresh, pupil.stops) };
     let mut fitted = polish(&model, &session, Scope::Fit, EVALUATIONS).model;
     let (square, _) = fitted.fit(&session, Scope::Fit);
     Ok(Ok(square.sqrt() * session.output_scale.abs()))

@@ -17,7 +17,7 @@ impl Model {
     /// As [`Self::fit`].
     pub(crate) fn fit_in(&mut self, workspace: &mut Workspace<'_>, scope: Scope) -> (f64, f64) {
         let mut sums = workspace.sums(self, scope);
-        if self.settled {
+        if self.fixed_weights {
             let weights = self.weigh_jumps(&sums.fit);
             return (sums.fit.mean_square(&weights), sums.select.mean_square(&weights));
         }
@@ -53,13 +53,13 @@ impl Model {
 
     /// Fits the weights to fitted and selecting samples together.
     pub fn fit_all(&mut self, session: &Session) -> f64 {
-        let passes = if self.needs_sum() && !self.settled { 1 + PASSES } else { 1 };
+        let passes = if self.needs_sum() && !self.fixed_weights { 1 + PASSES } else { 1 };
         let mut workspace = Workspace::new(session);
         let mut result = f64::MAX;
         for _ in 0..passes {
             let mut sums = workspace.sums(self, Scope::Both);
             sums.fit.add(&sums.select);
-            let weights = if self.settled { self.weigh_jumps(&sums.fit) } else { sums.fit.solve(&sums.free, &self.weights()) };
+            let weights = if self.fixed_weights { self.weigh_jumps(&sums.fit) } else { sums.fit.solve(&sums.free, &self.weights()) };
             result = sums.fit.mean_square(&weights);
             self.take(&weights);
         }

@@ -21,7 +21,7 @@ mod tests {
     use crate::model::structure::Model;
 
     use crate::data::session::Session;
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use crate::model::structure::Scope;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
@@ -30,7 +30,7 @@ mod tests {
     fn left_over(generator: Generator, seed: u64) -> [f64; 2] {
         let case = rig::hide(&CaseConfig { seed, noise: 0.0, generator, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings, &[]).expect("a session");
-        let mut coarse = Model::baseline(Past::carrying(case.truth.continuous), false);
+        let mut coarse = Model::baseline(InitialState::carrying(case.truth.continuous), false);
         let on_coarse = coarse.fit(&session, Scope::Both).1;
         let mut fine = coarse.refined();
         let on_fine = fine.fit(&session, Scope::Both).1;
@@ -48,7 +48,7 @@ mod tests {
     fn a_model_that_is_regrown_stands_on_the_fine_grid_and_predicts_the_same() {
         let case = rig::hide(&CaseConfig { seed: 546, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings[..4], &[]).expect("a session");
-        let mut fine = Model::baseline(Past::SESSION, false).refined();
+        let mut fine = Model::baseline(InitialState::SESSION, false).refined();
         fine.fit(&session, Scope::Both);
         let regrown = fine.pruned().regrown();
         assert_eq!(regrown.thresholds, fine.thresholds);

@@ -97,7 +97,7 @@ struct Bounded<'a> {
     free: &'a [bool],
 }
 
-/// Pull on a weight that is zero, as a share of the largest, below which it is rounding.
+/// Quasi-static response on a weight that is zero, as a share of the largest, below which it is rounding.
 const NO_PULL: f64 = 1e-12;
 
 impl Bounded<'_> {
@@ -119,10 +119,10 @@ impl Bounded<'_> {
         let mut barred = vec![false; n];
         // Each round adds an unknown; the bound only guards against a cycle by rounding.
         for _ in 0..3 * n {
-            let pull = |at: usize| self.right[at] - dot(&self.gram[at * n..(at + 1) * n], &weights);
+            let quasi_static = |at: usize| self.right[at] - dot(&self.gram[at * n..(at + 1) * n], &weights);
             let outside = (0..n).filter(|at| !barred[*at] && chosen.binary_search(at).is_err());
-            let best = outside.map(|at| (pull(at), at)).max_by(|one, other| one.0.total_cmp(&other.0));
-            let Some((_, enters)) = best.filter(|(pull, _)| *pull > least) else { break };
+            let best = outside.map(|at| (quasi_static(at), at)).max_by(|one, other| one.0.total_cmp(&other.0));
+            let Some((_, enters)) = best.filter(|(quasi_static, _)| *quasi_static > least) else { break };
             chosen.insert(chosen.partition_point(|&at| at < enters), enters);
             loop {
                 let trial = self.of(&chosen);
@@ -419,10 +419,13 @@ mod tests {
             assert_eq!(cold, gram.solve(&free, &far), "seed {seed}");
             let held = cold[1..].iter().filter(|weight| **weight == 0.0).count();
             assert!(cold[1..].iter().all(|weight| *weight >= 0.0) && (1..11).contains(&held), "seed {seed}: {held} weights are held");
-            // Kuhn and Tucker: no pull on what is in use, none upwards on what is not.
+            // Kuhn and Tucker: no quasi-static response on what is in use, none upwards on what is not.
             for at in 0..n {
-                let pull = gram.target[at] - dot(&gram.products[at * n..(at + 1) * n], &cold);
-                assert!(pull < 1e-6 && (cold[at] == 0.0 || pull.abs() < 1e-6), "seed {seed}: a pull of {pull} on weight {at}");
+                let quasi_static = gram.target[at] - dot(&gram.products[at * n..(at + 1) * n], &cold);
+                assert!(
+                    quasi_static < 1e-6 && (cold[at] == 0.0 || quasi_static.abs() < 1e-6),
+                    "seed {seed}: a pull of {quasi_static} on weight {at}"
+                );
             }
         }
     }

@@ -3,9 +3,9 @@
 pub mod changes;
 pub mod fit;
 pub mod grid;
+pub mod initial_state;
 pub mod least_squares;
 pub mod line;
-pub mod past;
 pub mod paths;
 pub mod refine;
 pub mod remembering;

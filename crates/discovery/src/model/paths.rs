@@ -76,7 +76,7 @@ mod tests {
     use super::*;
     use crate::data::session::Session;
     use crate::effects::{leakage, pneumatic_lag, static_nonlinearity};
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::CaseConfig;
 
@@ -85,7 +85,7 @@ mod tests {
         let case = rig::hide(&CaseConfig { seed: 571, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings[..9], &[]).expect("a session");
         let (lag, leak, curve) = (pneumatic_lag::FORMS[0], leakage::FORMS[3], static_nonlinearity::FORMS[0]);
-        let base = Model::baseline(Past::SESSION, false);
+        let base = Model::baseline(InitialState::SESSION, false);
         let curved = vec![0.2; curve.parameters().len()];
         let models = [
             base.with(lag, vec![0.1]),

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use crate::chain::columns::{AHEAD, Bank, Columns};
-use crate::chain::form::{Drive, FOLLOWING, Form, Habit, Place};
+use crate::chain::form::{Drive, FOLLOWING, Form, OperatorLaw, Place};
 use crate::chain::operators;
 use crate::chain::operators::{Begin, Lead, States};
 use crate::data::session::{Beginning, Run};
 use crate::data::turning::remember;
 use crate::model::grid;
-use crate::model::past::Past;
+use crate::model::initial_state::InitialState;
 
 /// One effect in the model.
 #[derive(Clone)]
@@ -28,7 +28,7 @@ pub struct Model {
     /// Thresholds of the operators, normalised.
     pub thresholds: Vec<f64>,
     /// What the operators know when a recording begins.
-    pub past: Past,
+    pub initial_state: InitialState,
     /// Whether the operators are stops (what a play lacks to its input: forces of friction) instead of plays (displacements).
     pub stops: bool,
     /// Effects in the order of the signal.
@@ -36,9 +36,9 @@ pub struct Model {
     /// Constant and weights of the operators as of the last fit.
     pub base: Vec<f64>,
     /// Further columns of free weight for each recording, which belong to no effect and have no say in predictions; none outside a search.
-    pub ease: Arc<Vec<Vec<Vec<f64>>>>,
-    /// Whether a fit leaves the weights as they are, but for that of what jumps: its leaps have told them. Another effect unsettles them.
-    pub settled: bool,
+    pub sensitivities: Arc<Vec<Vec<Vec<f64>>>>,
+    /// Whether a fit leaves the weights as they are, but for that of what jumps: its slips have told them. Another effect unsettles them.
+    pub fixed_weights: bool,
 }
 
 /// In which order two effects on the same side of the operators follow each other.
@@ -64,9 +64,17 @@ pub enum Scope {
 impl Model {
     /// The Prandtl-Ishlinskii model alone, on the coarse grid.
     #[must_use]
-    pub fn baseline(past: Past, stops: bool) -> Self {
+    pub fn baseline(initial_state: InitialState, stops: bool) -> Self {
         let thresholds = grid::coarse();
-        Self { base: vec![0.0; thresholds.len() + 1], thresholds, past, stops, slots: Vec::new(), ease: Arc::default(), settled: false }
+        Self {
+            base: vec![0.0; thresholds.len() + 1],
+            thresholds,
+            initial_state,
+            stops,
+            slots: Vec::new(),
+            sensitivities: Arc::default(),
+            fixed_weights: false,
+        }
     }
 
     /// This model with one more effect, in its place in the chain.
@@ -78,7 +86,7 @@ impl Model {
     /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there.
     #[must_use]
     pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
-        let mut model = self.unsettled();
+        let mut model = self.with_free_weights();
         let usual = self.place_of(form);
         let at = match self.neighbour_of(form) {
             Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
@@ -111,7 +119,7 @@ impl Model {
     /// This model without one effect.
     #[must_use]
     pub fn without(&self, slot: usize) -> Self {
-        let mut model = self.unsettled();
+        let mut model = self.with_free_weights();
         model.slots.remove(slot);
         model
     }
@@ -123,14 +131,14 @@ impl Model {
         if side(self.slots[slot].form) != side(form) {
             return self.without(slot).with(form, parameters);
         }
-        let mut model = self.unsettled();
+        let mut model = self.with_free_weights();
         model.slots[slot] = Slot { form, parameters, weights: Vec::new() };
         model
     }
 
     /// This model, to be fitted anew.
-    fn unsettled(&self) -> Self {
-        Self { settled: false, ..self.clone() }
+    fn with_free_weights(&self) -> Self {
+        Self { fixed_weights: false, ..self.clone() }
     }
 
     /// Names of the effects, in the order of the signal.
@@ -180,21 +188,21 @@ impl Model {
     }
 
     /// How the operators deviate from plain ones.
-    fn habit(&self) -> Habit {
-        let mut habit = Habit::default();
-        self.before_operators().for_each(|slot| slot.form.habit(&slot.parameters, &mut habit));
-        habit
+    fn operator_law(&self) -> OperatorLaw {
+        let mut operator_law = OperatorLaw::default();
+        self.before_operators().for_each(|slot| slot.form.operator_law(&slot.parameters, &mut operator_law));
+        operator_law
     }
 
     /// Begins the columns with the operators, led along `path`.
     pub(crate) fn operators(&self, run: &Run, begin: Begin<'_>, path: &[f64], columns: &mut Columns) {
-        let habit = self.habit();
+        let operator_law = self.operator_law();
         columns.bank = match begin {
             Begin::After(history) if self.is_a_bank() => Some(Bank { history: history.to_vec(), ..Bank::default() }),
             _ => None,
         };
         columns.begin(self.thresholds.len(), &run.output, |rows| {
-            operators::write(&self.thresholds, &Lead { begin, path, habit: &habit, period_s: run.period_s }, rows);
+            operators::write(&self.thresholds, &Lead { begin, path, operator_law: &operator_law, period_s: run.period_s }, rows);
             if self.stops {
                 // The first operator has no threshold: its play is the path itself, the spring beside the sliders.
                 for (row, input) in rows.values.chunks_exact_mut(rows.stride).zip(path) {
@@ -239,7 +247,7 @@ impl Model {
                 columns.at_sensor = added;
             }
         }
-        for column in self.ease.get(run.index).into_iter().flatten() {
+        for column in self.sensitivities.get(run.index).into_iter().flatten() {
             columns.push(true, |sample| column[sample]);
         }
     }
@@ -247,9 +255,9 @@ impl Model {
     /// States of the operators before the session, where each recording begins with what the one before has left, and turning points do not
     /// tell what that is.
     pub(crate) fn states(&self) -> Option<States<'_>> {
-        let habit = self.habit();
-        let carries = self.past.is_carried() && !self.stops && habit.hangs_on_rates();
-        carries.then(|| States::new(&self.thresholds, &self.past.before_the_session(), habit))
+        let operator_law = self.operator_law();
+        let carries = self.initial_state.is_carried() && !self.stops && operator_law.hangs_on_rates();
+        carries.then(|| States::new(&self.thresholds, &self.initial_state.before_the_session(), operator_law))
     }
 
     /// Weights of the last fit: the constant, the operators, what effects add.
@@ -259,12 +267,12 @@ impl Model {
 
     /// Whether the operators remember what stages with a memory of their own made of earlier recordings.
     pub(crate) fn follows_history(&self) -> bool {
-        self.past.is_carried() && self.slots.iter().any(|slot| slot.form.follows_history())
+        self.initial_state.is_carried() && self.slots.iter().any(|slot| slot.form.follows_history())
     }
 
     /// Turning points, before this recording, of the input as the operators see it.
     pub(crate) fn history(&self, run: &Run) -> Vec<f64> {
-        let mut history = self.past.before_the_session();
+        let mut history = self.initial_state.before_the_session();
         // A model from a file has its memory in turning points alone.
         if self.follows_history() && !run.session.is_empty() {
             for earlier in run.session.iter().take(run.index) {
@@ -272,7 +280,7 @@ impl Model {
                 self.before_operators().for_each(|slot| slot.form.input(&slot.parameters, earlier, &mut path));
                 remember(&mut history, &path);
             }
-        } else if self.past.is_carried() {
+        } else if self.initial_state.is_carried() {
             let mut since = run.history.clone();
             for slot in self.slots.iter().filter(|slot| slot.form.is_static()) {
                 slot.form.input(&slot.parameters, run, &mut since);

@@ -24,7 +24,7 @@ impl Model {
         paths.lead(self, runs, (0..end).filter(|&run| follows || wanted(&runs[run])).collect());
         let weights = self.weights();
         let mut columns = Columns::default();
-        let mut followed = self.past.before_the_session();
+        let mut followed = self.initial_state.before_the_session();
         for run in runs {
             let path = paths.path(run);
             if wanted(run) {
@@ -60,7 +60,7 @@ impl Model {
         paths.lead(self, &session.runs, (0..session.runs.len()).collect());
         let mut states = self.states();
         let follows = self.follows_history();
-        let mut followed = self.past.before_the_session();
+        let mut followed = self.initial_state.before_the_session();
         let mut beginnings = Vec::with_capacity(session.runs.len() + 1);
         for run in &session.runs {
             let path = paths.path(run);
@@ -76,7 +76,7 @@ impl Model {
         }
         beginnings.push(match (states, session.runs.last()) {
             (Some(states), _) => Beginning::From(states.states().to_vec()),
-            (None, Some(last)) if self.past.is_carried() && !follows => {
+            (None, Some(last)) if self.initial_state.is_carried() && !follows => {
                 let (mut history, mut path) = (self.history(last), last.input.clone());
                 self.slots.iter().filter(|slot| slot.form.is_static()).for_each(|slot| slot.form.input(&slot.parameters, last, &mut path));
                 remember(&mut history, &path);

@@ -9,8 +9,8 @@ use crate::chain::columns::{Columns, OUTPUT, place};
 use crate::chain::operators::Begin;
 use crate::data::session::{Role, Run, Session};
 use crate::data::turning::remember;
+use crate::model::initial_state::InitialState;
 use crate::model::least_squares::{Gram, add_products, add_squares};
-use crate::model::past::Past;
 use crate::model::paths::Paths;
 use crate::model::structure::{Model, Scope};
 
@@ -41,7 +41,7 @@ pub struct Workspace<'a> {
 #[derive(PartialEq)]
 struct Operators {
     thresholds: Vec<f64>,
-    past: Past,
+    initial_state: InitialState,
     stops: bool,
     /// Name, form and parameters of the effects before them.
     effects: Vec<(&'static str, &'static str, Vec<f64>)>,
@@ -51,7 +51,7 @@ impl Operators {
     fn of(model: &Model) -> Self {
         let before = model.slots.iter().filter(|slot| slot.form.leads_operators());
         let effects = before.map(|slot| (slot.form.name(), slot.form.form(), slot.parameters.clone())).collect();
-        Self { thresholds: model.thresholds.clone(), past: model.past, stops: model.stops, effects }
+        Self { thresholds: model.thresholds.clone(), initial_state: model.initial_state, stops: model.stops, effects }
     }
 }
 
@@ -103,7 +103,7 @@ impl<'a> Workspace<'a> {
             self.paths.lead(model, runs, (0..end).filter(|&run| follows || looked_at(&runs[run])).collect());
         }
         let jumps = model.slots.iter().any(|slot| slot.form.jumps().is_some());
-        let mut history = model.past.before_the_session();
+        let mut history = model.initial_state.before_the_session();
         let (mut fit, mut select) = (Parts::default(), Parts::default());
         let mut free = Vec::new();
         for (run, kept) in runs[..end].iter().zip(&mut self.kept) {
@@ -266,7 +266,7 @@ mod tests {
             // Neighbours masked, and single samples.
             (0..run.keep.len()).filter(|sample| sample % 97 < 2 || sample % 61 == 5).for_each(|sample| run.keep[sample] = false);
         }
-        let mut base = Model::baseline(Past::SESSION, false);
+        let mut base = Model::baseline(InitialState::SESSION, false);
         base.fit(&session, Scope::Both);
         let with = |form, parameters: &[f64]| {
             let mut model = base.with(form, parameters.to_vec());
@@ -274,7 +274,7 @@ mod tests {
             model.slots[0].weights = vec![0.1; count];
             model
         };
-        let pressed = |model: Model| Model { past: Past::Carried { peak: 1.7 }, ..model };
+        let pressed = |model: Model| Model { initial_state: InitialState::Carried { peak: 1.7 }, ..model };
         let (lag, swing, creeping, mount) = (pneumatic_lag::FORMS[0], resonance::FORMS[0], creep::FORMS[0], setup_change::FORMS[0]);
         let models = [
             base.clone(),

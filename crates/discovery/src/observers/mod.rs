@@ -2,5 +2,5 @@
 
 pub mod jumps;
 pub mod law;
-pub mod tip_jumps;
-pub mod valve_jumps;
+pub mod stick_slip_filter;
+pub mod valve_filter;

@@ -3,7 +3,7 @@
 //! What a model's output changes by with each of its parameters goes beside its columns; the weights of these further columns are how
 //! far each parameter has to go (variable projection by Kaufman 1975: what the other weights do on the way is of second order). Where the
 //! output follows its parameters smoothly that takes a handful of steps, next to twenty evaluations for each parameter with the simplex of
-//! Nelder and Mead. A step counts only if less is left, so what jumps (a valve's stairs) costs a few evaluations and ends in the simplex.
+//! Nelder and Mead. A step counts only if less is left, so what jumps (a valve's limit-cycle staircases) costs a few evaluations and ends in the simplex.
 
 use std::sync::Arc;
 
@@ -110,8 +110,8 @@ fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &L
             columns.push(there.iter().zip(here).map(|(there, here)| there - here).collect());
         }
     }
-    let eased = Model { ease: Arc::new(columns), ..model.clone() };
-    let sums = workspace.sums(&eased, scope);
+    let with_sensitivities = Model { sensitivities: Arc::new(columns), ..model.clone() };
+    let sums = workspace.sums(&with_sensitivities, scope);
     let weights = sums.fit.solve(&sums.free, &model.weights());
     let step = weights[weights.len() - point.len()..].iter().zip(nudges).map(|(weight, nudge)| weight * nudge).collect();
     (step, sums.fit.mean_square(&weights))
@@ -121,7 +121,7 @@ fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &L
 mod tests {
     use super::*;
     use crate::effects::{creep, pneumatic_lag, valve_dead_band};
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::CaseConfig;
 
@@ -131,7 +131,8 @@ mod tests {
         let case = rig::hide(&CaseConfig { effects, seed: 572, ..CaseConfig::default() }).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
         let lag_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
-        let lagging = Model::baseline(Past::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
+        let lagging =
+            Model::baseline(InitialState::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
         for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![])] {
             let (before, _) = model.fit(&session, Scope::Fit);
             let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-8 };
@@ -147,7 +148,7 @@ mod tests {
         let case = case.expect("a case");
         let session = Session::new(&case.recordings[..8], &[]).expect("a session");
         let mut model =
-            Model::baseline(Past::carrying(case.truth.continuous), false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
+            Model::baseline(InitialState::carrying(case.truth.continuous), false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
         let (before, _) = model.fit(&session, Scope::Fit);
         let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 60, spread: 1e-6 };
         let after = descend(&mut model, &session, &[0, 1, 2], effort);

@@ -24,7 +24,7 @@ pub struct Started {
 /// `model` with further columns that let its effects' parameters give way to first order: what its output changes by with a tenth of a
 /// first step of each. Beside them an effect is judged by what it takes away when those that are there already are fitted again.
 #[must_use]
-pub fn eased(model: &Model, session: &Session) -> Model {
+pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
     const STEP: f64 = 0.1;
     let axes = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
@@ -46,7 +46,7 @@ pub fn eased(model: &Model, session: &Session) -> Model {
             columns.push(more.iter().zip(less).map(|(more, less)| more - less).collect());
         }
     }
-    Model { ease: Arc::new(columns), ..model.clone() }
+    Model { sensitivities: Arc::new(columns), ..model.clone() }
 }
 
 /// Mean square that `base` leaves of the samples that [`start_form`] looks at.
@@ -90,7 +90,7 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
         }
     }
     let mut best = tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))?;
-    best.model.ease = Arc::default();
+    best.model.sensitivities = Arc::default();
     Some(best)
 }
 
@@ -183,7 +183,7 @@ pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize
 mod tests {
     use super::*;
     use crate::effects::pneumatic_lag;
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
 
@@ -194,19 +194,20 @@ mod tests {
         let case = case.expect("a case");
         let session = Session::new(&case.recordings[..6], &[]).expect("a session");
         let lagging = |time_s: f64| {
-            let mut model = Model::baseline(Past::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![time_s]);
+            let mut model =
+                Model::baseline(InitialState::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![time_s]);
             model.fit(&session, Scope::Screen);
             model
         };
         let right = polish(&lagging(case.truth.parameters["pneumatic-lag.time_constant_s"]), &session, Scope::Screen, 40).model;
         let wrong = lagging(1.1 * right.slots[0].parameters[0]);
-        let eased = eased(&wrong, &session);
-        let [of_right, of_wrong, of_eased] = [&right, &wrong, &eased].map(|model| screened(model, &session));
+        let with_sensitivities = with_sensitivities(&wrong, &session);
+        let [of_right, of_wrong, of_eased] = [&right, &wrong, &with_sensitivities].map(|model| screened(model, &session));
         assert!(of_wrong > 2.0 * of_right, "{of_wrong} is no more than {of_right}");
         // Not all: weights that may not be negative give way to one side only.
         assert!(of_wrong - of_eased > 0.5 * (of_wrong - of_right), "{of_wrong} to {of_eased}, and {of_right} with the right one");
         // They have no say in what it predicts.
         let run = &session.runs[0];
-        assert_eq!(eased.predict(run), wrong.predict(run));
+        assert_eq!(with_sensitivities.predict(run), wrong.predict(run));
     }
 }

@@ -6,11 +6,11 @@ use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
 
 /// What a parameter must bring, as a share of the mean square, when effects compete.
-pub const PRICE: f64 = 0.012;
+pub const PENALTY: f64 = 0.012;
 
 /// What competing models are ordered by, the better the less: the logarithm of the mean square that remains and the price of the parameters.
-pub fn judgement(model: &Model, select: f64) -> f64 {
-    select.max(1e-30).ln() + PRICE * model.cost() as f64
+pub fn penalised(model: &Model, select: f64) -> f64 {
+    select.max(1e-30).ln() + PENALTY * model.cost() as f64
 }
 
 /// A fitted candidate.
@@ -25,8 +25,8 @@ pub struct Fitted {
 impl Fitted {
     /// What competing models are ordered by.
     #[must_use]
-    pub fn judgement(&self) -> f64 {
-        judgement(&self.model, self.select)
+    pub fn penalised(&self) -> f64 {
+        penalised(&self.model, self.select)
     }
 }
 

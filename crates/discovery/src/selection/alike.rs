@@ -6,7 +6,7 @@
 //! is both: the recordings that took no part in the fit decide which of them comes first, and a parameter more or less has no say.
 
 use crate::effects::rate_dependent_hysteresis;
-use crate::search::simplex::PRICE;
+use crate::search::simplex::PENALTY;
 use crate::selection::rounds;
 use crate::selection::rounds::{Bench, Judged, POLISH, leaders};
 
@@ -44,10 +44,10 @@ pub fn compare(bench: &Bench<'_>, standing: Judged, owned: &[&str]) -> Alike {
     }
     let rival = bench.polished(&begins, POLISH).into_iter().min_by(|x, y| x.select.total_cmp(&y.select));
     let Some(rival) = rival else { return Alike { first: standing, second: None } };
-    if rival.judgement() < standing.judgement() - PRICE {
+    if rival.penalised() < standing.penalised() - PENALTY {
         return Alike { first: rival, second: None };
     }
-    if (rival.select / standing.select).ln().abs() > PRICE {
+    if (rival.select / standing.select).ln().abs() > PENALTY {
         return Alike { first: standing, second: None };
     }
     if rival.select < standing.select && rounds::deviations(&standing.blocks, &rival.blocks) > LEAST_DEVIATIONS {
@@ -76,10 +76,11 @@ mod tests {
         };
         // 15 ms at one span per s: the truth comes first, or second.
         let short = answer(&hidden("rate-dependent-hysteresis", 540));
-        let mut told = vec![short.effects[0].name.as_str(), short.runner_up.as_ref().map_or("", |second| second.name.as_str())];
-        told.sort_unstable();
+        let mut pseudo_measurements =
+            vec![short.effects[0].name.as_str(), short.runner_up.as_ref().map_or("", |second| second.name.as_str())];
+        pseudo_measurements.sort_unstable();
         assert_eq!(short.verdict, Verdict::Ambiguous, "{short:?}");
-        assert_eq!(told, crate::selection::alike::PAIR);
+        assert_eq!(pseudo_measurements, crate::selection::alike::PAIR);
         // A lag of a quarter of a second is like nothing else.
         let is_long = |case: &Case| case.truth.parameters["pneumatic-lag.time_constant_s"] > 0.2;
         let long = (540..560).map(|seed| hidden("pneumatic-lag", seed)).find(is_long).expect("a long lag");

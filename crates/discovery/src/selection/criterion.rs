@@ -17,11 +17,11 @@ use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Scope};
 use crate::observers::jumps;
-use crate::observers::law::{JumpLaw, Seen};
+use crate::observers::law::{Seen, SlipLaw};
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
-use crate::selection::jump_evidence::Pull;
-use crate::selection::jump_naming::without_jumps;
+use crate::selection::switching_likelihood::QuasiStatic;
+use crate::selection::switching_selection::without_jumps;
 
 /// Probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;
@@ -128,17 +128,25 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
     if let Some(slot) = model.slots.iter().find(|slot| slot.form.jumps().is_some())
         && let Some(drive) = slot.form.jumps()
     {
-        let (law, own) = JumpLaw::of_parameters(drive, &slot.parameters);
+        let (law, own) = SlipLaw::of_parameters(drive, &slot.parameters);
         let smooth = without_jumps(model);
-        let pull = |times: f64| Pull::new(session, &smooth, own * times, slot.form.feels_sensor());
-        let times = most(NOISES, |&times| pull(times).fitting(&law));
-        return pull(times).of_every_recording(|seen| jumps::observe(seen, &law).evidence);
+        let quasi_static = |times: f64| QuasiStatic::new(session, &smooth, own * times, slot.form.feels_sensor());
+        let times = most(NOISES, |&times| quasi_static(times).fitting(&law));
+        return quasi_static(times).of_every_recording(|seen| jumps::observe(seen, &law).log_likelihood);
     }
     let simulated = simulate(model, session, start_up_s);
     let smooth = |run: &Run, noise: f64, amplitude: f64, time_s: f64| {
-        let (none, pull) = (&[][..], &simulated[run.index][..]);
-        let seen =
-            Seen { command: none, followed: none, pull, measured: &run.output, keep: &run.keep, period_s: run.period_s, noise, bank: None };
+        let (none, quasi_static) = (&[][..], &simulated[run.index][..]);
+        let seen = Seen {
+            command: none,
+            followed: none,
+            quasi_static,
+            measured: &run.output,
+            keep: &run.keep,
+            period_s: run.period_s,
+            noise,
+            bank: None,
+        };
         jumps::smooth(&seen, amplitude, time_s)
     };
     let (mut sum, mut count) = (0.0, 1.0);

@@ -11,7 +11,7 @@ use crate::result::{Candidate, DiscoverConfig, RunnerUp};
 use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
 use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
-use crate::selection::{alike, jump_naming, pairs, rounds};
+use crate::selection::{alike, pairs, rounds, switching_selection};
 
 /// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
 pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
@@ -42,17 +42,17 @@ pub fn effects(
     let first = First::new(&bench, model.clone(), config.most_effects > 0, watch);
     if first.wants_more(session) {
         let alone = first.outcome();
-        if jump_naming::may_jump(&bench, &model, &alone) {
+        if switching_selection::may_jump(&bench, &model, &alone) {
             watch("what jumps");
-            let outcome = jump_naming::rename(&bench, &model, alone);
-            if jump_naming::explains_all(session, &model, &outcome) {
+            let outcome = switching_selection::rename(&bench, &model, alone);
+            if switching_selection::explains_all(session, &model, &outcome) {
                 return outcome;
             }
         }
     }
     let outcome = first.and_further(&bench, config.most_effects, watch);
     watch("what jumps");
-    jump_naming::rename(&bench, &model, outcome)
+    switching_selection::rename(&bench, &model, outcome)
 }
 
 /// Adds effects to `model` as long as they pay; those that it has already stay.
@@ -280,12 +280,12 @@ fn with_simpler(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judg
     let model = &standing.model;
     let of = |(at, slot): (usize, &Slot)| {
         let is_new = |form: &dyn Form| model.names().all(|name| name != form.name());
-        let simpler = slot.form.nearly(&slot.parameters).into_iter().filter(|(form, _)| is_new(*form));
+        let simpler = slot.form.nested_limits(&slot.parameters).into_iter().filter(|(form, _)| is_new(*form));
         simpler.map(|(form, parameters)| model.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
     };
     let free = model.slots.iter().enumerate().filter(|(_, slot)| !owned.contains(&slot.form.name()));
     let simpler: Vec<Model> = free.flat_map(of).collect();
-    if let Some(simpler) = bench.polished(&simpler, POLISH).into_iter().next().filter(|one| one.judgement() < standing.judgement()) {
+    if let Some(simpler) = bench.polished(&simpler, POLISH).into_iter().next().filter(|one| one.penalised() < standing.penalised()) {
         standing = simpler;
     }
     standing

@@ -63,7 +63,7 @@ impl Leaves {
         self.stands_out && self.share > MOST_OF_MISTIMED_JUMPS
     }
 
-    /// Whether that is more than a simulated valve leaves that meets its jumps: each that it misses is missed on kept-out recordings, too.
+    /// Whether that is more than a simulated valve leaves that meets its jumps: each that it misses is missed on test recordings, too.
     pub fn misses_jumps(&self) -> bool {
         self.stands_out && self.share > MOST_OF_MET_JUMPS
     }

@@ -1,7 +1,7 @@
 //! Two effects at once: the best single effect may be a compromise between two, and then neither is found by adding to it.
 //!
 //! A second effect is looked for beside each of the best few first ones. The parameters of the first give way while the second's grid is
-//! looked at ([`search::eased`]): the first was fitted when the second was missing, and holds some of it. The best pairs are polished
+//! looked at ([`search::with_sensitivities`]): the first was fitted when the second was missing, and holds some of it. The best pairs are polished
 //! together; then either member of the best pair is replaced by whatever goes better with the other, until nothing does. Method: a beam
 //! in place of a greedy addition (sequential floating selection; Pudil, Novovicova and Kittler 1994).
 //!
@@ -101,14 +101,14 @@ pub fn search(
 /// Adds the best pairs with one of `firsts` and one of `forms` in them to `pairs`, best first.
 fn more_pairs(bench: &Bench<'_>, forms: &[&'static dyn Form], firsts: &[Model], order: Order, pairs: &mut Vec<Judged>) {
     pairs.extend(bench.polished(&distinct(seconds(bench, forms, firsts, order), pairs), POLISH));
-    pairs.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+    pairs.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
 }
 
 /// The best few of `forms` on top of each model, all parameters fitted together to the screening samples.
 fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], order: Order) -> Vec<Fitted> {
     let session = bench.session;
     let residuals: Vec<Vec<Vec<f64>>> = models.iter().map(|model| model.residuals(session)).collect();
-    let eased: Vec<Model> = models.iter().map(|model| forms::eased(model, session)).collect();
+    let with_sensitivities: Vec<Model> = models.iter().map(|model| forms::with_sensitivities(model, session)).collect();
     // A narrow valley in several parameters takes as long as all other forms together: beside the best first effect only.
     let laborious = |form: &'static dyn Form| is_narrow(form) && form.parameters().len() > 1;
     let wanted = |first: usize, form: &&'static dyn Form| {
@@ -122,11 +122,11 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
         &jobs,
         bench.threads,
         |(_, form)| labour(*form),
-        |&(first, form)| forms::start_form(&eased[first], form, order, session, &residuals[first]),
+        |&(first, form)| forms::start_form(&with_sensitivities[first], form, order, session, &residuals[first]),
     );
     let mut leading: Vec<&Started> = Vec::new();
     let mut others: Vec<&Started> = Vec::new();
-    for (first, model) in eased.iter().enumerate() {
+    for (first, model) in with_sensitivities.iter().enumerate() {
         let was = forms::screened(model, session);
         let of_this = jobs.iter().zip(&started).filter(|((of, _), _)| *of == first);
         let mut grid: Vec<&Started> = of_this.filter_map(|(_, started)| started.as_ref()).collect();
@@ -157,7 +157,7 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
 
 /// The best of the models, of each set of effects the best only, and none that is in `known` in the same forms.
 fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
-    fitted.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+    fitted.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
     let least = fitted.iter().map(|one| one.select).chain(known.iter().map(|judged| judged.select)).fold(f64::MAX, f64::min);
     fitted.retain(|one| one.select < FAR_FROM_BEST * least);
     let mut best: Vec<Model> = Vec::new();
@@ -176,7 +176,7 @@ mod tests {
     use super::*;
     use crate::data::session::Session;
     use crate::effects::{leakage, pneumatic_lag, resonance, supply_saturation};
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
 
@@ -188,7 +188,7 @@ mod tests {
         let case = rig::hide(&config).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
         let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1 };
-        let mut leak = Model::baseline(Past::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
+        let mut leak = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
         leak = forms::polish(&leak, &session, Scope::Fit, POLISH).model;
         let left = |order| {
             let mut pairs = Vec::new();
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn effects_on_two_sides_of_the_hysteresis_have_one_order() {
         let (lag, supply, tip) = (pneumatic_lag::FORMS[0], supply_saturation::FORMS[0], resonance::FORMS[0]);
-        let lagging = Model::baseline(Past::Fresh, false).with(lag, vec![0.1]);
+        let lagging = Model::baseline(InitialState::Fresh, false).with(lag, vec![0.1]);
         assert!(lagging.turns_with(supply) && !lagging.turns_with(tip));
         let names = |order, form| lagging.with_in(order, form, vec![0.5, 0.1]).names().collect::<Vec<_>>();
         assert_eq!(names(Order::Usual, supply), ["supply-saturation", "pneumatic-lag"]);

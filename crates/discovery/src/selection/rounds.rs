@@ -7,7 +7,7 @@ use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
 use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
-use crate::search::simplex::{Fitted, judgement};
+use crate::search::simplex::{Fitted, penalised};
 
 /// Evaluations for each parameter when candidates are polished.
 pub const POLISH: usize = 20;
@@ -67,7 +67,7 @@ pub fn is_no_chance(gain: f64, deviations: f64) -> bool {
 }
 
 /// Share of the mean square of the selecting samples that another past must leave no more of.
-const PAST_PAYS: f64 = 0.99;
+const INITIAL_STATE_PAYS: f64 = 0.99;
 
 /// Share of the least gain that a form's grid must show before its parameters are searched.
 const HOPELESS: f64 = 0.25;
@@ -127,15 +127,15 @@ impl Bench<'_> {
         let before = self.selecting_blocks(base);
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
-        let eased = forms::eased(base, self.session);
+        let with_sensitivities = forms::with_sensitivities(base, self.session);
         let started = in_parallel_by(
             &forms,
             self.threads,
             |form| labour(*form),
-            |form| forms::start_form(&eased, *form, Order::Usual, self.session, &residual),
+            |form| forms::start_form(&with_sensitivities, *form, Order::Usual, self.session, &residual),
         );
         let started: Vec<Started> = started.into_iter().flatten().collect();
-        let was = forms::screened(&eased, self.session);
+        let was = forms::screened(&with_sensitivities, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
         let broad = |started: &&Started| !started.form.discrete();
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
@@ -151,7 +151,7 @@ impl Bench<'_> {
                 Tried { fitted, form: started.form, deviations }
             },
         );
-        tried.sort_by(|x, y| x.fitted.judgement().total_cmp(&y.fitted.judgement()));
+        tried.sort_by(|x, y| x.fitted.penalised().total_cmp(&y.fitted.penalised()));
         tried
     }
 
@@ -161,8 +161,8 @@ impl Bench<'_> {
             let fitted = forms::polish(model, self.session, Scope::Fit, evaluations);
             let judged = self.judge(&fitted.model);
             // What the muscle remembers of earlier recordings shows only when nothing large is missing any more.
-            let other = fitted.model.with_best_past(self.session);
-            if other.model.past != fitted.model.past && other.select < PAST_PAYS * fitted.select {
+            let other = fitted.model.with_best_initial_state(self.session);
+            if other.model.initial_state != fitted.model.initial_state && other.select < INITIAL_STATE_PAYS * fitted.select {
                 let other = self.judge(&forms::polish(&other.model, self.session, Scope::Fit, evaluations).model);
                 if other.select < judged.select {
                     return other;
@@ -170,7 +170,7 @@ impl Bench<'_> {
             }
             judged
         });
-        polished.sort_by(|x, y| x.judgement().total_cmp(&y.judgement()));
+        polished.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
         polished
     }
 
@@ -198,8 +198,8 @@ pub struct Judged {
 
 impl Judged {
     /// What competing models are ordered by: the logarithm of the mean square that remains and the price of the parameters.
-    pub fn judgement(&self) -> f64 {
-        judgement(&self.model, self.select)
+    pub fn penalised(&self) -> f64 {
+        penalised(&self.model, self.select)
     }
 
     /// Share of `before`'s mean square that this takes away.
@@ -212,21 +212,21 @@ impl Judged {
         let gain = self.gain_over(before);
         let beyond_grid = before.select - self.select > GRID_ERROR * GRID_ERROR;
         let reads = |judged: &Self| judged.model.slots.iter().filter(|slot| slot.form.reads_output()).count();
-        let worth_its_price = reads(self) <= reads(before) || self.judgement() < before.judgement();
-        worth_its_price && gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
+        let worth_its_penalty = reads(self) <= reads(before) || self.penalised() < before.penalised();
+        worth_its_penalty && gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use crate::effects::{offset_drift, periodic_disturbance};
-    use crate::model::past::Past;
+    use crate::model::initial_state::InitialState;
     use crate::model::structure::Model;
     use crate::selection::rounds::{Judged, deviations, is_no_chance};
 
     #[test]
     fn a_form_that_reads_its_values_from_every_recording_must_bring_its_price() {
-        let base = Model::baseline(Past::Fresh, false);
+        let base = Model::baseline(InitialState::Fresh, false);
         let judged =
             |model: &Model, square: f64| Judged { model: model.clone(), fine: model.clone(), select: square, blocks: vec![square; 200] };
         let (loose, drift) = (periodic_disturbance::FORMS[2], offset_drift::FORMS[0]);

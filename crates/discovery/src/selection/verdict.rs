@@ -12,10 +12,10 @@ use crate::model::structure::{Model, Scope, Slot};
 use crate::result::{Discovery, Effect, Verdict};
 use crate::search::forms;
 use crate::selection::found::Found;
-use crate::selection::jump_evidence::Pull;
-use crate::selection::jump_naming;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
+use crate::selection::switching_likelihood::QuasiStatic;
+use crate::selection::switching_selection;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
@@ -28,14 +28,14 @@ const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
 /// Selecting recordings off by more than this many times the noise are a disagreement.
 const MOST_SELECTING: f64 = 1.5;
 
-/// Share of the mean square above the noise that must not stay on kept-out recordings where it stands out of it there: what explains less
+/// Share of the mean square above the noise that must not stay on test recordings where it stands out of it there: what explains less
 /// than half of recordings that it has not seen is no explanation.
 const MOST_UNEXPLAINED_KEPT_OUT: f64 = 0.5;
 
-/// Root mean square over the noise from which on something stands out on kept-out recordings.
+/// Root mean square over the noise from which on something stands out on test recordings.
 const STANDS_OUT_KEPT_OUT: f64 = 1.06;
 
-/// Whether an explanation fails on kept-out recordings, from the root mean squares there before and after and from the noise.
+/// Whether an explanation fails on test recordings, from the root mean squares there before and after and from the noise.
 fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
     let excess = |rmse: f64| rmse * rmse - floor * floor;
     after > STANDS_OUT_KEPT_OUT * floor && excess(after) > MOST_UNEXPLAINED_KEPT_OUT * excess(before)
@@ -74,7 +74,7 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
         found.runner_up = None;
         return Some(bare.clone());
     }
-    let coarse = Model { slots, ..Model::baseline(model.past, model.stops) };
+    let coarse = Model { slots, ..Model::baseline(model.initial_state, model.stops) };
     let mut fewer = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
     fewer.fit_all(session);
     fewer.anchor(session);
@@ -104,7 +104,7 @@ fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
     1.0 - (1.0 - UNDETERMINED) * widest
 }
 
-/// Share of the mean square above the noise that a model closes on kept-out recordings, 0 to 1; nothing where there was no gap.
+/// Share of the mean square above the noise that a model closes on test recordings, 0 to 1; nothing where there was no gap.
 fn closed(before: f64, after: f64, floor: f64) -> Option<f64> {
     let excess = |rmse: f64| (rmse * rmse - floor * floor).max(0.0);
     (before > STANDS_OUT_KEPT_OUT * floor)
@@ -117,19 +117,19 @@ fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
     if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// One-step-ahead figures on kept-out recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
+/// One-step-ahead figures on test recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
 pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64; 2]> {
     let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
     let in_a_gap = in_a_gap(session, after);
     let residual = after.residuals(session);
-    let smooth = jump_naming::without_jumps(after);
+    let smooth = switching_selection::without_jumps(after);
     let floor = noise::floor(session, &residual);
-    let missed = Pull::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
-    Some([missed, residual].map(|residual| rmse(session, &residual, Role::Kept, &in_a_gap, false) * session.output_scale.abs()))
+    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
+    Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
 }
 
 /// Takes the figures of the simulation, and of the observers where something jumps, and believes no effect by more than they show: an effect's
-/// confidence is no larger than the share of the mean square above the noise that is closed on kept-out recordings, and what closes less than
+/// confidence is no larger than the share of the mean square above the noise that is closed on test recordings, and what closes less than
 /// half of it there is not named.
 pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Option<[f64; 2]>) {
     let floor = discovery.noise_floor;
@@ -160,8 +160,8 @@ const OUTLIERS: &str = "outliers";
 /// The verdict and the figures; the model had `owned` effects before the search.
 pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, found: &Found, owned: usize) -> Discovery {
     let residual_after = after.residuals(session);
-    let total: usize = session.runs.iter().map(|run| run.role.iter().filter(|role| **role != Role::Kept).count()).sum();
-    let wrong = |run: &Run| run.keep.iter().zip(&run.role).filter(|(keep, role)| !**keep && **role != Role::Kept).count();
+    let total: usize = session.runs.iter().map(|run| run.role.iter().filter(|role| **role != Role::Test).count()).sum();
+    let wrong = |run: &Run| run.keep.iter().zip(&run.role).filter(|(keep, role)| !**keep && **role != Role::Test).count();
     let excluded: usize = session.runs.iter().map(wrong).sum();
     let floor = noise::floor(session, &residual_after);
     let scale = session.output_scale.abs();
@@ -237,7 +237,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     } else {
         Verdict::Named
     };
-    let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).map(|run| run.name.clone()).collect();
+    let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Test)).map(|run| run.name.clone()).collect();
     let side_unknown = session.runs.iter().zip(&in_a_gap).filter(|(_, in_a_gap)| **in_a_gap).map(|(run, _)| run.name.clone()).collect();
     let noise_floor = floor * scale;
     Discovery {

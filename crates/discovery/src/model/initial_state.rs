@@ -6,7 +6,7 @@
 
 /// What the operators know when a recording begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Past {
+pub enum InitialState {
     /// Nothing: they begin anew in every recording.
     Fresh,
     /// The earlier recordings of the session, and what came before these.
@@ -16,7 +16,7 @@ pub enum Past {
     },
 }
 
-impl Past {
+impl InitialState {
     /// Operators that remember the session and nothing before it.
     pub const SESSION: Self = Self::Carried { peak: 0.0 };
     /// Highest inputs before the session that are tried. Twice the span moves every operator as far as it goes.
@@ -106,8 +106,8 @@ mod tests {
         }
         // With operators that begin at rest these recordings would be no test.
         let pressed = Session::new(&session(2.0, 0.0), &[]).expect("a session");
-        let left = |past: Past| Model::baseline(past, false).refined().fit(&pressed, Scope::Both).1;
-        let (at_rest, before) = (left(Past::SESSION), left(Past::Carried { peak: 2.0 }));
+        let left = |initial_state: InitialState| Model::baseline(initial_state, false).refined().fit(&pressed, Scope::Both).1;
+        let (at_rest, before) = (left(InitialState::SESSION), left(InitialState::Carried { peak: 2.0 }));
         assert!(at_rest > 1.3 * before, "{at_rest} and {before}");
     }
 

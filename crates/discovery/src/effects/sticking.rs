@@ -1,4 +1,4 @@
-//! What holds at a seat and breaks away, its seat read from the output: the form that a sticking tip and a valve share.
+//! What holds at a stick position and breaks away, its stick position read from the output: the form that a sticking tip and a valve share.
 
 use std::collections::BTreeMap;
 
@@ -8,18 +8,18 @@ use crate::data::session::{Run, Session};
 use crate::observers::{jumps, law};
 
 /// Where it sits hangs on when it last broke away, which no simulation meets; it is read from the output seen so far.
-pub struct Seated {
+pub struct Sticking {
     /// The effect.
     pub name: &'static str,
     /// The form's description.
     pub form: &'static str,
     /// What it breaks away by.
     pub drive: Drive,
-    /// Whether the seat feels what the sensor's effects add: a heart may pull at the wire behind a tip that sticks, or beat against the tip.
+    /// Whether the stick position feels what the sensor's effects add: a heart may quasi-static response at the wire behind a tip that sticks, or beat against the tip.
     pub feels: bool,
 }
 
-impl Form for Seated {
+impl Form for Sticking {
     fn name(&self) -> &'static str {
         self.name
     }
@@ -32,7 +32,7 @@ impl Form for Seated {
     }
     fn parameters(&self) -> &'static [Parameter] {
         match self.drive {
-            Drive::Pull => law::OF_A_TIP,
+            Drive::QuasiStatic => law::OF_A_TIP,
             Drive::Command => law::OF_A_VALVE,
         }
     }
@@ -62,7 +62,7 @@ impl Form for Seated {
     }
     fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let (unit, scale, share) = match self.drive {
-            Drive::Pull => (&session.output_unit, session.output_scale.abs(), 1.0 + parameters[1]),
+            Drive::QuasiStatic => (&session.output_unit, session.output_scale.abs(), 1.0 + parameters[1]),
             Drive::Command => (&session.input_unit, session.input_scale, 1.0 - parameters[2]),
         };
         BTreeMap::from([(format!("travel_{unit}"), parameters[0] * share * scale)])
@@ -76,21 +76,21 @@ fn follow(parameters: &[f64], run: &Run, path: &mut [f64]) {
     }
 }
 
-/// The pull of a tip as its leaps tell it: no effect of its own, but what weights are fitted to.
-struct Pull {
+/// The quasi-static response of a tip as its slips tell it: no effect of its own, but what weights are fitted to.
+struct QuasiStatic {
     feels: bool,
 }
 
-static PULL: Pull = Pull { feels: false };
+static QUASI_STATIC: QuasiStatic = QuasiStatic { feels: false };
 
-static FELT_PULL: Pull = Pull { feels: true };
+static FELT_QUASI_STATIC: QuasiStatic = QuasiStatic { feels: true };
 
-/// What the weights behind a tip are fitted to, with the parameters of [`jumps::tell_pull`]; whether the seat feels what the sensor's effects add.
-pub fn pull_as_told(feels: bool) -> &'static dyn Form {
-    if feels { &FELT_PULL } else { &PULL }
+/// What the weights behind a tip are fitted to, with the parameters of [`jumps::infer_quasi_static`]; whether the stick position feels what the sensor's effects add.
+pub fn inferred_quasi_static(feels: bool) -> &'static dyn Form {
+    if feels { &FELT_QUASI_STATIC } else { &QUASI_STATIC }
 }
 
-impl Form for Pull {
+impl Form for QuasiStatic {
     fn name(&self) -> &'static str {
         "stick-slip"
     }
@@ -110,21 +110,21 @@ impl Form for Pull {
         follow(parameters, run, path);
     }
     fn jumps(&self) -> Option<Drive> {
-        Some(Drive::Pull)
+        Some(Drive::QuasiStatic)
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        jumps::tell_pull(self.feels, parameters, run, sum, columns);
+        jumps::infer_quasi_static(self.feels, parameters, run, sum, columns);
     }
 }
 
 /// The pressure behind a valve that is never shut: no effect of its own, but what the errors of one that shuts are counted from. The drive of its
-/// seat is the command before.
-struct NeverShut;
+/// stick position is the command before.
+struct LagWithoutDeadBand;
 
-/// See [`NeverShut`].
-pub static NEVER_SHUT: &dyn Form = &NeverShut;
+/// See [`LagWithoutDeadBand`].
+pub static LAG_WITHOUT_DEAD_BAND: &dyn Form = &LagWithoutDeadBand;
 
-impl Form for NeverShut {
+impl Form for LagWithoutDeadBand {
     fn name(&self) -> &'static str {
         "valve-dead-band"
     }

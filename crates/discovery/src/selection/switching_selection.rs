@@ -1,39 +1,39 @@
 //! Naming what jumps: a sticking tip or a valve with a dead band, alone or beside something smooth.
 //!
 //! All are judged by the same measure, the likelihood of each sample after those before it ([`super::jumps`]), on recordings that took no
-//! part in fitting: every smooth explanation that the search has met, alone and as the pull of jumps of either kind. A smooth observer may
-//! read slow errors from the output just as a jump observer may read seats, so jumps win by holding still and leaping alone. What is smooth
+//! part in fitting: every smooth explanation that the search has met, alone and as the quasi-static response of jumps of either kind. A smooth observer may
+//! read slow errors from the output just as a jump observer may read stick positions, so jumps win by holding still and leaping alone. What is smooth
 //! must then pay beside the jumps, for jumps alone may look like an effect of the muscle.
 
 use crate::chain::form::{Drive, Form};
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
-use crate::effects::seated::pull_as_told;
-use crate::effects::{offset_drift, pneumatic_lag, seated};
+use crate::effects::sticking::inferred_quasi_static;
+use crate::effects::{offset_drift, pneumatic_lag, sticking};
 use crate::model::structure::{Model, Scope};
-use crate::observers::law::JumpLaw;
+use crate::observers::law::SlipLaw;
 use crate::result::{Candidate, RunnerUp};
 use crate::search::parallel;
 use crate::selection::found::Outcome;
-use crate::selection::jump_evidence::{Evidence, Pull, lags};
 use crate::selection::rounds::Bench;
+use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::{leaves, rounds};
 
 /// Blocked deviations by which jumps must beat everything smooth. Smooth laws that the catalogue lacks come near what holds and moves, so
 /// chance is not what this guards against.
 const LEAST_DEVIATIONS: f64 = 5.0;
 
-/// The same where the logarithm of the likelihood ratio is [`LARGE_EVIDENCE`] per sample: what slow strokes show, and fast ones do not, is
+/// The same where the logarithm of the likelihood ratio is [`LARGE_LOG_LIKELIHOOD`] per sample: what slow strokes show, and fast ones do not, is
 /// uneven by nature.
 const LEAST_DEVIATIONS_OF_LARGE: f64 = 3.0;
 
 /// Logarithm of a likelihood ratio, per sample, that neither chance nor what is not known reaches: of four rounds of the virtual rigs' unknown
 /// effects (47 cases), the highest were 0.027, 0.025 and 0.023.
-const LARGE_EVIDENCE: f64 = 0.035;
+const LARGE_LOG_LIKELIHOOD: f64 = 0.035;
 
 /// Logarithm of the likelihood ratio, per sample, that jumps must reach.
-const LEAST_EVIDENCE: f64 = 0.025;
+const LEAST_LOG_LIKELIHOOD: f64 = 0.025;
 
 /// Largest scatter of break-aways and landings, in break-away distances: with more, a law follows any output by jumping whenever it must.
 /// Those of the rigs that jump come out at up to 0.3.
@@ -43,39 +43,39 @@ const MOST_SCATTER: f64 = 0.5;
 const APART: f64 = 2.0;
 
 /// The same that a smooth effect must bring beside the jumps: what little a law of jumps is wrong by looks like one everywhere.
-const LEAST_EVIDENCE_BESIDE: f64 = 0.03;
+const LEAST_LOG_LIKELIHOOD_BESIDE: f64 = 0.03;
 
 /// The same for an effect that jumps do not look like.
-const LEAST_EVIDENCE_BESIDE_OF_SESSION: f64 = 0.015;
+const LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION: f64 = 0.015;
 
 /// Smooth explanations whose jumps are fitted in full.
 const LEADERS: usize = 3;
 
-/// Jumps on a pull, with the evidence for them.
+/// Jumps on a quasi-static response, with the log-likelihood for them.
 struct Judged {
-    evidence: Evidence,
+    log_likelihood: LogLikelihood,
     form: &'static dyn Form,
-    law: JumpLaw,
-    /// Which smooth explanation the pull is.
-    pull: usize,
+    law: SlipLaw,
+    /// Which smooth explanation the quasi-static response is.
+    quasi_static: usize,
     /// The same with its weights fitted beside the jumps, behind the lag of what moves.
     model: Model,
 }
 
 /// Deviations by which `more` lies above `less`, block by block.
-fn above(more: &Evidence, less: &Evidence) -> f64 {
+fn above(more: &LogLikelihood, less: &LogLikelihood) -> f64 {
     rounds::deviations(&more.blocks, &less.blocks)
 }
 
 /// Whether `more` explains the recordings better than `less` by more than chance does.
-fn is_no_chance(more: &Evidence, less: &Evidence) -> bool {
+fn is_no_chance(more: &LogLikelihood, less: &LogLikelihood) -> bool {
     let gain = more.mean() - less.mean();
-    above(more, less) >= if gain > LARGE_EVIDENCE { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
+    above(more, less) >= if gain > LARGE_LOG_LIKELIHOOD { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
 }
 
 /// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
 /// recordings, nearly three times what the Bayesian information criterion asks.
-const PRICE: f64 = 0.001;
+const PENALTY: f64 = 0.001;
 
 /// Every smooth explanation that the search has met, its weights fitted on the fine grid, the first without any effect of the search.
 fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model> {
@@ -110,8 +110,8 @@ const MOST_EXPLANATIONS: usize = 13;
 /// What moves follows with a lag of one pole: the form that leads the operators by it.
 fn lag_of(drive: Drive) -> &'static dyn Form {
     match drive {
-        Drive::Pull => pneumatic_lag::FORMS[0],
-        Drive::Command => seated::NEVER_SHUT,
+        Drive::QuasiStatic => pneumatic_lag::FORMS[0],
+        Drive::Command => sticking::LAG_WITHOUT_DEAD_BAND,
     }
 }
 
@@ -130,7 +130,7 @@ fn fitted_behind(session: &Session, model: &Model, drive: Drive, lag_s: f64) -> 
     (lagging, fit)
 }
 
-/// The lag of what moves, of these, by the mean, whatever its seats, and the model behind it.
+/// The lag of what moves, of these, by the mean, whatever its stick positions, and the model behind it.
 fn lagged(session: &Session, model: &Model, drive: Drive, lags: &[f64]) -> (Model, f64) {
     let of = |&lag_s: &f64| (fitted_behind(session, model, drive, lag_s), lag_s);
     let best = lags.iter().map(of).min_by(|x, y| x.0.1.total_cmp(&y.0.1));
@@ -146,11 +146,11 @@ fn jumps(
     likely: &[Vec<f64>],
     noise: f64,
 ) -> Vec<Judged> {
-    let drive = form.jumps().unwrap_or(Drive::Pull);
+    let drive = form.jumps().unwrap_or(Drive::QuasiStatic);
     let feels = form.feels_sensor();
-    // Whether a seat feels the sensor makes a difference where the sensor moves within the time that a seat holds.
+    // Whether a stick position feels the sensor makes a difference where the sensor moves within the time that a stick position holds.
     let differs = |model: &Model| !feels || model.names().any(|name| name == PERIODIC);
-    let on = |model: &Model, lag_s: f64| Pull::new(session, &with_lag(model, drive, lag_s), noise, feels);
+    let on = |model: &Model, lag_s: f64| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, feels);
     let of = |index: usize| {
         let (model, lag_s) = lagged(session, &explanations[index], drive, lags(drive));
         on(&model, lag_s).law(drive, lag_s, if drive == Drive::Command { likely } else { &[] })
@@ -162,25 +162,25 @@ fn jumps(
         laws.push(of(smoothest));
     }
     let lag_s = laws[0].lag_s;
-    let mut begun: Vec<(f64, usize, JumpLaw, Model)> = Vec::new();
+    let mut begun: Vec<(f64, usize, SlipLaw, Model)> = Vec::new();
     for &index in &wanted {
-        // A pull that lags already needs no more of it.
+        // A quasi-static response that lags already needs no more of it.
         let wanted = if drive == Drive::Command && lag_s > 0.0 { vec![0.0, lag_s] } else { vec![lag_s] };
         let (model, lag_s) = lagged(session, &explanations[index], drive, &wanted);
-        let pull = on(&model, lag_s);
-        let laws: Vec<JumpLaw> = pull.with_own_wander(&laws).into_iter().map(|law| JumpLaw { lag_s, ..law }).collect();
-        if let Some((evidence, law)) = pull.best(laws, true) {
-            begun.push((evidence, index, law, model));
+        let quasi_static = on(&model, lag_s);
+        let laws: Vec<SlipLaw> = quasi_static.with_own_model_error(&laws).into_iter().map(|law| SlipLaw { lag_s, ..law }).collect();
+        if let Some((log_likelihood, law)) = quasi_static.best(laws, true) {
+            begun.push((log_likelihood, index, law, model));
         }
     }
     begun.sort_by(|x, y| y.0.total_cmp(&x.0));
     let mut judged = Vec::new();
-    for (place, (_, pull, mut law, mut model)) in begun.into_iter().enumerate() {
-        if place < LEADERS || pull == first {
+    for (place, (_, quasi_static, mut law, mut model)) in begun.into_iter().enumerate() {
+        if place < LEADERS || quasi_static == first {
             law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05], false);
             (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS, 1);
         }
-        judged.push(Judged { evidence: on(&model, law.lag_s).jumping(&law), form, law, pull, model });
+        judged.push(Judged { log_likelihood: on(&model, law.lag_s).jumping(&law), form, law, quasi_static, model });
     }
     judged
 }
@@ -192,23 +192,23 @@ fn refitted(
     form: &'static dyn Form,
     noise: f64,
     model: Model,
-    law: JumpLaw,
+    law: SlipLaw,
     refits: &Refits,
     threads: usize,
-) -> (Model, JumpLaw) {
+) -> (Model, SlipLaw) {
     let (drive, lag_s) = (law.drive, law.lag_s);
-    let on = |model: &Model| Pull::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
+    let on = |model: &Model| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
     let value = on(&model).fitting(&law);
     if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
-        let led = JumpLaw { landing: 0.0, ..law };
-        let begun = without_mean_error(&model.regrown(), law.landing * law.break_away);
+        let led = SlipLaw { overshoot: 0.0, ..law };
+        let begun = without_mean_error(&model.regrown(), law.overshoot * law.break_away);
         let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
         if led.2 > value {
             return (led.0.pruned(), led.1);
         }
     }
-    let is_told = drive == Drive::Pull && refits.whole;
-    let begun = if is_told { told(&on, form, noise, &model, law) } else { None };
+    let is_told = drive == Drive::QuasiStatic && refits.whole;
+    let begun = if is_told { pseudo_measurements(&on, form, noise, &model, law) } else { None };
     let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
     let law = if is_told { on(&model).tuned_to_miss_least(law, &LAST_STEPS, true) } else { law };
     (model, law)
@@ -217,35 +217,35 @@ fn refitted(
 /// Steps of the last look for a tip's law, by what it misses: recordings that are kept out are judged by that.
 const LAST_STEPS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
 
-/// How far short of the pull a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
+/// How far short of the quasi-static response a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
 const SHORT: [f64; 3] = [0.0, 0.15, 0.35];
 
-/// The model as the leaps of a tip tell its pull, the law on it and the evidence for them.
-fn told<'a>(
-    on: &dyn Fn(&Model) -> Pull<'a>,
+/// The model as the slips of a tip tell its quasi-static response, the law on it and the log-likelihood for them.
+fn pseudo_measurements<'a>(
+    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
     form: &'static dyn Form,
     noise: f64,
     model: &Model,
-    law: JumpLaw,
-) -> Option<(Model, JumpLaw, f64)> {
+    law: SlipLaw,
+) -> Option<(Model, SlipLaw, f64)> {
     let session = on(model).session();
-    let travel = (1.0 + law.landing) * law.break_away;
-    let landing = SHORT.map(|short| {
+    let travel = (1.0 + law.overshoot) * law.break_away;
+    let overshoot = SHORT.map(|short| {
         let farther = travel / (1.0 - short) - law.break_away;
-        let mut told = to_be_told(model, form, noise, law, farther);
-        told.fit_once(session, Scope::Both);
-        let model = without_jumps(&told).pruned();
-        let pull = on(&model);
-        let law = pull.tuned(pull.with_own_begin(law.of_a_pull_farther(farther)), &FIRST_STEPS_TOLD, true);
-        let value = pull.fitting(&law);
+        let mut pseudo_measurements = to_be_inferred(model, form, noise, law, farther);
+        pseudo_measurements.fit_once(session, Scope::Both);
+        let model = without_jumps(&pseudo_measurements).pruned();
+        let quasi_static = on(&model);
+        let law = quasi_static.tuned(quasi_static.with_own_begin(law.of_a_response_farther(farther)), &FIRST_STEPS_INFERRED, true);
+        let value = quasi_static.fitting(&law);
         (model, law, value)
     });
-    landing.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
+    overshoot.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
 }
 
-/// The model on the whole grid, to be fitted to the pull that a tip tells, this much farther from the seat.
-fn to_be_told(model: &Model, form: &'static dyn Form, noise: f64, law: JumpLaw, farther: f64) -> Model {
-    model.regrown().with(pull_as_told(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
+/// The model on the whole grid, to be fitted to the quasi-static response that a tip tells, this much farther from the stick position.
+fn to_be_inferred(model: &Model, form: &'static dyn Form, noise: f64, law: SlipLaw, farther: f64) -> Model {
+    model.regrown().with(inferred_quasi_static(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
 }
 
 /// The model without what jumps in it.
@@ -253,24 +253,24 @@ pub(crate) fn without_jumps(model: &Model) -> Model {
     model.without(model.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0))
 }
 
-/// As [`refitted`], from a model, a law and the evidence for them on; with the last evidence.
+/// As [`refitted`], from a model, a law and the log-likelihood for them on; with the last log-likelihood.
 fn refits_of<'a>(
-    on: &dyn Fn(&Model) -> Pull<'a>,
+    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
     form: &'static dyn Form,
     noise: f64,
-    (mut model, mut law, mut value): (Model, JumpLaw, f64),
+    (mut model, mut law, mut value): (Model, SlipLaw, f64),
     refits: &Refits,
-) -> (Model, JumpLaw, f64) {
+) -> (Model, SlipLaw, f64) {
     for _ in 0..refits.times {
-        let is_told = law.drive == Drive::Pull && refits.whole;
-        let mut with = if is_told { to_be_told(&model, form, noise, law, 0.0) } else { model.with(form, law.as_parameters(noise)) };
+        let is_told = law.drive == Drive::QuasiStatic && refits.whole;
+        let mut with = if is_told { to_be_inferred(&model, form, noise, law, 0.0) } else { model.with(form, law.as_parameters(noise)) };
         with.fit(on(&model).session(), Scope::Both);
         let without = without_jumps(&with);
         let without = if is_told { without.pruned() } else { without };
-        let pull = on(&without);
-        let begun = if is_told { pull.with_own_begin(law) } else { law };
-        let again = pull.tuned(begun, refits.steps, refits.whole);
-        let better = pull.fitting(&again);
+        let quasi_static = on(&without);
+        let begun = if is_told { quasi_static.with_own_begin(law) } else { law };
+        let again = quasi_static.tuned(begun, refits.steps, refits.whole);
+        let better = quasi_static.fitting(&again);
         if better <= value {
             break;
         }
@@ -294,7 +294,7 @@ fn without_mean_error(model: &Model, mean_error: f64) -> Model {
     nearer
 }
 
-/// Evidence per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
+/// Log-likelihood per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
 const AT_FIRST_SIGHT: f64 = 0.03;
 
 /// Share of what a simulation leaves above the noise that an observer may leave to take its place.
@@ -314,10 +314,10 @@ const FIRST_REFITS: Refits = Refits { times: 2, steps: &[0.1], whole: false };
 /// Those of the jumps that are named.
 const LAST_REFITS: Refits = Refits { times: 5, steps: &[0.1, 0.03, 0.01, 0.003], whole: true };
 
-/// Those by which pulls that a tip tells are compared.
-const FIRST_STEPS_TOLD: [f64; 2] = [0.1, 0.03];
+/// Those by which quasi-static responses that a tip tells are compared.
+const FIRST_STEPS_INFERRED: [f64; 2] = [0.1, 0.03];
 
-/// The effect that moves a sensor within the time that a seat holds.
+/// The effect that moves a sensor within the time that a stick position holds.
 const PERIODIC: &str = "periodic-disturbance";
 
 /// Whether it gives each recording a zero of its own.
@@ -347,22 +347,22 @@ fn of_the_session(model: &Model) -> bool {
     model.names().all(|name| OF_THE_SESSION.contains(&name))
 }
 
-/// Whether the effects in the pull of the jumps bring enough beside them, over jumps on a pull with fewer.
+/// Whether the effects in the quasi-static response of the jumps bring enough beside them, over jumps on a quasi-static response with fewer.
 fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
-    let gain = more.evidence.mean() - fewer.evidence.mean();
+    let gain = more.log_likelihood.mean() - fewer.log_likelihood.mean();
     if of_the_session {
-        gain > LEAST_EVIDENCE_BESIDE_OF_SESSION && above(&more.evidence, &fewer.evidence) >= LEAST_DEVIATIONS_OF_LARGE
+        gain > LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION && above(&more.log_likelihood, &fewer.log_likelihood) >= LEAST_DEVIATIONS_OF_LARGE
     } else {
-        gain > LEAST_EVIDENCE_BESIDE && is_no_chance(&more.evidence, &fewer.evidence)
+        gain > LEAST_LOG_LIKELIHOOD_BESIDE && is_no_chance(&more.log_likelihood, &fewer.log_likelihood)
     }
 }
 
 /// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.
 fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Option<&'a Judged> {
-    let worth = |one: &Judged| one.evidence.mean() - PRICE * explanations[one.pull].cost() as f64;
+    let worth = |one: &Judged| one.log_likelihood.mean() - PENALTY * explanations[one.quasi_static].cost() as f64;
     let with = |effects: usize| {
-        let own = |one: &Judged| !(has_zeros(&explanations[one.pull]) && are_its_own(zeros, one));
-        let of = judged.iter().filter(move |one| explanations[one.pull].slots.len() == effects && own(one));
+        let own = |one: &Judged| !(has_zeros(&explanations[one.quasi_static]) && are_its_own(zeros, one));
+        let of = judged.iter().filter(move |one| explanations[one.quasi_static].slots.len() == effects && own(one));
         of.max_by(|x, y| worth(x).total_cmp(&worth(y)))
     };
     let fewest = explanations[0].slots.len();
@@ -370,7 +370,7 @@ fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Opti
     for effects in fewest + 1..=fewest + 2 {
         if let Some(more) = with(effects)
             && worth(more) > worth(best)
-            && pays_beside(more, best, of_the_session(&explanations[more.pull]))
+            && pays_beside(more, best, of_the_session(&explanations[more.quasi_static]))
         {
             best = more;
         }
@@ -385,9 +385,9 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     let noise = noise::floor(session, &outcome.model.residuals(session));
     let mut base = base.refined();
     base.fit(session, Scope::Both);
-    let mut pulls = vec![base];
+    let mut quasi_statics = vec![base];
     if !outcome.found.order.is_empty() && !outcome.found.order.contains(&VALVE) {
-        pulls.push(outcome.model.clone());
+        quasi_statics.push(outcome.model.clone());
     }
     let mut drives: Vec<Drive> = Vec::new();
     for drive in bench.forms.iter().filter_map(|form| form.jumps()) {
@@ -395,8 +395,11 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
             drives.push(drive);
         }
     }
-    let sights: Vec<(&Model, Drive)> = pulls.iter().flat_map(|pull| drives.iter().map(move |drive| (pull, *drive))).collect();
-    let seen = parallel::in_parallel(&sights, bench.threads, |(pull, drive)| Pull::new(session, pull, noise, false).at_first_sight(*drive));
+    let sights: Vec<(&Model, Drive)> =
+        quasi_statics.iter().flat_map(|quasi_static| drives.iter().map(move |drive| (quasi_static, *drive))).collect();
+    let seen = parallel::in_parallel(&sights, bench.threads, |(quasi_static, drive)| {
+        QuasiStatic::new(session, quasi_static, noise, false).at_first_sight(*drive)
+    });
     let best = |of: fn(&(f64, f64)) -> f64| seen.iter().map(of).fold(f64::MIN, f64::max);
     best(|sight| sight.1) - best(|sight| sight.0) > AT_FIRST_SIGHT
 }
@@ -428,7 +431,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let explanations = explanations(bench, base, &outcome);
     let base = &explanations[0];
     let zeros = zeros(session, base);
-    let smooth = parallel::in_parallel(&explanations, bench.threads, |model| Pull::new(session, model, noise, false).smooth());
+    let smooth = parallel::in_parallel(&explanations, bench.threads, |model| QuasiStatic::new(session, model, noise, false).smooth());
     let smoothest_of = |which: &dyn Fn(&Model) -> bool| {
         let of = (0..smooth.len()).filter(|&index| which(&explanations[index]));
         of.max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0)
@@ -446,22 +449,23 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         }
     }
     let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations, zeros)).collect();
-    best.sort_by(|x, y| y.evidence.mean().total_cmp(&x.evidence.mean()));
-    let found = simulated.then(|| Pull::new(session, &outcome.model, noise, false).smooth());
+    best.sort_by(|x, y| y.log_likelihood.mean().total_cmp(&x.log_likelihood.mean()));
+    let found = simulated.then(|| QuasiStatic::new(session, &outcome.model, noise, false).smooth());
     // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
     // tip explains the recordings far better than any valve.
     let Some(&leader) = best.first() else { return outcome };
-    let far_above =
-        |less: &Evidence| leader.evidence.mean() - less.mean() > LARGE_EVIDENCE && above(&leader.evidence, less) >= LEAST_DEVIATIONS;
+    let far_above = |less: &LogLikelihood| {
+        leader.log_likelihood.mean() - less.mean() > LARGE_LOG_LIKELIHOOD && above(&leader.log_likelihood, less) >= LEAST_DEVIATIONS
+    };
     let valve = best.iter().copied().find(|one| one.form.name() == VALVE);
     let no_valve =
-        leader.form.name() != VALVE && valve.is_none_or(|valve| far_above(&valve.evidence)) && found.as_ref().is_none_or(far_above);
+        leader.form.name() != VALVE && valve.is_none_or(|valve| far_above(&valve.log_likelihood)) && found.as_ref().is_none_or(far_above);
     let simulated = simulated && !no_valve;
     let found = found.filter(|_| simulated);
     let one = if simulated { valve.unwrap_or(leader) } else { leader };
-    let evidence = found.as_ref().filter(|found| found.mean() > one.evidence.mean()).unwrap_or(&one.evidence);
+    let log_likelihood = found.as_ref().filter(|found| found.mean() > one.log_likelihood.mean()).unwrap_or(&one.log_likelihood);
     let alone = simulated && outcome.found.order == [VALVE];
-    let gain = evidence.mean() - smooth[if alone { 0 } else { smoothest }].mean();
+    let gain = log_likelihood.mean() - smooth[if alone { 0 } else { smoothest }].mean();
     let smooth = &smooth[if alone {
         0
     } else if are_its_own(zeros, one) {
@@ -469,53 +473,55 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     } else {
         smoothest
     }];
-    let deviations = above(evidence, smooth);
+    let deviations = above(log_likelihood, smooth);
     let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
-    if !is_law || !is_no_chance(evidence, smooth) || gain < LEAST_EVIDENCE || !evidence.is_above_everywhere(smooth) {
+    if !is_law || !is_no_chance(log_likelihood, smooth) || gain < LEAST_LOG_LIKELIHOOD || !log_likelihood.is_above_everywhere(smooth) {
         return outcome;
     }
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
-    let polished = Pull::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
-    let polished = Judged { evidence: polished, form: one.form, law, pull: one.pull, model };
-    let is_polished = polished.evidence.mean() > one.evidence.mean();
+    let polished = QuasiStatic::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
+    let polished = Judged { log_likelihood: polished, form: one.form, law, quasi_static: one.quasi_static, model };
+    let is_polished = polished.log_likelihood.mean() > one.log_likelihood.mean();
     let one = if is_polished { &polished } else { one };
     let first_select = base.clone().fit(session, Scope::Both).1;
     let with_jumps = |one: &Judged, is_polished: bool| {
         let mut model = one.model.with(one.form, one.law.as_parameters(noise));
-        // What the leaps of the last refits told is not for a fit to the output to change.
-        model.settled = is_polished && one.law.drive == Drive::Pull;
+        // What the slips of the last refits told is not for a fit to the output to change.
+        model.fixed_weights = is_polished && one.law.drive == Drive::QuasiStatic;
         let (_, select) = model.fit(session, Scope::Both);
         (model, select)
     };
     let (model, select) = with_jumps(one, is_polished);
     let name = one.form.name();
-    let beside = &explanations[one.pull];
+    let beside = &explanations[one.quasi_static];
     // What comes second is the other kind of jumps, or as many other smooth effects beside the same kind.
     let unlike = |other: &&Judged| {
-        let of = &explanations[other.pull];
+        let of = &explanations[other.quasi_static];
         other.form.name() == name && of.slots.len() == beside.slots.len() && of.names().any(|name| beside.names().all(|ours| ours != name))
     };
     // Whoever has no zeros of its own is compared with others that have none.
     let own = are_its_own(zeros, one);
-    let with_none = |other: &&Judged| own && other.form.name() != name && explanations[other.pull].slots.len() == beside.slots.len();
+    let with_none =
+        |other: &&Judged| own && other.form.name() != name && explanations[other.quasi_static].slots.len() == beside.slots.len();
     let of_the_other_kind =
-        best.iter().copied().filter(|other| other.form.name() != name && !(own && has_zeros(&explanations[other.pull])));
+        best.iter().copied().filter(|other| other.form.name() != name && !(own && has_zeros(&explanations[other.quasi_static])));
     let others = of_the_other_kind.chain(judged.iter().flatten().filter(with_none)).chain(judged.iter().flatten().filter(unlike));
-    if let Some(other) = others.max_by(|x, y| x.evidence.mean().total_cmp(&y.evidence.mean())) {
-        outcome.found.apart = above(evidence, &other.evidence);
+    if let Some(other) = others.max_by(|x, y| x.log_likelihood.mean().total_cmp(&y.log_likelihood.mean())) {
+        outcome.found.apart = above(log_likelihood, &other.log_likelihood);
         let separable = outcome.found.apart > APART;
         outcome.found.twins = !separable;
-        let new = explanations[other.pull].names().find(|name| beside.names().all(|ours| ours != *name));
+        let new = explanations[other.quasi_static].names().find(|name| beside.names().all(|ours| ours != *name));
         let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
         outcome.found.runner_up = Some(RunnerUp { name: second.to_owned(), separable });
         outcome.second = Some(with_jumps(other, false).0);
     }
-    outcome.found.jump_scatter =
-        Some(Pull::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law));
+    outcome.found.jump_scatter = Some(
+        QuasiStatic::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law),
+    );
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
     // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
-    let explains_more = one.pull == 0 && found.as_ref().is_some_and(|found| found.mean() < one.evidence.mean());
+    let explains_more = one.quasi_static == 0 && found.as_ref().is_some_and(|found| found.mean() < one.log_likelihood.mean());
     let above_noise = |square: f64| (square - noise * noise).max(0.0);
     let gives_way = simulated
         && name == VALVE
@@ -611,7 +617,7 @@ mod tests {
 
     #[test]
     fn what_jumps_is_named_beside_what_does_not() {
-        // A large smooth effect beside which the jumps are a twelfth of the energy, one that the pull alone shows, and a heart behind the tip.
+        // A large smooth effect beside which the jumps are a twelfth of the energy, one that the quasi-static response alone shows, and a heart behind the tip.
         let cases = [
             (Generator::Rival, "slew-limit", 343),
             (Generator::Physics, "setup-change", 326),
