@@ -9,7 +9,7 @@
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
 
-pub use {output, output::say, recording};
+pub use {output, output::say, recording, virtual_rig as rig};
 
 pub mod backend;
 pub mod bootloader;
@@ -30,7 +30,6 @@ pub mod model;
 pub mod network;
 pub mod plant;
 pub mod report;
-pub mod rig;
 pub mod track;
 pub mod train;
 pub mod tune;

@@ -66,7 +66,7 @@ pub fn discover_effects<'py>(
                 Kind::Discovered(model) => Some(model.model().clone()),
                 _ => None,
             };
-            Start::new(model.predictor(), discovered, &recordings, &kept)
+            discover::start_from(model.predictor(), discovered, &recordings, &kept)
         });
         let start = start.transpose()?;
         let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| teller.tell(stage.to_owned()))?;

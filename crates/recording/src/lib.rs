@@ -24,6 +24,7 @@ mod read;
 mod repair;
 pub mod repeatability;
 pub mod resample;
+pub mod simulation;
 mod surface;
 mod table;
 mod write;

@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 /// Lets a given model predict every recording.
 fn start_from(path: &Path, recordings: &[Recording], kept: &[Recording]) -> Result<Start> {
     let predictor = model::load(path)?;
-    Start::new(predictor.as_ref(), DiscoveredModel::read(path).ok(), recordings, kept)
+    discover::start_from(predictor.as_ref(), DiscoveredModel::read(path).ok(), recordings, kept)
 }
 
 /// Says what was found.

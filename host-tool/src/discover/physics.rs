@@ -1,6 +1,6 @@
 //! The part of a discovered model that the microcontroller can run: play operators behind dead time and lag, with creep.
 //!
-//! The blob's front end knows these and no more (see `model_export::schema::FrontEnd`). What wanders with the session's time (drift of zero
+//! The blob's front end knows these and no more (see `model_export::schema::FrontEnd`). What drifts with the session's time (drift of zero
 //! and gain, a change of set-up) goes into weights and constant as it was when the session ended: that is the rig as it is now. A skew of
 //! the clocks belongs to the recordings, not to the rig, and is left out. A model with any other effect stays on the desktop;
 //! [`physics_model`] then says which effect it is.

@@ -8,11 +8,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::SessionError;
 use super::file::DiscoveredModel;
-use super::model::{Model, Scope};
-use super::past::Past;
-use super::search;
-use super::session::{Role, Session, SessionError};
+use super::files::separation;
 use crate::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use crate::recording::{Recording, RecordingError};
 
@@ -143,13 +141,5 @@ fn left_over(rig: &DiscoveredModel, pupil: &DiscoveredModel, time_s: &[f64], inp
     let output = rig.simulate(input).map_err(PlanError::Model)?;
     let recording =
         Recording::new(Path::new("simulated.csv"), rig.input.clone(), rig.output.clone(), time_s.to_vec(), input.to_vec(), output)?;
-    let mut session = Session::new(&[recording], &[])?;
-    for run in &mut session.runs {
-        run.role.fill(Role::Fit);
-    }
-    let mut model = Model::baseline(Past::Fresh, pupil.stops);
-    model.slots = pupil.slots_in(&session).map_err(PlanError::Model)?;
-    let mut fitted = search::polish(&model, &session, Scope::Fit, 25).model;
-    let (square, _) = fitted.fit(&session, Scope::Fit);
-    Ok(square.sqrt() * session.output_scale.abs())
+    separation::left_over(pupil, recording)?.map_err(PlanError::Model)
 }

@@ -15,6 +15,7 @@ use anyhow::{Result, bail};
 
 pub use metrics::{Errors, FamilyErrors, FileErrors, by_family, mean_nrmse, mean_rmse, pooled_rmse};
 pub use parallel::for_each;
+pub use recording::simulation::{first_behind, set_zero};
 
 use crate::model::{self, Predictor};
 use crate::recording::Recording;
@@ -83,21 +84,6 @@ fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> 
     let errors = Errors::between(&predicted[first..], &recording.output[first..]);
     let errors = FileErrors { path: recording.path.clone(), family: recording.family.clone(), errors };
     Ok(Judged { errors, first, predicted })
-}
-
-/// First sample behind so many seconds from a recording's start.
-#[must_use]
-pub fn first_behind(recording: &Recording, start_s: f64) -> usize {
-    // Half a millionth of a period: times in print are rounded.
-    let end_s = recording.time_s[0] + start_s - 0.5e-6 * recording.sample_period_s;
-    recording.time_s.partition_point(|&time_s| time_s < end_s)
-}
-
-/// Shifts a prediction so that its mean over the first seconds is that of the measurement: a start-up calibration.
-pub fn set_zero(predicted: &mut [f64], recording: &Recording, calibrate_s: f64) {
-    let seen = first_behind(recording, calibrate_s);
-    let sum: f64 = recording.output[..seen].iter().zip(&*predicted).map(|(measured, predicted)| measured - predicted).sum();
-    predicted.iter_mut().for_each(|value| *value += sum / seen.max(1) as f64);
 }
 
 #[cfg(test)]

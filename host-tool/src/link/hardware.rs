@@ -35,6 +35,12 @@ impl Muscle for RunningPlant {
     }
 }
 
+impl Muscle for crate::rig::live::AllEffects {
+    fn step(&mut self, pressure_bar: f64) -> f64 {
+        self.advance_ms(pressure_bar)
+    }
+}
+
 /// Numbers of the hardware.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HardwareConfig {

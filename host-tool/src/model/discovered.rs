@@ -1,6 +1,5 @@
 //! A model that discovery wrote: play operators and named effects, in `f64`.
 
-use std::ops::Range;
 use std::path::Path;
 
 use super::{Arithmetic, Context, Description, ModelError, Predictor};
@@ -58,28 +57,18 @@ impl Predictor for DiscoveredPredictor {
     }
 
     fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
-        self.each(input, gaps, |_, stretch| self.model.simulate(&input[stretch]))
+        let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(input.len())).collect();
+        let stretches = bounds.windows(2).map(|bound| self.model.simulate(&input[bound[0]..bound[1]]));
+        Ok(stretches.collect::<Result<Vec<_>, _>>().map_err(|problem| self.invalid(problem))?.concat())
     }
 
     fn simulate_in(&self, context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
-        self.each(inputs[0], gaps, |part, stretch| self.model.simulate_in(context, part, stretch.clone(), &inputs[0][stretch]))
+        self.model.simulate_stretches(context, inputs[0], gaps).map_err(|problem| self.invalid(problem))
     }
 }
 
 impl DiscoveredPredictor {
-    /// The output of `one` for every stretch between gaps.
-    fn each(
-        &self,
-        input: &[f64],
-        gaps: &[usize],
-        one: impl Fn(usize, Range<usize>) -> Result<Vec<f64>, String>,
-    ) -> Result<Vec<f64>, ModelError> {
-        let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(input.len())).collect();
-        let mut output = Vec::with_capacity(input.len());
-        for (part, bound) in bounds.windows(2).enumerate() {
-            let part = one(part, bound[0]..bound[1]);
-            output.extend(part.map_err(|problem| ModelError::Invalid { path: self.description.path.clone(), problem })?);
-        }
-        Ok(output)
+    fn invalid(&self, problem: String) -> ModelError {
+        ModelError::Invalid { path: self.description.path.clone(), problem }
     }
 }

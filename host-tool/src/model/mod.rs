@@ -14,7 +14,6 @@ mod blob;
 mod discovered;
 mod error;
 mod physics;
-mod resample;
 mod trained;
 
 use std::path::{Path, PathBuf};
@@ -25,14 +24,13 @@ pub use blob::BlobModel;
 pub use discovered::DiscoveredPredictor;
 pub use error::ModelError;
 pub use physics::PhysicsPredictor;
-pub(crate) use resample::interpolate;
+pub(crate) use recording::simulation::interpolate;
+pub use recording::simulation::{Context, PERIOD_TOLERANCE};
 pub use trained::NetworkModel;
 
 use crate::fit::file::FittedPredictor;
+use crate::recording::simulation::{differs, is_even, on_even_clock};
 use crate::recording::{Recording, Signal};
-
-/// Sample periods that differ by more than this share are different; the median step of a measured clock strays by less.
-pub const PERIOD_TOLERANCE: f64 = 0.05;
 
 /// Which arithmetic a model runs in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -91,44 +89,6 @@ pub struct Fit {
     pub gaps: Gaps,
     /// Seconds at the start of each stretch in which a model may read the measured output, s; it then runs freely.
     pub start_up_s: f64,
-}
-
-/// What surrounds an input: where in a session it was recorded, and what the start-up stretch measured.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Context<'a> {
-    /// Name of the recording.
-    pub name: &'a str,
-    /// SHA-256 of its file; empty where it never was one.
-    pub sha256: &'a str,
-    /// Time since the session began, s, one value a sample; absent where nobody wrote it down.
-    pub session_time_s: Option<&'a [f64]>,
-    /// Measured output, of which a model may read the start-up stretch alone; empty where nothing is measured.
-    measured: &'a [f64],
-    /// Length of the start-up stretch, s.
-    start_up_s: f64,
-}
-
-impl<'a> Context<'a> {
-    /// That of a recording, with a start-up stretch of so many seconds.
-    #[must_use]
-    pub fn of(recording: &'a Recording, start_up_s: f64) -> Self {
-        let clock = recording.extra.iter().find(|column| column.name == "session_time_s");
-        Self {
-            name: recording.path.file_name().and_then(|name| name.to_str()).unwrap_or_default(),
-            sha256: &recording.sha256,
-            session_time_s: clock.map(|column| &column.values[..]),
-            measured: if start_up_s > 0.0 { &recording.output } else { &[] },
-            start_up_s,
-        }
-    }
-
-    /// What the start-up of a stretch of samples measured; nothing behind it is shown.
-    #[must_use]
-    pub fn start_up(&self, stretch: std::ops::Range<usize>, period_s: f64) -> &'a [f64] {
-        let count = (self.start_up_s / period_s - 1e-6).max(0.0).ceil() as usize;
-        let end = stretch.end.min(stretch.start + count);
-        self.measured.get(stretch.start..end).unwrap_or_default()
-    }
 }
 
 /// A model that can be run.
@@ -283,12 +243,6 @@ fn enough(model: &Description, inputs: &[&[f64]]) -> Result<(), ModelError> {
     Ok(())
 }
 
-fn differs(model_s: f64, recording_s: f64) -> bool {
-    // In this order a period that is not a number differs.
-    let same = (recording_s - model_s).abs() <= PERIOD_TOLERANCE * model_s;
-    !same
-}
-
 /// The output of a model for every sample of a recording, free running; see [`Fit`].
 ///
 /// # Errors
@@ -297,8 +251,8 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
     check(model.description(), recording, fit.resample)?;
     let gaps = if fit.gaps == Gaps::Reset { &recording.gaps[..] } else { &[] };
     match model.description().sample_period_s {
-        Some(period_s) if differs(period_s, recording.sample_period_s) || !resample::is_even(recording) => {
-            resample::predict(model, recording, gaps, period_s, fit.start_up_s)
+        Some(period_s) if differs(period_s, recording.sample_period_s) || !is_even(recording) => {
+            on_even_clock(recording, gaps, period_s, fit.start_up_s, |context, inputs, gaps| model.simulate_in(context, inputs, gaps))
         }
         _ => model.simulate_in(&Context::of(recording, fit.start_up_s), &recording.inputs(), gaps),
     }

@@ -3,7 +3,7 @@
 use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
-use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, whereabouts};
+use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, residual_map};
 use crate::recording::Signal;
 
 /// Most recordings drawn.
@@ -139,9 +139,9 @@ fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Si
     }
     let session = &finding.session;
     let unit = &output.unit;
-    let (levels, before) = whereabouts::map(session, &residual(finding, &finding.simulated));
+    let (levels, before) = residual_map::map(session, &residual(finding, &finding.simulated));
     let after_prediction: Vec<Vec<f64>> = finding.after.outputs(session, |_| true);
-    let (_, after) = whereabouts::map(session, &residual(finding, &after_prediction));
+    let (_, after) = residual_map::map(session, &residual(finding, &after_prediction));
     let columns: Vec<String> = levels.iter().map(|level| number(*level, 2)).collect();
     let highest = before.iter().flat_map(|row| &row.1).copied().filter(|value| value.is_finite()).fold(0.0, f64::max);
     let low = (0.5 * discovery.noise_floor).max(1e-3 * highest).max(1e-12);
@@ -185,7 +185,7 @@ fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Si
     }
 }
 
-/// How much of the past the output needs.
+/// How much of the initial state the output needs.
 fn memory(page: &mut Page, discovery: &Discovery, unit: &str) {
     if discovery.memory_horizon.is_empty() {
         return;
@@ -256,7 +256,7 @@ fn before_and_after(page: &mut Page, finding: &Finding, input: &Signal, output: 
     let square = |run: &&Run| -> f64 {
         run.output.iter().zip(&finding.simulated[run.index]).map(|(y, p)| (y - p).powi(2)).sum::<f64>() / run.output.len() as f64
     };
-    let mut chosen: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Kept)).collect();
+    let mut chosen: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Test)).collect();
     if chosen.is_empty() {
         chosen = session.runs.iter().collect();
     }

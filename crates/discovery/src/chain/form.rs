@@ -1,0 +1,288 @@
+//! What an effect must say of itself: its place in the chain, its parameters, its law.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::definition::Definition;
+use crate::data::session::{Run, Session};
+
+/// What a parameter is measured in, so that the normalised value can be told in the lab's units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Time, s.
+    Time,
+    /// Frequency, Hz.
+    Frequency,
+    /// A value of the input.
+    Input,
+    /// A change of the input per s.
+    InputRate,
+    /// A value of the output.
+    Output,
+    /// A change of the output per s.
+    OutputRate,
+    /// A number.
+    Ratio,
+    /// A number per unit of input.
+    PerInput,
+}
+
+/// One non-linear parameter of a form.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Name without unit.
+    pub name: &'static str,
+    /// Quantity.
+    pub quantity: Quantity,
+    /// Smallest value, normalised.
+    pub low: f64,
+    /// Largest value, normalised.
+    pub high: f64,
+    /// Whether it is searched in its logarithm; then both limits are positive.
+    pub logarithmic: bool,
+}
+
+impl Parameter {
+    /// Name with unit and value in that unit.
+    #[must_use]
+    pub fn tell(&self, value: f64, session: &Session) -> (String, f64) {
+        let (input, output) = (&session.input_unit, &session.output_unit);
+        match self.quantity {
+            Quantity::Time => (format!("{}_s", self.name), value),
+            Quantity::Frequency => (format!("{}_hz", self.name), value),
+            Quantity::Input => (format!("{}_{input}", self.name), value * session.input_scale + session.input_offset),
+            Quantity::InputRate => (format!("{}_{input}_per_s", self.name), value * session.input_scale),
+            Quantity::Output => (format!("{}_{output}", self.name), value * session.output_scale.abs()),
+            Quantity::OutputRate => (format!("{}_{output}_per_s", self.name), value * session.output_scale.abs()),
+            Quantity::Ratio => (self.name.to_owned(), value),
+            Quantity::PerInput => (format!("{}_per_{input}", self.name), value / session.input_scale),
+        }
+    }
+}
+
+/// How the play operators deviate from plain ones; all zero is plain.
+#[derive(Clone, Copy, Default)]
+pub struct OperatorLaw {
+    /// Thresholds grow by this per unit of input.
+    pub growth_per_input: f64,
+    /// Thresholds of the unloading branch alone grow by this more per unit of input.
+    pub growth_unloading: f64,
+    /// Loading and unloading envelopes bend apart by this times `v (1 - v)`.
+    pub envelope_bend: f64,
+    /// The envelopes part by this times a power of the input, whatever the thresholds.
+    pub opening: f64,
+    /// The power of the input.
+    pub opening_power: f64,
+    /// Thresholds grow by this times their size times the rate, or its inverse hyperbolic sine.
+    pub growth_per_rate: f64,
+    /// Thresholds grow by this times the rate or its inverse hyperbolic sine, whatever their size.
+    pub extra_per_rate: f64,
+    /// Rate above which growth is logarithmic instead of in proportion, spans per s; zero for in proportion at any rate.
+    pub rate_scale_per_s: f64,
+    /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
+    pub rate_memory_s: f64,
+    /// Operators follow their bounds with this time constant, s.
+    pub viscous_s: f64,
+    /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.
+    pub stiffening: f64,
+    /// A law of the thresholds that somebody else has written, with its parameters.
+    pub law: Option<(&'static dyn ThresholdLaw, [f64; LAW_PARAMETERS])>,
+}
+
+/// Most parameters of a [`ThresholdLaw`].
+pub const LAW_PARAMETERS: usize = 4;
+
+/// A law of the operators' thresholds.
+pub trait ThresholdLaw: Sync {
+    /// What thresholds are multiplied by at an input (over its span) and at the size of its rate (spans per s).
+    fn factor(&self, parameters: &[f64], input: f64, rate_per_s: f64) -> f64;
+    /// Whether the rate has a part in it.
+    fn has_rate(&self) -> bool;
+}
+
+impl OperatorLaw {
+    /// Whether the operators are plain ones.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        let own = [
+            self.growth_per_input,
+            self.growth_unloading,
+            self.envelope_bend,
+            self.opening,
+            self.growth_per_rate,
+            self.extra_per_rate,
+            self.rate_memory_s,
+            self.viscous_s,
+            self.stiffening,
+        ];
+        self.law.is_none() && own.iter().all(|value| *value == 0.0)
+    }
+
+    /// What growth goes with at a rate: the rate itself, or Eyring's inverse hyperbolic sine of it.
+    #[must_use]
+    pub fn saturated(&self, rate_per_s: f64) -> f64 {
+        if self.rate_scale_per_s > 0.0 { (rate_per_s / self.rate_scale_per_s).asinh() } else { rate_per_s }
+    }
+
+    /// Lets thresholds follow a law.
+    pub fn set_law(&mut self, law: &'static dyn ThresholdLaw, parameters: &[f64]) {
+        let mut padded = [0.0; LAW_PARAMETERS];
+        padded.iter_mut().zip(parameters).for_each(|(own, value)| *own = *value);
+        self.law = Some((law, padded));
+    }
+
+    /// What its law multiplies thresholds by.
+    #[must_use]
+    pub fn factor(&self, input: f64, rate_per_s: f64) -> f64 {
+        self.law.map_or(1.0, |(law, parameters)| law.factor(&parameters, input, rate_per_s))
+    }
+
+    /// Whether the operators' states hang on how fast they went: turning points do not tell them.
+    #[must_use]
+    pub fn hangs_on_rates(&self) -> bool {
+        let has_law = self.law.is_some_and(|(law, _)| law.has_rate());
+        has_law || self.growth_per_rate != 0.0 || self.extra_per_rate != 0.0 || self.viscous_s != 0.0
+    }
+}
+
+/// Where in the chain a form acts, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Place {
+    /// Supply and valve, before everything.
+    Supply,
+    /// The valve's flow.
+    Flow,
+    /// The tube.
+    Tube,
+    /// The muscle's bladder and braid.
+    Muscle,
+    /// The hysteresis itself.
+    Operators,
+    /// The material behind the hysteresis.
+    Material,
+    /// Friction and inertia of the tip.
+    Tip,
+    /// What is added on the way to the sensor.
+    Sensor,
+    /// What is read from the measured output itself: it comes last, and knows all that the others expect.
+    Reading,
+}
+
+/// One form of an effect: what it does to the signals. All values are normalised; the defaults do nothing.
+pub trait Form: Sync {
+    /// Name of the effect, from the vocabulary.
+    fn name(&self) -> &'static str;
+    /// What distinguishes this form.
+    fn form(&self) -> &'static str;
+    /// Its definition, where it is one of a file: a model then carries it along.
+    fn definition(&self) -> Option<&Definition> {
+        None
+    }
+    /// Where it acts.
+    fn place(&self) -> Place;
+    /// Non-linear parameters.
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
+    /// Number of linear weights it adds.
+    fn weights(&self) -> usize {
+        0
+    }
+    /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
+    fn nested_limits(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        Vec::new()
+    }
+    /// Number of parameters it counts as when effects compete.
+    fn cost(&self) -> usize {
+        self.parameters().len() + self.weights()
+    }
+    /// First step of the search for one parameter around a start, in the logarithm or in a quarter of the range.
+    fn step(&self, _parameter: usize) -> f64 {
+        0.15
+    }
+    /// Logarithmic parameter across which the valleys of the search are much narrower than any grid.
+    fn across(&self) -> Option<usize> {
+        None
+    }
+    /// Whether its input path has no memory.
+    fn is_static(&self) -> bool {
+        false
+    }
+    /// Whether operators that remember earlier recordings must be told what it made of all of them, not of their turning points alone. A
+    /// delay changes none of these, and searching a narrow valley takes long enough without.
+    fn follows_history(&self) -> bool {
+        self.place() < Place::Operators && !self.is_static() && self.across().is_none()
+    }
+    /// Whether its parameters are searched on the grid only, and there by all samples that are not kept out.
+    fn discrete(&self) -> bool {
+        false
+    }
+    /// Places in the session at which it changes everything, by the recordings' numbers.
+    fn changes_at<'a>(&self, _parameters: &'a [f64]) -> &'a [f64] {
+        &[]
+    }
+    /// Where to begin the search; without parameters there is one place only.
+    fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![]]
+    }
+    /// What it breaks away by, if its stick position is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
+    /// what the output shows.
+    fn jumps(&self) -> Option<Drive> {
+        None
+    }
+    /// Whether it reads values from every recording that it explains, those included that judge it. Coloured noise gives way to any such form by a
+    /// little: a gain must be worth its price beside everything else.
+    fn reads_output(&self) -> bool {
+        false
+    }
+    /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
+    /// nothing is read.
+    fn start_up_s(&self, _parameters: &[f64]) -> f64 {
+        0.0
+    }
+    /// Whether it is a zero that each recording has of its own: what it reads then counts from the constant.
+    fn is_a_zero(&self) -> bool {
+        false
+    }
+    /// Whether a stick position that is seen in the output feels what the sensor's effects add.
+    fn feels_sensor(&self) -> bool {
+        false
+    }
+    /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
+    /// all of them does not, and the operators' columns are kept while such a form is searched.
+    fn leads_operators(&self) -> bool {
+        self.place() <= Place::Operators || self.jumps().is_some()
+    }
+    /// Whether it needs the model's own output.
+    fn needs_sum(&self) -> bool {
+        false
+    }
+    /// Changes the input path, if it [leads the operators](Self::leads_operators).
+    fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
+    /// Changes the input paths of several recordings as [`Self::input`] does one by one, side by side where that is faster.
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        for (run, path) in runs.iter().zip(paths) {
+            self.input(parameters, run, path);
+        }
+    }
+    /// Changes the operators, if it [leads them](Self::leads_operators).
+    fn operator_law(&self, _parameters: &[f64], _habit: &mut OperatorLaw) {}
+    /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a stick position or a zero is read from the output).
+    fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
+    /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.
+    fn tell(&self, _parameters: &[f64], _weights: &[f64], _session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::new()
+    }
+}
+
+/// What a stick position is compared with to break away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drive {
+    /// The quasi-static response of the model: a tip that sticks.
+    QuasiStatic,
+    /// The command: a valve with a dead band.
+    Command,
+}
+
+/// The form of a lag that stands for a valve that is never shut.
+pub const FOLLOWING: &str = "behind a valve that is never shut";

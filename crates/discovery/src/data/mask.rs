@@ -1,0 +1,197 @@
+//! Finding samples that no motion could have caused: out and back within a few samples, while the input did nothing of the kind.
+
+use std::ops::Range;
+
+use crate::data::bursts::bursts;
+use crate::data::fast_noise::{fast_noise, median};
+use crate::data::frozen;
+use crate::data::session::{Run, Session};
+
+/// Longest burst of wrong samples.
+const LONGEST: usize = 8;
+
+/// What a residual is that outliers are looked for in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Residual {
+    /// The output itself: only jumps out and back, rows of equal readings and bursts that scatter count.
+    Output,
+    /// What a model leaves.
+    OfModel,
+    /// What a model leaves that jumps: a jump that it expects a sample early or late is no mistake of the sensor.
+    OfJumps,
+}
+
+/// Masks outliers in `residual` (all recordings); returns how many samples are masked.
+///
+/// A burst counts when the residual jumps out by more than seven deviations of the noise and back by as much within [`LONGEST`] samples,
+/// and the output itself does the same: a model's mistake in a fast motion does not return at once.
+pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) -> usize {
+    // What the readings show by themselves, whatever the model.
+    let mut masked = frozen::stopped(session);
+    // A reading between two steps of the sensor flickers by one.
+    let output_step = session.output_step;
+    let flicker = 2.5 * output_step;
+    for (run, residual) in session.runs.iter_mut().zip(residual).filter(|(run, _)| run.is_worked_with()) {
+        masked += bursts(run, output_step);
+        let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
+        // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
+        // the model misses everywhere.
+        let mut sizes: Vec<f64> = residual.iter().map(|value| value.abs()).collect();
+        let usual = if kind != Residual::Output { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
+        let threshold = (7.0 * noise).max(0.02).max(usual).max(flicker);
+        let output = run.output.clone();
+        let samples = output.len();
+        let mut sample = 1;
+        while sample < samples {
+            let jump = output[sample] - output[sample - 1];
+            let length = (1..=LONGEST).find(|&length| {
+                let end = sample + length;
+                if end >= samples || jump.abs() < threshold {
+                    return false;
+                }
+                let back = output[end] - output[end - 1];
+                let level = output[end] - output[sample - 1];
+                let inside = sample..end;
+                let out = inside.clone().all(|at| {
+                    let share = (at + 1 - sample) as f64 / (length + 1) as f64;
+                    let line = output[sample - 1] + share * level;
+                    (output[at] - line) * jump.signum() > 0.6 * jump.abs()
+                });
+                // What the input could have caused: a stroke of its own of that size within the burst.
+                let span = |low: f64, high: f64| high - low;
+                let around = &run.input[sample.saturating_sub(3)..(end + 1).min(samples)];
+                let moved = span(around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
+                let residual_out =
+                    inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
+                back * jump < 0.0
+                    && back.abs() > 0.5 * jump.abs()
+                    && level.abs() < 0.4 * jump.abs()
+                    && out
+                    && residual_out
+                    && moved < 1.5 * jump.abs()
+            });
+            if let Some(length) = length {
+                for at in sample..sample + length {
+                    if run.keep[at] {
+                        masked += 1;
+                    }
+                    run.keep[at] = false;
+                }
+                sample += length;
+            }
+            sample += 1;
+        }
+        if kind == Residual::OfModel {
+            masked += lonely(run, residual, threshold) + frozen::off_the_model(run, residual, threshold);
+        }
+    }
+    masked
+}
+
+/// Masks short bursts in which residual and output both leave the level of their surroundings, while those keep still.
+fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
+    const AROUND: usize = 9;
+    let samples = residual.len();
+    let deviation = |values: &[f64], at: usize| {
+        let mut window: Vec<f64> = values[at.saturating_sub(AROUND)..(at + AROUND + 1).min(samples)].to_vec();
+        values[at] - median(&mut window)
+    };
+    let of_residual: Vec<f64> = (0..samples).map(|at| deviation(residual, at)).collect();
+    let mut wrong = Vec::new();
+    for at in 0..samples {
+        let size = of_residual[at];
+        if size.abs() < threshold || !run.keep[at] {
+            continue;
+        }
+        let mut near: Vec<f64> = (at.saturating_sub(AROUND)..(at + AROUND + 1).min(samples))
+            .filter(|&other| other != at && run.keep[other])
+            .map(|other| of_residual[other].abs())
+            .collect();
+        let quiet = median(&mut near) < 0.15 * size.abs();
+        let output = deviation(&run.output, at);
+        if quiet && output * size > 0.0 && output.abs() > 0.6 * size.abs() {
+            wrong.push(at);
+        }
+    }
+    // Longer stretches are motion that the model lacks, and what a recording begins with hangs on a past that nobody recorded.
+    let mut masked = 0;
+    let mut start = 0;
+    while start < wrong.len() {
+        let end = (start + 1..wrong.len()).find(|&next| wrong[next] != wrong[next - 1] + 1).unwrap_or(wrong.len());
+        if end - start <= LONGEST && wrong[start] > LONGEST && returns(run, &of_residual, wrong[start]..wrong[end - 1] + 1) {
+            for &at in &wrong[start..end] {
+                run.keep[at] = false;
+                masked += 1;
+            }
+        }
+        start = end;
+    }
+    masked
+}
+
+/// Whether the output is back behind the burst where it was before, but for what the input did meanwhile: what jumps and stays there is a stick position
+/// that gave way, and no mistake of the sensor.
+fn returns(run: &Run, of_residual: &[f64], burst: Range<usize>) -> bool {
+    let (before, after) = (burst.start - 1, burst.end.min(of_residual.len() - 1));
+    let size = of_residual[burst].iter().map(|value| value.abs()).fold(0.0, f64::max);
+    let caused = (run.input[after] - run.input[before]).abs();
+    (run.output[after] - run.output[before]).abs() < 0.5 * size + 1.5 * caused
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::data::mask::{Residual, outliers};
+    use crate::data::session::Session;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    /// A recording with noise of half a percent, whose sensor reads zero, or its last value again, for eleven samples.
+    fn session(reads: impl Fn(f64) -> f64, noise: f64) -> Session {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (3.0 * time).cos()).collect();
+        let mut output: Vec<f64> = input.iter().map(|value| value + noise * rng.random_range(-1.0..1.0)).collect();
+        let last = output[399];
+        output[400..411].fill(reads(last));
+        let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
+        Session::new(&[recording.expect("a recording")], &[]).expect("a session")
+    }
+
+    #[test]
+    fn a_seat_that_gives_way_is_no_outlier_and_a_reading_that_comes_back_is_one() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (0.5 * time).cos()).collect();
+        for (samples, masked) in [(400..406, 0), (400..401, 1)] {
+            // The model knows of the stick position one sample late; after six samples the stick position goes back.
+            let mut residual: Vec<f64> = (0..1000).map(|_| 0.005 * rng.random_range(-1.0..1.0)).collect();
+            let mut output: Vec<f64> = input.iter().zip(&residual).map(|(value, noise)| value + noise).collect();
+            samples.for_each(|sample| output[sample] += 0.4);
+            let (time_s, input) = (time_s.clone(), input.clone());
+            let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
+            let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+            residual[400] += 0.4 / session.output_scale;
+            assert_eq!(outliers(&mut session, &[residual], Residual::OfModel), masked);
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_stops_reading_is_masked_and_one_that_holds_where_it_should_is_not() {
+        let left = |session: &Session| -> Vec<Vec<f64>> {
+            session.runs.iter().map(|run| run.output.iter().zip(&run.input).map(|(y, u)| y - u).collect()).collect()
+        };
+        for (share_of_last, first, noise) in [(0.0, 400, 0.02), (1.0, 399, 0.02), (0.0, 400, 0.0), (1.0, 399, 0.0)] {
+            let mut session = session(|last| share_of_last * last, noise);
+            let residual = left(&session);
+            assert_eq!(outliers(&mut session, &residual, Residual::OfModel), 411 - first);
+            assert!(session.runs[0].keep.iter().enumerate().all(|(at, keep)| *keep != (first..411).contains(&at)));
+        }
+        // Readings without noise that repeat themselves where the model says the same are right.
+        let mut right = session(|last| last, 0.0);
+        let mut residual = left(&right);
+        residual[0][400..411].fill(0.0);
+        assert_eq!(outliers(&mut right, &residual, Residual::OfModel), 0);
+    }
+}

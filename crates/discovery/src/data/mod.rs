@@ -1,0 +1,15 @@
+//! Recordings made ready: common scales, rest, roles, outliers, noise.
+
+pub mod bursts;
+#[cfg(test)]
+pub mod closed_form;
+pub mod fast_noise;
+pub mod frozen;
+pub mod late_steps;
+pub mod mask;
+pub mod noise;
+pub mod prepare;
+pub mod session;
+pub mod statistics;
+pub mod test_view;
+pub mod turning;

@@ -1,0 +1,205 @@
+//! `creep`: the material goes on giving for seconds, over decades of time constants.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::{Columns, Filter};
+use crate::chain::filters::{Lag, ladder, lag};
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::side_by_side;
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] =
+    &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput, crate::effects::offset_drift::LEFT_BY_CREEP];
+
+/// Retardation times, s: a decade takes about two of them.
+pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
+
+/// Share of what a recording has left in the material below which earlier recordings are not looked at.
+const FORGOTTEN: f64 = 0.01;
+
+struct OfOutput {
+    /// Whether the material goes on from recording to recording.
+    remembers: bool,
+}
+
+struct OfInput;
+
+/// What earlier recordings have left of themselves, at the start of this one, in the input behind a lag of `time_s`: the lagged input over
+/// the input at rest. Between recordings the input rests.
+pub fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
+    let start_s = run.session_s[0];
+    let mut left = 0.0;
+    for earlier in run.session.iter().take(run.index).rev() {
+        let age_s = |sample: usize| start_s - earlier.session_s[sample];
+        let rest = earlier.input[0];
+        if (-age_s(earlier.input.len() - 1) / time_s).exp() < FORGOTTEN {
+            break;
+        }
+        let (share, keep) = (earlier.period_s / time_s, (-earlier.period_s / time_s).exp());
+        let at_its_end = earlier.input.iter().fold(0.0, |left, value| left * keep + value - rest);
+        left += share * at_its_end * (-age_s(earlier.input.len() - 1) / time_s).exp();
+    }
+    left
+}
+
+/// How much of the output goes with a unit of the input in one recording.
+fn gain(input: &[f64], output: &[f64]) -> f64 {
+    let moved = |values: &[f64], sample: usize| values[sample] - values[0];
+    let (product, square) = (0..input.len()).fold((0.0, 1e-30), |(product, square), sample| {
+        let input = moved(input, sample);
+        (product + input * moved(output, sample), square + input * input)
+    });
+    product / square
+}
+
+impl Form for OfOutput {
+    fn name(&self) -> &'static str {
+        "creep"
+    }
+    fn form(&self) -> &'static str {
+        if self.remembers { "of the displacement, going on from recording to recording" } else { "of the displacement" }
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        TIMES_S.len()
+    }
+    fn cost(&self) -> usize {
+        // Weights that must not be negative are rarely all in use.
+        2
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        for (at, time_s) in TIMES_S.into_iter().enumerate() {
+            let mut slow = sum.to_vec();
+            lag(&mut slow, time_s, run.period_s);
+            if self.remembers {
+                // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
+                let pseudo_measurements = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
+                let left = gain(&run.input, sum) * pseudo_measurements.unwrap_or_else(|| left_of_earlier(run, time_s));
+                let keep = (-run.period_s / time_s).exp();
+                slow.iter_mut().fold(left, |left, value| {
+                    *value += left;
+                    left * keep
+                });
+            }
+            columns.push(false, |sample| slow[sample]);
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        let total: f64 = weights.iter().sum();
+        let mut pseudo_measurements = BTreeMap::from([("total_compliance".to_owned(), total)]);
+        for (time_s, weight) in TIMES_S.iter().zip(weights) {
+            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), *weight);
+        }
+        pseudo_measurements
+    }
+}
+
+impl Form for OfInput {
+    fn name(&self) -> &'static str {
+        "creep"
+    }
+    fn form(&self) -> &'static str {
+        "of the pressure's effect"
+    }
+    fn place(&self) -> Place {
+        Place::Muscle
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-3, high: 1.0, logarithmic: true },
+            Parameter { name: "first_time_constant", quantity: Quantity::Time, low: 0.1, high: 8.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        Giving::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Giving::new(parameters, run));
+    }
+}
+
+/// What [`OfInput`] does to the input: three lags beside it, each five times as long as the one before.
+#[derive(PartialEq)]
+struct Giving {
+    share: f64,
+    lags: [Lag; 3],
+}
+
+impl Giving {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        let lags = [1.0, 5.0, 25.0].map(|factor| Lag::new(parameters[1] * factor, run.period_s));
+        Self { share: parameters[0] / 3.0, lags }
+    }
+}
+
+impl Filter<4> for Giving {
+    fn begin(&self, first: f64) -> [f64; 4] {
+        [first; 4]
+    }
+    #[inline(always)]
+    fn step(&self, [first, second, third, last]: &mut [f64; 4], value: f64) -> f64 {
+        let mut sum = value;
+        for (lag, state) in self.lags.iter().zip([first, second, third]) {
+            let mut memory = [*state, *last];
+            sum += self.share * lag.step(&mut memory, value);
+            *state = memory[0];
+        }
+        *last = value;
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::chain::filters::lag;
+    use crate::data::session::Session;
+    use crate::effects::creep::{gain, left_of_earlier};
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn what_earlier_recordings_left_is_what_one_long_lag_has_left() {
+        const PERIOD_S: f64 = 0.02;
+        let record = |recording: u32| {
+            let time_s: Vec<f64> = (0..900).map(|sample| f64::from(sample) * PERIOD_S).collect();
+            let top = 1.0 + 0.3 * f64::from(recording);
+            let input: Vec<f64> = time_s.iter().map(|time| top * (-0.1 * time).exp() * (1.0 - (1.9 * time).cos())).collect();
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                .expect("a recording")
+        };
+        let session = Session::new(&(0..5).map(record).collect::<Vec<_>>(), &[]).expect("a session");
+        let last = session.runs.last().expect("recordings");
+        for time_s in [2.0, 8.0, 32.0] {
+            // One signal with the rest between recordings in it; it rests at the same input everywhere.
+            let mut whole = Vec::new();
+            for run in &session.runs[..last.index] {
+                let start = (run.session_s[0] / PERIOD_S).round() as usize;
+                whole.resize(start, run.input[0]);
+                whole.extend(&run.input);
+            }
+            let rest = last.input[0];
+            whole.resize((last.session_s[0] / PERIOD_S).round() as usize + 1, rest);
+            lag(&mut whole, time_s, PERIOD_S);
+            let exact = whole.last().expect("samples") - rest;
+            let left = left_of_earlier(last, time_s);
+            assert!((left - exact).abs() < 0.02 * exact + 0.002, "{time_s} s: {left} instead of {exact}");
+        }
+        assert_eq!(left_of_earlier(&session.runs[0], 8.0), 0.0);
+    }
+
+    #[test]
+    fn the_gain_is_that_of_a_straight_line() {
+        let input: Vec<f64> = (0..50).map(|sample| (f64::from(sample) * 0.3).sin()).collect();
+        let output: Vec<f64> = input.iter().map(|value| 4.0 - 2.5 * value).collect();
+        assert!((gain(&input, &output) + 2.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,13 @@
+//! What the recordings before one left in the material.
+
+use crate::data::session::{Earlier, Run};
+use crate::effects::{creep, first_cycle_softening};
+
+/// What the recordings before this one left in the material, for a file.
+pub(crate) fn earlier(run: &Run) -> Earlier {
+    Earlier {
+        travelled: first_cycle_softening::travelled_before(run),
+        highest: first_cycle_softening::highest_before(run),
+        creeping: creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s)).to_vec(),
+    }
+}

@@ -1,0 +1,190 @@
+//! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
+//! recording began, where the muscle recovers in between, or since the session began, where it does not. Or it is the largest load so far
+//! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::filters::ladder;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting, &Largest { heals: true }, &Largest { heals: false }];
+
+struct Distance;
+
+struct Lasting;
+
+/// The highest input counts, since the recording began where the muscle heals in between, or since the session began.
+struct Largest {
+    heals: bool,
+}
+
+impl Form for Distance {
+    fn name(&self) -> &'static str {
+        "first-cycle-softening"
+    }
+    fn form(&self) -> &'static str {
+        "with the distance that the displacement has travelled since the recording began"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.3, 6.0, 6).into_iter().map(|value| vec![value]).collect()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        let mut travelled = 0.0;
+        let mut last = sum[0];
+        columns.push(true, |sample| {
+            travelled += (sum[sample] - last).abs();
+            last = sum[sample];
+            sum[sample] * (-travelled / parameters[0]).exp()
+        });
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+/// Way up and down that an input takes.
+fn travel(input: &[f64]) -> f64 {
+    input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
+}
+
+impl Form for Lasting {
+    fn name(&self) -> &'static str {
+        "first-cycle-softening"
+    }
+    fn form(&self) -> &'static str {
+        "with the distance that the input has travelled since the session began"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        // First cycles are few: what goes on for many recordings is a drift of the gain.
+        &[Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 20.0, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn cost(&self) -> usize {
+        // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
+        3
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.0, 15.0, 4).into_iter().map(|value| vec![value]).collect()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        // A model from a file goes on with a muscle that has been worked long ago.
+        let worked = run.session.is_empty() && run.index > 0;
+        let mut travelled = match &run.earlier {
+            Some(earlier) => earlier.travelled,
+            None if worked => f64::INFINITY,
+            None => travelled_before(run),
+        };
+        let mut last = run.input[0];
+        columns.push(true, |sample| {
+            travelled += (run.input[sample] - last).abs();
+            last = run.input[sample];
+            sum[sample] * (-travelled / parameters[0]).exp()
+        });
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+impl Form for Largest {
+    fn name(&self) -> &'static str {
+        "first-cycle-softening"
+    }
+    fn form(&self) -> &'static str {
+        if self.heals { "by the highest input since the recording began" } else { "by the highest input since the session began" }
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn cost(&self) -> usize {
+        2
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![Vec::new()]
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let mut highest: f64 = match &run.earlier {
+            _ if self.heals => 0.0,
+            Some(earlier) => earlier.highest,
+            // A model from a file goes on with a muscle that has been worked long ago.
+            None if run.session.is_empty() && run.index > 0 => 1.0,
+            None => highest_before(run),
+        };
+        columns.push(true, |sample| {
+            highest = highest.max(run.input[sample]);
+            sum[sample] * (1.0 - highest)
+        });
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+    }
+}
+
+/// How far the input of the recordings before this one has travelled.
+pub fn travelled_before(run: &Run) -> f64 {
+    run.session.iter().take(run.index).map(|earlier| travel(&earlier.input)).sum()
+}
+
+/// The highest input of the recordings before this one.
+pub fn highest_before(run: &Run) -> f64 {
+    run.session.iter().take(run.index).flat_map(|earlier| &earlier.input).copied().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn a_lasting_softening_goes_on_where_the_recording_before_left_it() {
+        let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+        // Two strokes up and two down: four spans.
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.2 * time).cos()).collect();
+        let one = || {
+            let (time_s, input) = (time_s.clone(), input.clone());
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+        };
+        let recordings = [one().expect("a recording"), one().expect("a recording")];
+        let session = Session::new(&recordings, &[]).expect("a session");
+        let virgin_part = |form: &dyn Form, run: usize, sample: usize| {
+            let run = &session.runs[run];
+            let mut columns = Columns::of(run.input.len());
+            form.output(&[4.0], run, &vec![1.0; run.input.len()], &mut columns);
+            columns.column(0)[sample]
+        };
+        assert!((virgin_part(&Lasting, 0, 0) - 1.0).abs() < 1e-12);
+        assert!((virgin_part(&Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Lasting, 1, 0));
+        assert!((virgin_part(&Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
+        assert_eq!(virgin_part(&Distance, 1, 0), 1.0);
+    }
+}

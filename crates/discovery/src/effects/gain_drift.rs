@@ -1,0 +1,139 @@
+//! `gain-drift`: the gain drifts with the session's time, towards a limit or along a spline; or every recording has a gain of its own.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::data::noise;
+use crate::data::session::{Run, Session};
+use crate::effects::session_curve::{Drifts, SessionCurve};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE, &Own];
+
+struct WarmUp;
+
+struct Own;
+
+static CURVE: SessionCurve = SessionCurve { name: "gain-drift", drifts: Drifts::Gain };
+
+impl Form for WarmUp {
+    fn name(&self) -> &'static str {
+        "gain-drift"
+    }
+    fn form(&self) -> &'static str {
+        "towards a limit"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| -sum[sample] * (-run.session_s[sample] / parameters[0]).exp_m1());
+    }
+    fn tell(&self, parameters: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        // The limit of a drift that has hardly begun to bend is anybody's guess; what it did in the session is not.
+        let reached = -(-session.length_s / parameters[0]).exp_m1() * weights[0];
+        BTreeMap::from([("drift_in_the_session".to_owned(), reached)])
+    }
+}
+
+/// Least share of what the model leaves above the noise that must go with the recordings' own size.
+const LEAST_OF_GAINS: f64 = 0.6;
+
+/// Least deviation of what a model says, as a share of the span, that shows a gain.
+const LEAST_MOTION: f64 = 0.02;
+
+/// How far the gain of the samples that count lies above one, from what a model says (`sum`) and what was measured; and the sum of squares
+/// that this explains.
+fn own_gain(sum: &[f64], output: &[f64], keep: &[bool]) -> (f64, f64) {
+    let kept = || sum.iter().zip(output).zip(keep).filter(|(_, keep)| **keep).map(|(pair, _)| pair);
+    let count = kept().count().max(1) as f64;
+    let (mean, missed) = (kept().map(|(sum, _)| sum).sum::<f64>() / count, kept().map(|(sum, output)| output - sum).sum::<f64>() / count);
+    let square = kept().map(|(sum, _)| (sum - mean).powi(2)).sum::<f64>();
+    let product = kept().map(|(sum, output)| (sum - mean) * (output - sum - missed)).sum::<f64>();
+    // A start-up without motion tells no gain.
+    if square > LEAST_MOTION * LEAST_MOTION * count { (product / square, product * product / square) } else { (0.0, 0.0) }
+}
+
+/// A gain that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
+impl Form for Own {
+    fn name(&self) -> &'static str {
+        "gain-drift"
+    }
+    fn form(&self) -> &'static str {
+        "a gain of its own in each recording"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn cost(&self) -> usize {
+        // It reads one value from each recording, those that it is judged by included.
+        11
+    }
+    fn reads_output(&self) -> bool {
+        true
+    }
+    fn start_up_s(&self, _: &[f64]) -> f64 {
+        // A gain shows where the output moves.
+        5.0
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // Whatever a model lacks goes a little with the output in each recording, beside much else; a gain leaves nothing else.
+        let worked = |run: &&Run| run.is_worked_with();
+        let (mut of_gains, mut whole, mut count) = (0.0, 0.0, 1e-30);
+        for run in session.runs.iter().filter(worked) {
+            let residual = &residual[run.index];
+            let sum: Vec<f64> = run.output.iter().zip(residual).map(|(output, residual)| output - residual).collect();
+            of_gains += own_gain(&sum, &run.output, &run.keep).1;
+            whole += residual.iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| value * value).sum::<f64>();
+            count += run.keep.iter().filter(|keep| **keep).count() as f64;
+        }
+        let of_noise = count * noise::floor(session, residual).powi(2);
+        if of_gains > LEAST_OF_GAINS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        // Where there is no measured output (a simulation) the gain stays where it is.
+        let measured = run.output.iter().any(|value| *value != 0.0);
+        let above_one = if measured { own_gain(sum, &run.output, &run.keep).0 } else { 0.0 };
+        columns.push(false, |sample| above_one * sum[sample]);
+        // The zero of what the gain multiplies need not be the sensor's.
+        columns.push(false, |_| above_one);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("share_of_the_gains".to_owned(), weights[0])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::gain_drift::own_gain;
+
+    #[test]
+    fn a_recording_tells_its_gain_whatever_its_zero() {
+        let sum: Vec<f64> = (0..100).map(|sample| f64::from(sample) * 0.01).collect();
+        let output: Vec<f64> = sum.iter().map(|value| 1.07 * value + 0.2).collect();
+        let mut keep = vec![true; 100];
+        keep[7] = false;
+        let (above_one, square) = own_gain(&sum, &output, &keep);
+        assert!((above_one - 0.07).abs() < 1e-12, "{above_one}");
+        assert!(square > 0.0);
+    }
+}

@@ -1,0 +1,520 @@
+//! `periodic-disturbance`: heart or pump, at a rhythm of its own, running on between recordings; at the sensor, or in the pressure.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::chain::columns::Columns;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT, &Pump];
+
+/// Harmonics that must not go with the input for a rhythm to be from outside: the higher ones are small on either side.
+const STRONG_HARMONICS: usize = 3;
+
+/// Harmonics of the rhythm: a heart's pulse is a tenth of its period long.
+const HARMONICS: usize = 6;
+
+struct Beat;
+
+struct Triggered;
+
+struct Pump;
+
+/// A rhythm whose phase is read from each recording.
+struct Loose {
+    form: &'static str,
+    harmonics: usize,
+    cost: usize,
+}
+
+static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 6 };
+
+static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 14 };
+
+/// Periods of a rhythm from which its phase is read.
+const PERIODS_OF_START_UP: f64 = 3.0;
+
+const FREQUENCY: &[Parameter] = &[Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.05, high: 25.0, logarithmic: true }];
+
+/// The residual of one recording, ready to be searched for lines.
+struct Line<'a> {
+    run: &'a Run,
+    /// Kept-out samples are zero: they have no say.
+    residual: Vec<f64>,
+    /// Frequency at which the input goes to and fro.
+    own_hz: f64,
+}
+
+impl<'a> Line<'a> {
+    fn new(run: &'a Run, residual: &'a [f64]) -> Self {
+        let mean = run.input.iter().sum::<f64>() / run.input.len() as f64;
+        let crossings = run.input.windows(2).filter(|pair| (pair[0] > mean) != (pair[1] > mean)).count();
+        let residual = residual.iter().zip(&run.role).map(|(value, role)| if role.is_worked_with() { *value } else { 0.0 }).collect();
+        Self { run, residual, own_hz: crossings as f64 / 2.0 / (run.input.len() as f64 * run.period_s) }
+    }
+
+    fn all(session: &'a Session, residual: &'a [Vec<f64>]) -> Vec<Self> {
+        let worked = Run::is_worked_with;
+        session.runs.iter().zip(residual).filter(|(run, _)| worked(run)).map(|(run, residual)| Self::new(run, residual)).collect()
+    }
+
+    /// Whether a frequency is a multiple of the input's own: what goes with the input is no rhythm from outside.
+    fn belongs_to_input(&self, frequency_hz: f64) -> bool {
+        let multiple = (frequency_hz / self.own_hz).round();
+        let resolved_hz = 0.6 / (self.run.input.len() as f64 * self.run.period_s);
+        (1.0..=12.0).contains(&multiple) && (frequency_hz - multiple * self.own_hz).abs() < resolved_hz.max(0.04 * self.own_hz)
+    }
+
+    /// Real and imaginary part of the residual's sums at these frequencies; the phase is that of the session.
+    fn transform(&self, frequencies_hz: &[f64]) -> [Vec<f64>; 2] {
+        let count = frequencies_hz.len();
+        let of = |time_s: f64| -> [Vec<f64>; 2] {
+            // Whole groups for the processor, whatever comes of the last few.
+            let angles = frequencies_hz.iter().map(|hz| (2.0 * PI * hz * time_s).sin_cos()).chain([(0.0, 1.0); GROUP]);
+            let (sine, cosine): (Vec<f64>, Vec<f64>) = angles.take(count.next_multiple_of(GROUP)).unzip();
+            [cosine, sine]
+        };
+        let turn = of(self.run.period_s);
+        let phase = of(self.run.session_s[0]);
+        let mut sums = [vec![0.0; phase[0].len()], vec![0.0; phase[0].len()]];
+        Arch::new().dispatch(Turning { values: &self.residual, phase: &phase, turn: &turn, sums: &mut sums });
+        sums.map(|mut sums| {
+            sums.truncate(count);
+            sums
+        })
+    }
+}
+
+/// Frequencies side by side: four vectors on the widest processors.
+const GROUP: usize = 32;
+
+/// Vectors of frequencies side by side.
+const VECTORS: usize = 4;
+
+/// Sums of values, each times a phasor (its real parts, then its imaginary ones) that turns from one value to the next.
+struct Turning<'a> {
+    values: &'a [f64],
+    phase: &'a [Vec<f64>; 2],
+    turn: &'a [Vec<f64>; 2],
+    sums: &'a mut [Vec<f64>; 2],
+}
+
+impl WithSimd for Turning<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let lanes = VECTORS * S::F64_LANES;
+        for first in (0..self.phase[0].len()).step_by(lanes) {
+            let group = |of: &[f64]| -> [S::f64s; VECTORS] {
+                let (vectors, _) = S::as_simd_f64s(&of[first..first + lanes]);
+                std::array::from_fn(|at| vectors[at])
+            };
+            let ([mut re, mut im], [cosine, sine]) = (self.phase.each_ref().map(|of| group(of)), self.turn.each_ref().map(|of| group(of)));
+            let mut sums = [[simd.splat_f64s(0.0); VECTORS]; 2];
+            for &value in self.values {
+                let value = simd.splat_f64s(value);
+                for at in 0..VECTORS {
+                    sums[0][at] = simd.add_f64s(sums[0][at], simd.mul_f64s(value, re[at]));
+                    sums[1][at] = simd.add_f64s(sums[1][at], simd.mul_f64s(value, im[at]));
+                    let turned = simd.sub_f64s(simd.mul_f64s(re[at], cosine[at]), simd.mul_f64s(im[at], sine[at]));
+                    im[at] = simd.add_f64s(simd.mul_f64s(re[at], sine[at]), simd.mul_f64s(im[at], cosine[at]));
+                    re[at] = turned;
+                }
+            }
+            for (all, sums) in self.sums.iter_mut().zip(sums) {
+                S::as_mut_simd_f64s(&mut all[first..first + lanes]).0.copy_from_slice(&sums);
+            }
+        }
+    }
+}
+
+/// Power of the residual at every frequency: recordings added without regard to phase, or with it.
+fn powers(lines: &[Line<'_>], frequencies_hz: &[f64], coherent: bool) -> Vec<f64> {
+    let mut total = vec![0.0; frequencies_hz.len()];
+    let mut sums = [total.clone(), total.clone()];
+    for line in lines {
+        let [re, im] = line.transform(frequencies_hz);
+        for (at, &frequency_hz) in frequencies_hz.iter().enumerate() {
+            if !line.belongs_to_input(frequency_hz) {
+                total[at] += re[at] * re[at] + im[at] * im[at];
+                sums[0][at] += re[at];
+                sums[1][at] += im[at];
+            }
+        }
+    }
+    if coherent { sums[0].iter().zip(&sums[1]).map(|(re, im)| re.powi(2) + im.powi(2)).collect() } else { total }
+}
+
+/// Distance of the lines that a recording can resolve, with some overlap, Hz.
+fn spacing_hz(session: &Session) -> f64 {
+    0.4 / session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max)
+}
+
+/// The residual's power over that of its surroundings, at frequencies at equal distances: the residual of a poor model is all low frequencies.
+struct Spectrum {
+    lowest_hz: f64,
+    spacing_hz: f64,
+    over: Vec<f64>,
+}
+
+impl Spectrum {
+    fn new(session: &Session, residual: &[Vec<f64>]) -> Self {
+        let spacing_hz = spacing_hz(session);
+        let lowest_hz = LOWEST_HZ.max(5.0 * spacing_hz);
+        let count = ((0.45 / session.runs[0].period_s - lowest_hz) / spacing_hz).max(0.0) as usize;
+        let frequencies: Vec<f64> = (0..count).map(|step| lowest_hz + step as f64 * spacing_hz).collect();
+        let powers = powers(&Line::all(session, residual), &frequencies, false);
+        let over = (0..count)
+            .map(|index| {
+                let mut around: Vec<f64> = powers[index.saturating_sub(30)..(index + 31).min(count)].to_vec();
+                around.sort_by(f64::total_cmp);
+                powers[index] / around[around.len() / 2].max(1e-30)
+            })
+            .collect();
+        Self { lowest_hz, spacing_hz, over }
+    }
+
+    /// Frequencies with most power, Hz, at most three.
+    fn peaks(&self) -> Vec<f64> {
+        let mut peaks: Vec<(f64, f64)> = self.over.iter().zip(0..).map(|(&over, step)| (over, self.at(step))).collect();
+        peaks.sort_by(|x, y| y.0.total_cmp(&x.0));
+        peaks.into_iter().take(3).filter(|entry| entry.0 > 1.5).map(|entry| entry.1).collect()
+    }
+
+    /// Power over its surroundings at one of the spectrum's frequencies.
+    fn over_at(&self, frequency_hz: f64) -> f64 {
+        self.over.get(((frequency_hz - self.lowest_hz) / self.spacing_hz).round() as usize).copied().unwrap_or(0.0)
+    }
+
+    fn at(&self, step: u32) -> f64 {
+        self.lowest_hz + f64::from(step) * self.spacing_hz
+    }
+
+    /// How much speaks for a rhythm at this frequency, known to half a step at its harmonic `exact`: the lines among its harmonics.
+    fn log_likelihood(&self, frequency_hz: f64, exact: usize) -> f64 {
+        let line = |harmonic: usize| {
+            let place = (harmonic as f64 * frequency_hz - self.lowest_hz) / self.spacing_hz;
+            let width = 0.5 + 0.5 * harmonic as f64 / exact as f64;
+            let (low, high) = ((place - width).ceil().max(0.0) as usize, (place + width).floor().max(0.0) as usize);
+            let most = self.over.get(low..(high + 1).min(self.over.len())).unwrap_or(&[]).iter().copied().fold(0.0, f64::max);
+            (most / LINE).max(1.0).ln()
+        };
+        (1..=HARMONICS).map(line).sum()
+    }
+
+    /// Of which harmonic of a rhythm the peak is the line: the first unless a slower rhythm has lines that speak for it.
+    fn harmonic_of(&self, peak_hz: f64) -> usize {
+        let mut best = (1, self.log_likelihood(peak_hz, 1));
+        for harmonic in 2..=3 {
+            let base_hz = peak_hz / harmonic as f64;
+            let log_likelihood = self.log_likelihood(base_hz, harmonic);
+            if base_hz >= self.lowest_hz && log_likelihood > 1.1 * best.1 {
+                best = (harmonic, log_likelihood);
+            }
+        }
+        best.0
+    }
+
+    /// Base frequencies of the rhythms with most power, Hz.
+    fn bases(&self) -> Vec<f64> {
+        self.peaks().into_iter().map(|peak| peak / self.harmonic_of(peak) as f64).collect()
+    }
+}
+
+/// Slowest rhythm that is looked for, Hz: nine breaths a minute, three of which are in a recording of 20 s.
+const LOWEST_HZ: f64 = 0.15;
+
+/// Power over its surroundings from which on a frequency counts as a line: noise reaches it at one frequency in a hundred.
+const LINE: f64 = 6.0;
+
+/// Takes out the starts of which some harmonic goes with the input in every recording: no recording can tell such a rhythm from what the
+/// input itself causes.
+fn apart_from_input(session: &Session, residual: &[Vec<f64>], mut starts: Vec<Vec<f64>>, harmonics: usize) -> Vec<Vec<f64>> {
+    let lines = Line::all(session, residual);
+    let goes_with_it = |frequency_hz: f64| lines.iter().all(|line| line.belongs_to_input(frequency_hz));
+    starts.retain(|start| (1..=harmonics).all(|harmonic| !goes_with_it(harmonic as f64 * start[0])));
+    starts
+}
+
+/// Sizes of the harmonics from their sines and cosines.
+fn tell_harmonics(weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    let unit = &session.output_unit;
+    (0..weights.len() / 2)
+        .map(|harmonic| {
+            let name = if harmonic == 0 { format!("amplitude_{unit}") } else { format!("amplitude_of_harmonic_{}_{unit}", harmonic + 1) };
+            (name, weights[2 * harmonic].hypot(weights[2 * harmonic + 1]) * session.output_scale.abs())
+        })
+        .collect()
+}
+
+impl Form for Beat {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        "running on through the session"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        FREQUENCY
+    }
+    fn weights(&self) -> usize {
+        2 * HARMONICS
+    }
+    fn cost(&self) -> usize {
+        3
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let spectrum = Spectrum::new(session, residual);
+        let lines = Line::all(session, residual);
+        let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| vec![found / spectrum.harmonic_of(peak) as f64]);
+        let starts = spectrum.peaks().into_iter().filter_map(of).collect();
+        apart_from_input(session, residual, starts, STRONG_HARMONICS)
+    }
+    fn step(&self, _: usize) -> f64 {
+        // The comb is a fifth of what the session resolves.
+        1e-4
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        push_harmonics(parameters[0], &run.session_s, columns);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        tell_harmonics(weights, session)
+    }
+}
+
+/// The peak's frequency where its phase runs on through the session: a comb of narrow lines lies under each peak.
+fn tuned(session: &Session, lines: &[Line<'_>], spectrum: &Spectrum, peak_hz: f64) -> Option<f64> {
+    let fine = 0.2 / session.length_s;
+    let steps = (1.2 * spectrum.spacing_hz / fine).ceil() as i64;
+    let comb: Vec<f64> = (-steps..=steps).map(|step| peak_hz + step as f64 * fine).collect();
+    powers(lines, &comb, true).into_iter().zip(comb).max_by(|x, y| x.0.total_cmp(&y.0)).map(|found| found.1)
+}
+
+/// A sine in the pressure: the hysteresis swallows it at every reversal, so that at the sensor it comes and goes with the strokes.
+impl Form for Pump {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        "of the pressure, running on through the session"
+    }
+    fn place(&self) -> Place {
+        Place::Tube
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        WAVE
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let spectrum = Spectrum::new(session, residual);
+        let lines = Line::all(session, residual);
+        let samples: f64 = lines.iter().map(|line| line.residual.len() as f64).sum();
+        let mut starts = Vec::new();
+        for peak in spectrum.peaks().into_iter().filter(|&peak| spectrum.over_at(peak) > LINE) {
+            let Some(found) = tuned(session, &lines, &spectrum, peak) else { continue };
+            let (mut sine, mut cosine) = (0.0, 0.0);
+            for line in &lines {
+                let [re, im] = line.transform(&[found]);
+                cosine += 2.0 * re[0] / samples;
+                sine += 2.0 * im[0] / samples;
+            }
+            // What arrives at the sensor is what came in, or about half of it.
+            starts.extend([1.0, 1.8].map(|more| vec![found, more * sine, more * cosine]));
+        }
+        apart_from_input(session, residual, starts, 1)
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [1e-4, 0.03, 0.03][parameter]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        let omega = 2.0 * PI * parameters[0];
+        for (value, time_s) in path.iter_mut().zip(&run.session_s) {
+            let (im, re) = (omega * time_s).sin_cos();
+            *value += parameters[1] * im + parameters[2] * re;
+        }
+    }
+    fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([(format!("amplitude_{}", session.input_unit), parameters[1].hypot(parameters[2]) * session.input_scale)])
+    }
+}
+
+const SINE: Parameter = Parameter { name: "sine", quantity: Quantity::Ratio, low: -0.2, high: 0.2, logarithmic: false };
+
+const WAVE: &[Parameter] = &[FREQUENCY[0], SINE, Parameter { name: "cosine", ..SINE }];
+
+/// A sine and a cosine of each harmonic, at times in s.
+fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
+    for harmonic in 1..=HARMONICS {
+        let omega = 2.0 * PI * frequency_hz * harmonic as f64;
+        let angles: Vec<(f64, f64)> = time_s.iter().map(|time_s| (omega * time_s).sin_cos()).collect();
+        columns.push(true, |sample| angles[sample].0);
+        columns.push(true, |sample| angles[sample].1);
+    }
+}
+
+impl Form for Triggered {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        "beginning with each recording"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        FREQUENCY
+    }
+    fn weights(&self) -> usize {
+        2 * HARMONICS
+    }
+    fn cost(&self) -> usize {
+        3
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let starts = Spectrum::new(session, residual).bases().into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, STRONG_HARMONICS)
+    }
+    fn step(&self, _: usize) -> f64 {
+        0.002
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        push_harmonics(parameters[0], &run.time_s, columns);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        tell_harmonics(weights, session)
+    }
+}
+
+impl Form for Loose {
+    fn name(&self) -> &'static str {
+        "periodic-disturbance"
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        FREQUENCY
+    }
+    fn weights(&self) -> usize {
+        1
+    }
+    fn reads_output(&self) -> bool {
+        true
+    }
+    fn start_up_s(&self, parameters: &[f64]) -> f64 {
+        PERIODS_OF_START_UP / parameters[0]
+    }
+    fn cost(&self) -> usize {
+        self.cost
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let spectrum = Spectrum::new(session, residual);
+        let found = if self.harmonics > 1 { spectrum.bases() } else { spectrum.peaks() };
+        let starts = found.into_iter().map(|frequency| vec![frequency]).collect();
+        apart_from_input(session, residual, starts, self.harmonics.min(STRONG_HARMONICS))
+    }
+    fn step(&self, _: usize) -> f64 {
+        0.002
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        // Nothing but the recording itself knows the phase: it is read from what the model leaves of the measured output. Where there is
+        // no measured output (a simulation) there is no rhythm either.
+        let mut rhythm = vec![0.0; run.output.len()];
+        if run.output.iter().any(|value| *value != 0.0) {
+            let kept = || run.output.iter().zip(sum).zip(&run.keep).filter(|(_, keep)| **keep);
+            let count = kept().count().max(1) as f64;
+            let mean = kept().map(|((output, sum), _)| output - sum).sum::<f64>() / count;
+            for harmonic in 1..=self.harmonics {
+                let omega = 2.0 * PI * parameters[0] * harmonic as f64;
+                let angles: Vec<(f64, f64)> = run.time_s.iter().map(|time_s| (omega * time_s).sin_cos()).collect();
+                let (mut sine, mut cosine) = (0.0, 0.0);
+                for (sample, (output, sum)) in run.output.iter().zip(sum).enumerate() {
+                    let (im, re) = angles[sample];
+                    let left = if run.keep[sample] { output - sum - mean } else { 0.0 };
+                    sine += 2.0 * left * im / count;
+                    cosine += 2.0 * left * re / count;
+                }
+                for (value, (im, re)) in rhythm.iter_mut().zip(angles) {
+                    *value += sine * im + cosine * re;
+                }
+            }
+        }
+        columns.push(false, |sample| rhythm[sample]);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([("share_of_the_line".to_owned(), weights[0])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    fn session(input_hz: &[f64], beat_hz: f64) -> (Session, Vec<Vec<f64>>) {
+        let recordings: Vec<Recording> = input_hz
+            .iter()
+            .map(|hz| {
+                let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+                let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (2.0 * PI * hz * time).cos()).collect();
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+                    .expect("a recording")
+            })
+            .collect();
+        let session = Session::new(&recordings, &[]).expect("a session");
+        let residual =
+            session.runs.iter().map(|run| run.session_s.iter().map(|time| 0.1 * (2.0 * PI * beat_hz * time).sin()).collect()).collect();
+        (session, residual)
+    }
+
+    #[test]
+    fn a_rhythm_of_the_input_itself_is_no_disturbance_unless_other_recordings_tell_them_apart() {
+        let begins_near = |input_hz: &[f64], beat_hz: f64| {
+            let (session, residual) = session(input_hz, beat_hz);
+            Beat.starts(&session, &residual).iter().any(|start| (start[0] - beat_hz).abs() < 0.01)
+        };
+        assert!(!begins_near(&[1.0], 3.0), "the third harmonic of the only input");
+        assert!(begins_near(&[1.0], 3.37));
+        assert!(begins_near(&[1.0, 0.7], 3.0), "the second recording tells");
+    }
+
+    #[test]
+    fn the_base_of_a_beat_is_found_whichever_of_its_harmonics_is_strongest() {
+        let (session, _) = session(&[0.3, 0.7], 1.0);
+        let base_hz = 1.17;
+        for sizes in [[1.0, 0.4, 0.2], [0.3, 1.0, 0.4], [0.4, 0.5, 1.0], [1.0, 0.0, 0.0], [0.6, 1.0, 0.0]] {
+            let beat = |time_s: &f64| -> f64 {
+                (1..).zip(sizes).map(|(harmonic, size)| size * (2.0 * PI * base_hz * f64::from(harmonic) * time_s + size).sin()).sum()
+            };
+            // A little of everything else, or a line would stand over nothing.
+            let residual: Vec<Vec<f64>> = session
+                .runs
+                .iter()
+                .map(|run| {
+                    run.session_s
+                        .iter()
+                        .zip(0_u32..)
+                        .map(|(time_s, at)| beat(time_s) + 0.3 * f64::from(at % 1009 * (at % 1009) * 31 % 101) / 101.0)
+                        .collect()
+                })
+                .collect();
+            let bases = Spectrum::new(&session, &residual).bases();
+            assert!(bases.first().is_some_and(|base| (base - base_hz).abs() < 0.02), "{sizes:?}: {bases:?}");
+        }
+    }
+}

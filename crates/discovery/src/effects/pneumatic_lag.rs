@@ -1,0 +1,235 @@
+//! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row, behind a
+//! converter that holds the command between samples, or through a tube in which the denser air flows more easily.
+
+use crate::chain::columns::{Columns, Filter};
+use crate::chain::filters::{Lag, ladder, lag, lag_coefficients, lag_of_held};
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::side_by_side;
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &DENSE, &GROWING];
+
+/// One lag, or two in a row.
+struct Restriction {
+    form: &'static str,
+    place: Place,
+    parameters: &'static [Parameter],
+    /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight.
+    held: bool,
+}
+
+const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
+
+/// A spool before the volume, or a volume behind a volume: the second is the faster one.
+const SECOND: Parameter = Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true };
+
+static BEFORE: Restriction = Restriction { form: "before the hysteresis", place: Place::Flow, parameters: &[TIME], held: false };
+
+/// Shorter lags of a held command are hardly more than half a sample of delay: they must not pass for a dead time.
+static HELD: Restriction = Restriction {
+    form: "before the hysteresis, of a command that holds between samples",
+    place: Place::Flow,
+    parameters: &[Parameter { low: 0.015, ..TIME }],
+    held: true,
+};
+
+static BEHIND: Restriction = Restriction { form: "behind the hysteresis", place: Place::Tip, parameters: &[TIME], held: false };
+
+static TWO_POLES: Restriction =
+    Restriction { form: "two in a row before the hysteresis", place: Place::Flow, parameters: &[TIME, SECOND], held: false };
+static TWO_POLES_BEHIND: Restriction =
+    Restriction { form: "two in a row behind the hysteresis", place: Place::Tip, parameters: &[TIME, SECOND], held: false };
+
+impl Form for Restriction {
+    fn name(&self) -> &'static str {
+        "pneumatic-lag"
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    fn place(&self) -> Place {
+        self.place
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        self.parameters
+    }
+    // That a converter holds the command is an assumption of its own: a short lag behind one is nearly a dead time.
+    fn cost(&self) -> usize {
+        self.parameters.len() + usize::from(self.held)
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        if self.parameters.len() == 1 {
+            return ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect();
+        }
+        ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if self.place > Place::Operators {
+            return;
+        }
+        if self.held {
+            lag_of_held(path, parameters[0], run.period_s);
+        } else {
+            parameters.iter().for_each(|&time_s| lag(path, time_s, run.period_s));
+        }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        if self.place > Place::Operators {
+            parameters.iter().for_each(|&time_s| columns.filter(&Lag::new(time_s, run.period_s)));
+        }
+    }
+}
+
+/// A lag whose time constant changes with the pressure: `T k(v) dv/dt = u - v`.
+struct Changing {
+    form: &'static str,
+    parameters: &'static [Parameter],
+    /// Where the search for the change begins.
+    start: f64,
+    /// Whether it slows.
+    slows: bool,
+}
+
+/// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
+/// room's pressure `P`, so that a tube under pressure is a faster one. `T dv/dt = (u - v)(1 + c (u + v) / 2)`, and `c` is `1 / P`.
+static DENSE: Changing = Changing {
+    form: "before the hysteresis, faster under pressure",
+    parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
+    start: 2.0,
+    slows: false,
+};
+
+/// A muscle that grows as it fills takes the longer to fill, the fuller it is: `T (1 + c v) dv/dt = u - v`.
+static GROWING: Changing = Changing {
+    form: "before the hysteresis, slower under pressure",
+    parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
+    start: 0.5,
+    slows: true,
+};
+
+impl Form for Changing {
+    fn name(&self) -> &'static str {
+        "pneumatic-lag"
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    fn place(&self) -> Place {
+        Place::Flow
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        self.parameters
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, self.start]).collect()
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [0.15, 0.4][parameter]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        self.filter(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| self.filter(parameters, run));
+    }
+}
+
+impl Changing {
+    fn filter(&self, parameters: &[f64], run: &Run) -> Condensing {
+        let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
+        Condensing { time_s: parameters[0], faster, slower, step_s: run.period_s / LOOKS as f64 }
+    }
+}
+
+/// What [`Changing`] does to the input.
+#[derive(PartialEq)]
+struct Condensing {
+    time_s: f64,
+    faster: f64,
+    slower: f64,
+    step_s: f64,
+}
+
+impl Filter<2> for Condensing {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        let slope = (value - *last) / LOOKS as f64;
+        for _ in 0..LOOKS {
+            let now = *last + slope;
+            let sensitivities = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
+            let time_s = self.time_s * (1.0 + self.slower * *state).max(0.1) / sensitivities;
+            let (keep, of_now, of_last) = lag_coefficients(time_s, self.step_s);
+            *state = keep * *state + of_now * now + of_last * *last;
+            *last = now;
+        }
+        *state
+    }
+}
+
+/// Steps inside a sample, over which the tube's time constant stands still.
+const LOOKS: usize = 2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    fn run(input: Vec<f64>) -> Run {
+        let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        Session::new(&[recording.expect("a recording")], &[]).expect("a session").runs[0].clone()
+    }
+
+    #[test]
+    fn the_lag_of_a_held_command_begins_a_sample_after_its_step() {
+        let run = run((0..1000).map(|sample| if sample < 500 { 0.0 } else { 1.0 }).collect());
+        let mut path = run.input.clone();
+        HELD.input(&[0.1], &run, &mut path);
+        assert_eq!(path[500], 0.0);
+        for sample in 501..520_u32 {
+            let exact = 1.0 - (-f64::from(sample - 500) * 0.02 / 0.1).exp();
+            assert!((path[sample as usize] - exact).abs() < 1e-12, "sample {sample}");
+        }
+    }
+
+    #[test]
+    fn a_muscle_that_grows_slows_its_own_filling() {
+        let (time_s, slower) = (0.15, 0.8);
+        let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
+        let mut path = run.input.clone();
+        GROWING.input(&[time_s, slower], &run, &mut path);
+        let mut state = run.input[0];
+        for (sample, value) in path.iter().enumerate().skip(1) {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let u = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]);
+                state += 1e-5 * (u - state) / (time_s * (1.0 + slower * state));
+            }
+            assert!((value - state).abs() < 2e-3, "sample {sample}: {value} and {state}");
+        }
+    }
+
+    #[test]
+    fn a_dense_tube_follows_the_difference_of_squares() {
+        let (time_s, faster) = (0.2, 3.0);
+        let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
+        let mut path = run.input.clone();
+        DENSE.input(&[time_s, faster], &run, &mut path);
+        // T v' = c / 2 ((u + 1/c)^2 - (v + 1/c)^2), in small steps of Euler's.
+        let mut state = run.input[0];
+        for (sample, value) in path.iter().enumerate().skip(1) {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let u = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]);
+                state += 1e-5 / time_s * 0.5 * faster * ((u + 1.0 / faster).powi(2) - (state + 1.0 / faster).powi(2));
+            }
+            assert!((value - state).abs() < 2e-3, "sample {sample}: {value} and {state}");
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with the rate or its inverse hyperbolic sine, operators follow late, or their weights
+//! change with the rate.
+//!
+//! Thresholds that all grow by `c |dv/dt|` and a lag of the time constant `c` are the same to first order in `c`. To second order the lag
+//! adds `c^2 v''`; growth that takes a time `T` to build up (a dashpot with a spring in series, Maxwell's element) adds `c T v''`. So what
+//! the growth remembers decides between the two, and a form that remembers nothing loses to a lag wherever the rig's growth does.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::filters::ladder;
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity};
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[
+    &Additive,
+    &Proportional,
+    &AdditiveLinear,
+    &ProportionalLinear,
+    &AdditiveFading,
+    &ProportionalFading,
+    &Viscous,
+    &Stiffening,
+    &Weights,
+    &LogarithmicWeights,
+];
+
+struct Additive;
+
+struct Proportional;
+
+struct AdditiveLinear;
+
+struct ProportionalLinear;
+
+struct AdditiveFading;
+
+struct ProportionalFading;
+
+struct Viscous;
+
+struct Stiffening;
+
+struct Weights;
+
+struct LogarithmicWeights;
+
+/// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
+/// above.
+const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
+
+impl Form for Additive {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, RATE]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.003, 0.1, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
+        operator_law.rate_scale_per_s = parameters[1];
+    }
+}
+
+impl Form for Proportional {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, RATE]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.03, 1.0, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
+        operator_law.rate_scale_per_s = parameters[1];
+    }
+}
+
+impl Form for AdditiveLinear {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same, in proportion to the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.003, 0.15, 6).into_iter().map(|time| vec![time]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
+    }
+}
+
+impl Form for ProportionalLinear {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by a share of itself, in proportion to the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.05, 3.0, 5).into_iter().map(|growth| vec![growth]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
+    }
+}
+
+/// Time constant of Maxwell's element.
+const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
+
+impl Form for AdditiveFading {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by the same, in proportion to the rate, and builds up and fades"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }, FADING]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.01, 0.1, 3).into_iter().flat_map(|time| [vec![time, 0.02], vec![time, 0.06]]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.extra_per_rate = parameters[0];
+        operator_law.rate_memory_s = parameters[1];
+    }
+}
+
+impl Form for ProportionalFading {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, FADING]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.08, 1.2, 3).into_iter().flat_map(|growth| [vec![growth, 0.02], vec![growth, 0.06]]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.growth_per_rate = parameters[0];
+        operator_law.rate_memory_s = parameters[1];
+    }
+}
+
+impl Form for Viscous {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "operators follow their bounds late"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(0.01, 0.4, 6).into_iter().map(|value| vec![value]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.viscous_s = parameters[0];
+    }
+}
+
+impl Form for Stiffening {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "operators follow their bounds late, far ones faster than in proportion"
+    }
+    fn place(&self) -> Place {
+        Place::Operators
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 5e-3, high: 10.0, logarithmic: true },
+            Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.05, 0.2, 0.8].into_iter().flat_map(|time| [vec![time, 0.01], vec![time, 0.03], vec![time, 0.1]]).collect()
+    }
+    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
+        operator_law.viscous_s = parameters[0];
+        operator_law.stiffening = parameters[1];
+    }
+}
+
+/// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
+#[must_use]
+pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
+    let parameters = AdditiveFading.parameters().iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
+    (&AdditiveFading, parameters)
+}
+
+/// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
+impl Form for Weights {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "weights change with the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn cost(&self) -> usize {
+        3
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let rates = rates(&run.input, run.period_s);
+        columns.push(true, |sample| rates[sample] * sum[sample]);
+        columns.push(true, |sample| rates[sample] * run.input[sample]);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let of = |weight: f64| weight / session.input_scale;
+        let per = format!("per_{}_per_s", session.input_unit);
+        BTreeMap::from([
+            (format!("weights_change_{per}"), of(weights[0])),
+            (format!("of_the_weight_without_threshold_{per}"), of(weights[0] + weights[1])),
+        ])
+    }
+}
+
+/// `y = s + ln(1 + |du/dt| / r) (a s + b u)`: what Eyring's law makes of thermally activated friction, far above the rate `r`.
+impl Form for LogarithmicWeights {
+    fn name(&self) -> &'static str {
+        "rate-dependent-hysteresis"
+    }
+    fn form(&self) -> &'static str {
+        "weights change with the logarithm of the rate"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }]
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn cost(&self) -> usize {
+        4
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![0.05], vec![0.4]]
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let folds: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();
+        columns.push(true, |sample| folds[sample] * sum[sample]);
+        columns.push(true, |sample| folds[sample] * run.input[sample]);
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([
+            ("weights_change_per_e_fold".to_owned(), weights[0]),
+            ("of_the_weight_without_threshold_per_e_fold".to_owned(), weights[0] + weights[1]),
+        ])
+    }
+}
+
+/// How fast the input goes, spans per s, over two samples to either side: noise of the command is no speed.
+fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
+    let last = input.len() - 1;
+    let rate = |sample: usize| {
+        let (before, after) = (sample.saturating_sub(2), (sample + 2).min(last));
+        (input[after] - input[before]).abs() / ((after - before) as f64 * period_s)
+    };
+    (0..input.len()).map(rate).collect()
+}

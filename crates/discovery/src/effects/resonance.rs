@@ -1,0 +1,173 @@
+//! `resonance`: something swings: the tip, a mass on a spring behind the hysteresis; a part of the tip, when the sensor looks at a place
+//! that is held elsewhere too; or the pressure before the hysteresis, air in a tube (Helmholtz) or a regulator that overshoots.
+
+use std::f64::consts::PI;
+
+use crate::chain::columns::{Columns, Filter};
+use crate::chain::filters::ladder;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::side_by_side;
+use crate::data::session::{Run, Session};
+use crate::effects::{dead_time, pneumatic_lag};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Tip, &PartOfTip, &Pressure];
+
+struct Tip;
+
+struct PartOfTip;
+
+struct Pressure;
+
+const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
+
+const DAMPING: Parameter = Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true };
+
+/// A swinging mass that starts at rest; exact for straight lines between samples.
+#[derive(PartialEq)]
+struct Swing {
+    position: [f64; 2],
+    speed: [f64; 2],
+    /// How far it is behind a command of this slope, s.
+    behind_s: f64,
+    period_s: f64,
+}
+
+impl Swing {
+    fn new(frequency_hz: f64, damping: f64, period_s: f64) -> Self {
+        let omega = 2.0 * PI * frequency_hz;
+        let damped = omega * (1.0 - damping * damping).max(1e-6).sqrt();
+        let decay = (-damping * omega * period_s).exp();
+        let (sine, cosine) = (damped * period_s).sin_cos();
+        let ratio = damping * omega / damped;
+        Self {
+            position: [decay * (cosine + ratio * sine), decay * sine / damped],
+            speed: [-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine)],
+            behind_s: 2.0 * damping / omega,
+            period_s,
+        }
+    }
+}
+
+impl Filter<3> for Swing {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        [first, 0.0, first]
+    }
+    #[inline(always)]
+    fn step(&self, [place, rate, last]: &mut [f64; 3], value: f64) -> f64 {
+        let slope = (value - *last) / self.period_s;
+        let behind = self.behind_s * slope;
+        let (off, off_rate) = (*place - (*last - behind), *rate - slope);
+        *place = self.position[0] * off + self.position[1] * off_rate + value - behind;
+        *rate = self.speed[0] * off + self.speed[1] * off_rate + slope;
+        *last = value;
+        *place
+    }
+}
+
+/// A mass of which the sensor sees a share only.
+struct Part {
+    swing: Swing,
+    share: f64,
+}
+
+impl Filter<3> for Part {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        self.swing.begin(first)
+    }
+    #[inline(always)]
+    fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
+        value + self.share * (self.swing.step(memory, value) - value)
+    }
+}
+
+/// What follows a slow command hardly differently from a swing that is damped so much.
+fn nested_limits(parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    let [frequency_hz, damping] = [parameters[0], parameters[1]];
+    if damping < HARDLY_SWINGS {
+        return Vec::new();
+    }
+    let behind_s = vec![damping / (PI * frequency_hz)];
+    vec![(dead_time::FORMS[0], behind_s.clone()), (pneumatic_lag::FORMS[0], behind_s)]
+}
+
+/// Damping ratio from which on that is tried.
+const HARDLY_SWINGS: f64 = 0.4;
+
+/// Frequencies and damping ratios to begin from.
+fn places() -> Vec<Vec<f64>> {
+    ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
+}
+
+impl Form for Tip {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "swinging tip"
+    }
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[FREQUENCY, DAMPING]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        places()
+    }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nested_limits(parameters)
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
+    }
+}
+
+impl Form for PartOfTip {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "a part of the tip swings"
+    }
+    fn place(&self) -> Place {
+        Place::Tip
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[FREQUENCY, DAMPING, Parameter { name: "swinging_share", quantity: Quantity::Ratio, low: 0.02, high: 0.98, logarithmic: false }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect()
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
+    }
+}
+
+impl Form for Pressure {
+    fn name(&self) -> &'static str {
+        "resonance"
+    }
+    fn form(&self) -> &'static str {
+        "swinging pressure"
+    }
+    fn place(&self) -> Place {
+        Place::Tube
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        // Damped more than this it no longer swings, and any lag or delay would pass for it.
+        &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        places()
+    }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        nested_limits(parameters)
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        Swing::new(parameters[0], parameters[1], run.period_s).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Swing::new(parameters[0], parameters[1], run.period_s));
+    }
+}

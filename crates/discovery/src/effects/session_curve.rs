@@ -1,0 +1,113 @@
+//! A smooth curve of the session's time: the form that a drifting zero and a drifting gain share.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::data::session::{Run, Session};
+
+/// What drifts along the curve.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Drifts {
+    /// The zero.
+    Offset,
+    /// The gain.
+    Gain,
+}
+
+/// A drift along a natural spline.
+pub struct SessionCurve {
+    /// The effect.
+    pub name: &'static str,
+    /// What drifts.
+    pub drifts: Drifts,
+}
+
+impl Form for SessionCurve {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+    fn form(&self) -> &'static str {
+        "a smooth curve of the session's time"
+    }
+    fn place(&self) -> Place {
+        Place::Sensor
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[UNTIL]
+    }
+    fn weights(&self) -> usize {
+        KNOTS - 1
+    }
+    fn cost(&self) -> usize {
+        // When the session ended is known.
+        self.weights()
+    }
+    fn discrete(&self) -> bool {
+        true
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        vec![vec![worked_until_s(session)]]
+    }
+    fn needs_sum(&self) -> bool {
+        self.drifts == Drifts::Gain
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let of_what = |sample: usize| if self.drifts == Drifts::Gain { sum[sample] } else { 1.0 };
+        for part in 0..self.weights() {
+            columns.push(true, |sample| of_what(sample) * spline(run.session_s[sample] / parameters[0])[part]);
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
+        BTreeMap::from([match self.drifts {
+            Drifts::Offset => (format!("drift_in_the_session_{}", session.output_unit), reached * session.output_scale),
+            Drifts::Gain => ("drift_in_the_session".to_owned(), reached),
+        }])
+    }
+}
+
+/// When the last recording ended that is not kept out, s of the session.
+fn worked_until_s(session: &Session) -> f64 {
+    let worked = session.runs.iter().filter(|run| run.is_worked_with());
+    worked.filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max)
+}
+
+/// The time of the session that is one for [`spline`].
+const UNTIL: Parameter = Parameter { name: "until", quantity: Quantity::Time, low: 1.0, high: 1e7, logarithmic: true };
+
+/// Knots of [`spline`], at equal distances.
+const KNOTS: usize = 5;
+
+/// A natural cubic spline of a time whose first knot is 0 and last 1, without its constant: the time and the curved parts.
+///
+/// Beyond the last knot it goes on straight for the distance of two knots and then stays: a polynomial that fits a session runs away
+/// behind it. Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning (2009), equations 5.4 and 5.5.
+fn spline(time: f64) -> [f64; KNOTS - 1] {
+    let spacing = 1.0 / (KNOTS - 1) as f64;
+    let time = time.min(1.0 + spacing);
+    let beyond = |knot: f64| (time - knot).max(0.0).powi(3);
+    let part = |index: usize| {
+        let knot = index as f64 * spacing;
+        (beyond(knot) - beyond(1.0)) / (1.0 - knot)
+    };
+    std::array::from_fn(|index| if index == 0 { time } else { part(index - 1) - part(KNOTS - 2) })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::session_curve::spline;
+
+    #[test]
+    fn the_spline_goes_on_straight_behind_its_last_knot_and_then_stays() {
+        let weights = [0.3, -2.0, 1.1, 0.7];
+        let at = |time: f64| -> f64 { spline(time).iter().zip(weights).map(|(value, weight)| value * weight).sum() };
+        assert_eq!(at(0.0), 0.0);
+        // Curved inside, without a kink at the last knot, straight behind it.
+        assert!((at(0.6) - 0.5 * (at(0.4) + at(0.8))).abs() > 1e-2, "the spline bends nowhere");
+        let slope = (at(1.2) - at(1.0)) / 0.2;
+        assert!(((at(1.0) - at(0.9999)) / 1e-4 - slope).abs() < 1e-3, "a kink at the last knot");
+        assert!((at(1.1) - at(1.0) - 0.1 * slope).abs() < 1e-12 && slope.abs() > 0.1);
+        assert_eq!(at(1.25), at(7.0));
+    }
+}

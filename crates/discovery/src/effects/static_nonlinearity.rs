@@ -1,0 +1,181 @@
+//! `static-nonlinearity`: a curve without memory, of the pressure or of the displacement.
+
+use std::collections::BTreeMap;
+
+use crate::chain::columns::Columns;
+use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Pressure, &Power, &CUBIC, &QUINTIC, &Pieces, &Parallel];
+
+struct Pressure;
+
+struct Power;
+
+/// A polynomial of the output.
+struct Displacement {
+    form: &'static str,
+    /// What the powers from the second on are called.
+    powers: &'static [&'static str],
+}
+
+static CUBIC: Displacement = Displacement { form: "curve of the output: y = s + a s^2 + b s^3", powers: &["quadratic", "cubic"] };
+
+/// Bends both ways at both ends, as a laser's or a joint's characteristic may.
+static QUINTIC: Displacement = Displacement {
+    form: "curve of the output: y = s + a s^2 + b s^3 + c s^4 + d s^5",
+    powers: &["quadratic", "cubic", "quartic", "quintic"],
+};
+
+struct Parallel;
+
+/// Straight pieces: what a stop or a joint with play at its ends does, and what no polynomial follows.
+struct Pieces;
+
+/// Pieces of equal length over the span.
+const PIECES: usize = 8;
+
+impl Form for Pressure {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)"
+    }
+    fn place(&self) -> Place {
+        Place::Muscle
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "quadratic", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+            Parameter { name: "cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect()
+    }
+    fn is_static(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        for value in path {
+            // Outside the span the curve goes on straight.
+            let u = value.clamp(0.0, 1.0);
+            *value += u * (1.0 - u) * (parameters[0] + parameters[1] * (1.0 - 2.0 * u));
+        }
+    }
+}
+
+/// A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
+impl Form for Power {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "power of the input: v = u^n"
+    }
+    fn place(&self) -> Place {
+        Place::Muscle
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.6, 0.85, 1.2, 1.6].into_iter().map(|exponent| vec![exponent]).collect()
+    }
+    fn is_static(&self) -> bool {
+        true
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        path.iter_mut().for_each(|value| *value = value.signum() * value.abs().powf(parameters[0]));
+    }
+}
+
+impl Form for Displacement {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        self.form
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        self.powers.len()
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        for (power, _) in (2..).zip(self.powers) {
+            columns.push(true, |sample| sum[sample].powi(power));
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let unit = &session.output_unit;
+        let of = |((exponent, power), weight): ((i32, &&str), &f64)| {
+            let per = if exponent == 1 { String::new() } else { exponent.to_string() };
+            (format!("{power}_per_{unit}{per}"), weight / session.output_scale.powi(exponent))
+        };
+        (1..).zip(self.powers).zip(weights).map(of).collect()
+    }
+}
+
+impl Form for Parallel {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "curve of the input beside the hysteresis: y = s + a u^2 + b u^3"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        2
+    }
+    fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| run.input[sample] * run.input[sample]);
+        columns.push(true, |sample| run.input[sample].powi(3));
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let (input, output) = (&session.input_unit, &session.output_unit);
+        BTreeMap::from([
+            (format!("quadratic_{output}_per_{input}2"), weights[0] * session.output_scale / session.input_scale.powi(2)),
+            (format!("cubic_{output}_per_{input}3"), weights[1] * session.output_scale / session.input_scale.powi(3)),
+        ])
+    }
+}
+
+impl Form for Pieces {
+    fn name(&self) -> &'static str {
+        "static-nonlinearity"
+    }
+    fn form(&self) -> &'static str {
+        "curve of the output: eight straight pieces"
+    }
+    fn place(&self) -> Place {
+        Place::Material
+    }
+    fn weights(&self) -> usize {
+        PIECES - 1
+    }
+    fn needs_sum(&self) -> bool {
+        true
+    }
+    fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        for corner in 1..PIECES {
+            let corner = corner as f64 / PIECES as f64;
+            columns.push(true, |sample| (sum[sample] - corner).max(0.0));
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let of = |(corner, weight): (usize, &f64)| {
+            let place = corner as f64 / PIECES as f64 * session.output_scale.abs();
+            (format!("slope_more_from_{place:.3}_{}", session.output_unit), *weight)
+        };
+        (1..).zip(weights).map(of).collect()
+    }
+}

@@ -1,0 +1,277 @@
+//! `valve-dead-band`: the pressure holds until the error passes the band, then the valve opens and follows until little error is left; or a
+//! spool with overlap passes nothing inside the band and in proportion to what goes beyond it.
+
+use crate::chain::columns::Filter;
+use crate::chain::filters::{best_starts, ladder, lag_coefficients};
+use crate::chain::form::{Drive, Form, Parameter, Place, Quantity};
+use crate::chain::side_by_side;
+use crate::data::session::{Role, Run, Session};
+use crate::effects::pneumatic_lag;
+use crate::effects::sticking::Sticking;
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
+
+struct Follow;
+
+struct Overlap;
+
+/// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
+static SEEN: Sticking =
+    Sticking { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
+
+/// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
+const LOOKS: usize = 2;
+
+/// A valve that opens at `band` and closes again at `closing`; the pressure stands `begin` above the command at first.
+fn follow(path: &mut [f64], begin: f64, [band, closing, flow_s]: [f64; 3], period_s: f64) {
+    let step_s = period_s / LOOKS as f64;
+    let keep = (-step_s / flow_s).exp();
+    let mut state = path[0] + begin;
+    let mut last = path[0];
+    let mut open = false;
+    for value in path {
+        // A shut valve stays shut on a straight line whose two ends are within the band.
+        if !open && (last - state).abs() <= band && (*value - state).abs() <= band {
+            last = *value;
+            *value = state;
+            continue;
+        }
+        let begin = last;
+        for look in 1..=LOOKS {
+            let wanted = begin + (*value - begin) * look as f64 / LOOKS as f64;
+            let rate = (wanted - last) / step_s;
+            let mut error = last - state;
+            let (mut left_s, mut decay) = (step_s, keep);
+            if !open && (wanted - state).abs() > band {
+                // The moment of opening, on the straight line between looks.
+                let share = ((band - error.abs()) / ((wanted - state).abs() - error.abs()).max(1e-12)).clamp(0.0, 1.0);
+                error += (wanted - state - error) * share;
+                left_s = step_s * (1.0 - share);
+                decay = (-left_s / flow_s).exp();
+                open = true;
+            }
+            if open {
+                // Exact for a command on a straight line.
+                let after = rate * flow_s + (error - rate * flow_s) * decay;
+                if after.abs() < closing {
+                    // The moment of closing, on the exponential.
+                    let (drag, aim) = (rate * flow_s, closing.copysign(error));
+                    let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).ln() };
+                    let error = if error.abs() <= closing { error } else { aim };
+                    state = wanted - rate * (left_s - spent_s.clamp(0.0, left_s)) - error;
+                    open = false;
+                } else {
+                    state = wanted - after;
+                }
+            }
+            last = wanted;
+        }
+        *value = state;
+    }
+}
+
+impl Form for Follow {
+    fn name(&self) -> &'static str {
+        "valve-dead-band"
+    }
+    fn form(&self) -> &'static str {
+        "opens at the band, follows, closes"
+    }
+    fn place(&self) -> Place {
+        Place::Supply
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        // The travel decides when the next jump comes, and the one after it: an error in it adds up along the limit-cycle staircases, one in the band
+        // does not. As parameters of their own the two are searched along the axes of the valley.
+        &[
+            Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true },
+            Parameter { name: "travel", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true },
+            Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true },
+        ]
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // A valve that closes with no error left is a fast one.
+        let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
+        let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
+        let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
+        // What the valve does to the steps of the command against what the model misses of those of the output.
+        let score = |parameters: &Vec<f64>| {
+            let (mut cross, mut energy) = (0.0, 1e-30);
+            for run in &runs {
+                let mut path = run.input.clone();
+                self.input_from(parameters, run, &mut path, 2, 0);
+                let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
+                for (behind, missed) in behind.windows(3).zip(residual[run.index].windows(3)) {
+                    let (x, y) = (behind[2] - behind[0], missed[2] - missed[0]);
+                    cross += x * y;
+                    energy += x * x;
+                }
+            }
+            cross / energy.sqrt()
+        };
+        best_starts(ladder(0.008, 0.2, 150).into_iter().flat_map(of), score, 24)
+    }
+    fn across(&self) -> Option<usize> {
+        Some(1)
+    }
+    fn step(&self, parameter: usize) -> f64 {
+        [0.02, 0.01, 0.1][parameter]
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        self.input_from(parameters, run, path, 6, 2);
+    }
+}
+
+impl Follow {
+    /// The command after the valve; where it begins is searched at so many places and refined so often.
+    fn input_from(&self, parameters: &[f64], run: &Run, path: &mut [f64], places: i32, refinements: usize) {
+        let law = law(parameters);
+        let begin = begin(law, run, path, places, refinements);
+        follow(path, begin.at, law, run.period_s);
+    }
+}
+
+/// Errors at which the valve opens and closes, and the time constant of its flow, s.
+fn law(parameters: &[f64]) -> [f64; 3] {
+    [parameters[0], (parameters[0] - parameters[1]).max(0.005 * parameters[0]), parameters[2]]
+}
+
+/// Where the pressure stood, and how well the jumps that follow go with those of the measured output.
+struct Begin {
+    /// Above the command, normalised.
+    at: f64,
+    /// Sum of products of the steps.
+    cross: f64,
+    /// Sum of squares of the valve's steps.
+    energy: f64,
+}
+
+/// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
+/// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
+/// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
+/// and finer ones about the best.
+fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> Begin {
+    if run.output.iter().all(|value| *value == 0.0) {
+        return Begin { at: 0.0, cross: 0.0, energy: 1.0 };
+    }
+    let mut scratch = vec![0.0; path.len()];
+    let mut agreement = |begin_at: f64| -> Begin {
+        scratch.copy_from_slice(path);
+        follow(&mut scratch, begin_at, law, run.period_s);
+        let mut begin = Begin { at: begin_at, cross: 0.0, energy: 1e-30 };
+        for sample in 1..path.len() - 1 {
+            if run.keep[sample - 1] && run.keep[sample + 1] {
+                let (x, y) = (scratch[sample + 1] - scratch[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
+                begin.cross += x * y;
+                begin.energy += x * x;
+            }
+        }
+        begin
+    };
+    let better = |one: Begin, other: Begin| if other.cross / other.energy.sqrt() > one.cross / one.energy.sqrt() { other } else { one };
+    let mut best = agreement(0.0);
+    let mut spacing = law[0] / f64::from(places);
+    for place in (-places..=places).filter(|place| *place != 0) {
+        best = better(best, agreement(spacing * f64::from(place) * 0.999));
+    }
+    for _ in 0..refinements {
+        spacing /= 3.0;
+        let centre = best.at;
+        for at in [centre - spacing, centre + spacing] {
+            best = better(best, agreement(at));
+        }
+    }
+    best
+}
+
+impl Form for Overlap {
+    fn name(&self) -> &'static str {
+        "valve-dead-band"
+    }
+    fn form(&self) -> &'static str {
+        "flow in proportion to the error beyond the band"
+    }
+    fn place(&self) -> Place {
+        Place::Supply
+    }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
+    }
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
+            Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
+        ]
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect()
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        Edge::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Edge::new(parameters, run));
+    }
+}
+
+/// Band up to which a lag is tried in the place of the overlap.
+const HARDLY_OVERLAPS: f64 = 0.01;
+
+/// What [`Overlap`] does to the input: a lag behind the nearer edge of the band, which is where the pressure stands while it is inside.
+#[derive(PartialEq)]
+struct Edge {
+    band: f64,
+    /// Coefficients of the lag.
+    lag: (f64, f64, f64),
+}
+
+impl Edge {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        Self { band: parameters[0], lag: lag_coefficients(parameters[1], run.period_s) }
+    }
+}
+
+impl Filter<2> for Edge {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        let (keep, now, before) = self.lag;
+        let held = *state;
+        let edge = |command: f64| held.max(command - self.band).min(command + self.band);
+        *state = keep * held + now * edge(value) + before * edge(*last);
+        *last = value;
+        *state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn a_spool_with_overlap_holds_inside_the_band_and_follows_beyond_it() {
+        let (band, flow_s) = (0.05, 0.1);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.5 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut path = run.input.clone();
+        Overlap.input(&[band, flow_s], run, &mut path);
+        let mut state = run.input[0];
+        for (sample, value) in path.iter().enumerate().skip(1) {
+            for look in 0..2000 {
+                let share = (f64::from(look) + 0.5) / 2000.0;
+                let error = run.input[sample - 1] + share * (run.input[sample] - run.input[sample - 1]) - state;
+                state += 1e-5 / flow_s * (error - error.clamp(-band, band));
+            }
+            assert!((value - state).abs() < 2e-3, "sample {sample}: {value} and {state}");
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The file of a discovered model, and the figures that it reproduces.
+
+pub mod figures;
+pub mod file;
+pub mod separation;

@@ -1,0 +1,229 @@
+//! From recordings to a finding: preparation, search, verdict, figures.
+
+use recording::{ExtraColumn, Recording};
+
+use crate::chain::form::Place;
+use crate::data::mask;
+use crate::data::session::{Run, Session, SessionError};
+use crate::effects::catalogue;
+use crate::explanation::{diagnosis, horizon, residual_map};
+use crate::files::figures;
+use crate::files::file::DiscoveredModel;
+use crate::model::initial_state::InitialState;
+use crate::model::structure::{Model, Scope};
+use crate::result::{DiscoverConfig, Discovery, Member, Verdict};
+use crate::selection::rounds::Bench;
+use crate::selection::{criterion, find, verdict};
+
+/// A finished discovery: the result and what it was made of.
+pub struct Finding {
+    /// The result.
+    pub discovery: Discovery,
+    /// The recordings, normalised.
+    pub session: Session,
+    /// The model without effects.
+    pub before: Model,
+    /// The model with them.
+    pub after: Model,
+    /// The model with the second best effect instead, where there is one.
+    pub second: Option<Model>,
+    /// What the simulation without effects predicts for every run, normalised: the given model's word, or `before`'s.
+    pub simulated: Vec<Vec<f64>>,
+    /// What the simulation with them predicts for runs of recordings that the figures count, normalised.
+    pub with_effects: Vec<Option<Vec<f64>>>,
+}
+
+/// Where to start from: a simulation model that somebody already has.
+pub struct Start {
+    /// Its predictions, one for each recording and then each kept one, in output units.
+    pub predictions: Vec<Vec<f64>>,
+    /// The file, when discovery wrote it: its effects are kept, and what is found comes on top.
+    pub discovered: Option<DiscoveredModel>,
+}
+
+impl Start {
+    /// From the predictions of a model; `discovered` is that model when discovery wrote it.
+    #[must_use]
+    pub fn new(predictions: Vec<Vec<f64>>, discovered: Option<DiscoveredModel>) -> Self {
+        Self { predictions, discovered }
+    }
+}
+
+/// Finds what the model lacks in `recordings`; `kept` take no part in any choice (some of `recordings` are set apart when empty).
+///
+/// # Errors
+/// When there is too little to learn from.
+pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverConfig) -> Result<Finding, SessionError> {
+    discover_from(recordings, kept, None, config, &|_| {})
+}
+
+/// As [`discover`], from a given simulation model; `watch` hears of every stage as it begins.
+///
+/// # Errors
+/// When there is too little to learn from.
+pub fn discover_from(
+    recordings: &[Recording],
+    kept: &[Recording],
+    start: Option<&Start>,
+    config: &DiscoverConfig,
+    watch: &dyn Fn(&str),
+) -> Result<Finding, SessionError> {
+    watch("baseline");
+    let pressure_path = match measured_pressure(recordings) {
+        Some(path) => Some(effects_of_the_pressure(&path, config)?),
+        None => None,
+    };
+    let (mut session, test) = Session::split(recordings, kept)?;
+    let mut before = prepare(&mut session);
+    let given = start.map(|start| session.normalised(&start.predictions));
+    let mut model = before.clone();
+    if let Some(file) = start.and_then(|start| start.discovered.as_ref()) {
+        model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
+    }
+    let owned = model.slots.len();
+    let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
+    watch("figures");
+    let mut after = search.model;
+    // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
+    session.unmask();
+    let residual = after.residuals(&session);
+    let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
+    mask::outliers(&mut session, &residual, kind);
+    after.fit_all(&session);
+    after.anchor(&session);
+    before.fit_all(&session);
+    let compared = compare(&session, &before, &after, &search.second, &search.met, &search.tried, config);
+    let loop_area = diagnosis::loop_area(&session, &before, config.threads);
+    before = before.refined();
+    before.fit_all(&session);
+    before = before.pruned();
+    let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
+    let residual_before = residuals(&session, &simulate(&session));
+    let mut found = search.found;
+    let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
+    // What makes selecting recordings worse is no part of an explanation.
+    while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
+        let Some(fewer) = verdict::without_the_least(&session, &before, &after, &mut found) else { break };
+        after = fewer;
+        discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
+    }
+    // All is decided: from here on it is the report.
+    test.reveal(&mut session);
+    let simulated = simulate(&session);
+    let residual_before = residuals(&session, &simulated);
+    let written = |model: &Model| DiscoveredModel::bare(model, &session, &recordings[0]);
+    let with_effects = written(&after);
+    discovery.calibrate_s = with_effects.calibrate_s;
+    let calibrate_s = discovery.calibrate_s.unwrap_or(0.0);
+    let counted = figures::Counted::new(&session, &after, recordings, kept, config.threads);
+    let was = match start {
+        Some(start) => counted.given(&start.predictions, calibrate_s),
+        None => counted.simulate(&written(&before), calibrate_s)?,
+    };
+    let is = counted.simulate(&with_effects, calibrate_s)?;
+    verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
+    let with_effects = session.normalised_where(&is.outputs);
+    if let Some((criterion, set)) = compared {
+        discovery.criterion = Some(criterion);
+        discovery.confidence_set = set;
+    }
+    discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);
+    discovery.summary =
+        residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
+    discovery.loop_area = loop_area;
+    discovery.memory_horizon = horizon::horizon(&session);
+    discovery.residual_before = diagnosis::examine(&session, &residual_before);
+    discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
+    discovery.pressure_path = pressure_path;
+    let second = search.second.filter(|_| discovery.runner_up.is_some()).map(|mut second| {
+        second.fit_all(&session);
+        second.anchor(&session);
+        second
+    });
+    Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
+}
+
+/// Explanations of one effect that are compared, the best first.
+const MOST_SINGLE: usize = 6;
+/// Explanations that are compared in all.
+const MOST_COMPARED: usize = 14;
+
+/// Compares what was found with all that came near it: how much better it predicts than the model without effects, and the simplest members of
+/// the confidence set.
+fn compare(
+    session: &Session,
+    before: &Model,
+    after: &Model,
+    second: &Option<Model>,
+    met: &[Model],
+    tried: &[Model],
+    config: &DiscoverConfig,
+) -> Option<(f64, Vec<Member>)> {
+    let mut models = vec![before.clone(), after.clone()];
+    let others = second.iter().chain(met).chain(tried.iter().take(MOST_SINGLE));
+    for model in others {
+        if models.len() < MOST_COMPARED && models.iter().all(|other| other.forms() != model.forms()) {
+            models.push(model.clone());
+        }
+    }
+    let scored = criterion::compare(session, &models, config.threads);
+    let (bare, ours) = (scored.first()?.mean(), scored.get(1)?.mean());
+    let set = criterion::confidence_set(scored, config.seed);
+    let member = |one: criterion::Scored| Member {
+        effects: one.names.iter().map(|name| (*name).to_owned()).collect(),
+        criterion: one.mean() - bare,
+        p_value: one.p_value,
+    };
+    Some((ours - bare, criterion::simplest(&set).into_iter().map(member).collect()))
+}
+
+/// Measured minus simulated.
+fn residuals(session: &Session, simulated: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let of = |(run, simulated): (&Run, &Vec<f64>)| run.output.iter().zip(simulated).map(|(y, p)| y - p).collect();
+    session.runs.iter().zip(simulated).map(of).collect()
+}
+
+/// Masks outliers and fits the baseline, twice: the first fit is pulled about by what it is to find.
+pub(crate) fn prepare(session: &mut Session) -> Model {
+    let zero: Vec<Vec<f64>> = session.runs.iter().map(|run| run.output.clone()).collect();
+    mask::outliers(session, &zero, mask::Residual::Output);
+    let mut before = baseline(session);
+    for _ in 0..2 {
+        let residual = before.residuals(session);
+        mask::outliers(session, &residual, mask::Residual::OfModel);
+        before.fit(session, Scope::Fit);
+    }
+    before.fit(session, Scope::Both);
+    before
+}
+
+/// The recordings with the measured pressure as their output, when all have one.
+fn measured_pressure(recordings: &[Recording]) -> Option<Vec<Recording>> {
+    let column = |recording: &Recording| -> Option<ExtraColumn> {
+        recording.extra.iter().find(|column| column.name == "pressure_measured_bar").cloned()
+    };
+    recordings.iter().map(|recording| column(recording).map(|column| Recording { output: column.values, ..recording.clone() })).collect()
+}
+
+/// Names of what happens between command and measured pressure: valve, supply and tube.
+fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) -> Result<Vec<String>, SessionError> {
+    let mut session = Session::new(recordings, &[])?;
+    let before = prepare(&mut session);
+    let mut forms = catalogue::forms();
+    forms.retain(|form| form.place() <= Place::Tube);
+    let bench = Bench { session: &session, forms, threads: config.threads };
+    let found = find::find(&bench, before, 1, &|_| {});
+    Ok(found.found.order.into_iter().map(str::to_owned).collect())
+}
+
+/// The baseline that fits best: operators that begin fresh in every recording, or ones that remember.
+fn baseline(session: &Session) -> Model {
+    let mut fresh = Model::baseline(InitialState::Fresh, false);
+    let mut stops = Model::baseline(InitialState::Fresh, true);
+    let (fresh_square, _) = fresh.fit(session, Scope::Fit);
+    let (stops_square, _) = stops.fit(session, Scope::Fit);
+    if stops_square < 0.5 * fresh_square {
+        return stops;
+    }
+    fresh.with_best_initial_state(session).model
+}

@@ -1,0 +1,54 @@
+//! The memory of earlier recordings that fits best.
+
+use crate::data::session::Session;
+use crate::model::initial_state::InitialState;
+use crate::model::structure::{Model, Scope};
+
+/// Share of the mean square that a memory of earlier recordings must leave no more of.
+const MEMORY_PAYS: f64 = 0.99;
+
+/// The same of a peak before the session.
+const PEAK_PAYS: f64 = 0.997;
+
+/// Steps by which the best of the peaks is moved then, as shares of it.
+const REFINEMENTS: [f64; 4] = [0.1, 0.05, 0.025, 0.012];
+
+/// A model with a past, its weights fitted.
+pub(crate) struct Remembering {
+    pub model: Model,
+    /// Mean squares of fitted and of selecting samples.
+    pub fit: f64,
+    pub select: f64,
+}
+
+impl Model {
+    /// This model with the initial state that both halves of the recordings fit best, its weights fitted; a longer one must pay.
+    pub(crate) fn with_best_initial_state(&self, session: &Session) -> Remembering {
+        let of = |initial_state: InitialState| {
+            let mut model = Self { initial_state, ..self.clone() };
+            let (fit, select) = model.fit(session, Scope::Both);
+            Remembering { model, fit, select }
+        };
+        let mut best = of(InitialState::Fresh);
+        for (initial_state, pays) in [(InitialState::SESSION, MEMORY_PAYS)]
+            .into_iter()
+            .chain(InitialState::PEAKS.map(|peak| (InitialState::Carried { peak }, PEAK_PAYS)))
+        {
+            let other = of(initial_state);
+            let pays = if best.model.initial_state.is_carried() { pays } else { MEMORY_PAYS };
+            // Of peaks the best is wanted, whatever lies between it and the last.
+            let pays = if best.model.initial_state.before_the_session().is_empty() { pays } else { 1.0 };
+            if other.fit < pays * best.fit && other.select < pays * best.select {
+                best = other;
+            }
+        }
+        for step in REFINEMENTS {
+            let InitialState::Carried { peak } = best.model.initial_state else { break };
+            let beside = [peak * (1.0 - step), peak * (1.0 + step)].into_iter().filter(|peak| *peak > 0.0);
+            let others =
+                beside.map(|peak| of(InitialState::Carried { peak })).filter(|other| other.fit + other.select < best.fit + best.select);
+            best = others.min_by(|x, y| (x.fit + x.select).total_cmp(&(y.fit + y.select))).unwrap_or(best);
+        }
+        best
+    }
+}

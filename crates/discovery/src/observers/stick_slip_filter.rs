@@ -1,0 +1,692 @@
+//! Seeing a tip's jumps in the measured output: what the observer follows from sample to sample (the terms are those of [`super::jumps`]).
+//!
+//! A history holds at a level until the quasi-static response has gone too far from it, or slides with it. What holds breaks away by the distance that
+//! the quasi-static response has reached *since it holds*: a stick position that has held out a distance holds it out again, so a slow quasi-static response is no more dangerous than a
+//! fast one over the same way. A tip slips from where it sat, by a travel that hardly scatters, and the very moment of a slip tells where it
+//! sat and what the quasi-static response is wrong by: the distance lies between the one that was held out and the one that was not. A slip takes its time,
+//! and a sample may see the tip on its way. The faster it is pulled the more slips a sample holds, until it slides; it goes on sliding at
+//! speeds at which it would not begin to. Behind a step of the quasi-static response, which holds more slips than anyone counts and stops at once, it is
+//! somewhere about the quasi-static response.
+//!
+//! What the slips tell of the quasi-static response, and what sliding tells, is what the quasi-static response's weights can be fitted to ([`PseudoMeasurement`]).
+
+use crate::observers::law::{
+    Expected, MODEL_ERROR_S, OUTLIER_DENSITY, PRUNING_THRESHOLD, PseudoMeasurement, Seen, SlipLaw, chance, density, inflation,
+};
+
+/// Histories of stick positions that are followed side by side.
+const MOST_HYPOTHESES: usize = 4;
+
+/// Slips of a tip within one sample that are counted one by one.
+const SLIPS: usize = 3;
+
+/// Deviations of the break-away distance below which nothing breaks away: a chance of one in a thousand million.
+const CANNOT: f64 = -12.0;
+
+/// Chance of one more slip within a sample below which none is looked for.
+const NO_SLIP: f64 = 1e-3;
+
+/// Speed at which what slides sticks, in sliding speeds: Stribeck's curve is steep between the two, and either motion keeps itself up there.
+const STICKS_AT: f64 = 0.4;
+
+/// Width of the transitions between slips and sliding, in sliding speeds.
+const TRANSITION: f64 = 0.15;
+
+/// Time within which a light tip stops, s: it runs on so far when the quasi-static response does, by no more than friction can hold.
+const STOPS_S: f64 = 1e-3;
+
+/// Scatter of a tip that slides, in that of its slips.
+const SLIDING_SCATTER: f64 = 0.3;
+
+/// Least way of the quasi-static response within which something breaks away.
+const LEAST_STEP: f64 = 1e-6;
+
+/// Points and reach, in deviations, by which moments of a normal deviate between bounds are summed.
+const POINTS: usize = 16;
+
+const REACH: f64 = 5.0;
+
+/// Mean and variance of a normal deviate with this standard deviation that is known to lie between `low` and `high`.
+fn between(low: f64, high: f64, deviation: f64) -> (f64, f64) {
+    let (low, high) = (low / deviation, high / deviation);
+    // Where it is likeliest, and as far from there as counts: in a tail the density falls the faster the farther out that is.
+    let top = 0.0_f64.max(low).min(high);
+    let reach = REACH / (1.0 + top.abs());
+    let from = low.max(top - if top > 0.0 { 0.0 } else { reach });
+    let to = high.min(top + if top < 0.0 { 0.0 } else { reach });
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    for point in 0..POINTS {
+        let at = from + (to - from) * (point as f64 + 0.5) / POINTS as f64;
+        let weight = (0.5 * (top * top - at * at)).exp();
+        sum += weight;
+        first += weight * at;
+        second += weight * at * at;
+    }
+    let mean = first / sum;
+    (mean * deviation, (second / sum - mean * mean).max(0.0) * deviation * deviation)
+}
+
+/// One history of stick positions: a filter for the level that it holds at and the model error of the quasi-static response.
+#[derive(Clone, Copy, Debug)]
+struct Hypothesis {
+    weight: f64,
+    level: f64,
+    level_variance: f64,
+    model_error: f64,
+    wander_variance: f64,
+    covariance: f64,
+    /// Direction in which it slides, or zero.
+    moving: f64,
+    /// Range of the quasi-static response since it holds.
+    lowest: f64,
+    highest: f64,
+    /// Travel of the last slip, with its sign; how long ago it began, s, and the standard deviation of that.
+    travel: f64,
+    since_s: f64,
+    since_deviation_s: f64,
+    /// What of it is still to come, and the variance of that.
+    to_come: f64,
+    to_come_variance: f64,
+    /// What the last slip told of the quasi-static response, and the one before it.
+    pseudo_measurements: [Option<PseudoMeasurement>; 2],
+}
+
+/// Nothing known, and nothing on its way.
+const AT_REST: Hypothesis = Hypothesis {
+    weight: 0.0,
+    level: 0.0,
+    level_variance: 0.0,
+    model_error: 0.0,
+    wander_variance: 0.0,
+    covariance: 0.0,
+    moving: 0.0,
+    lowest: 0.0,
+    highest: 0.0,
+    travel: 0.0,
+    since_s: f64::INFINITY,
+    since_deviation_s: 0.0,
+    to_come: 0.0,
+    to_come_variance: 0.0,
+    pseudo_measurements: [None; 2],
+};
+
+/// One sample as histories are moved on to it.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    sample: usize,
+    /// Quasi-static response, now and before.
+    quasi_static: f64,
+    before: f64,
+    break_away: f64,
+    scatter: f64,
+    /// How far behind the quasi-static response it slides, and the standard deviation with which it follows.
+    behind: f64,
+    follows: f64,
+    /// Chance that what breaks away slides.
+    slides: f64,
+    /// Chance that what slides goes on.
+    goes_on: f64,
+    period_s: f64,
+    /// How far a tip may run on, or stay behind, for the change of the quasi-static response's speed.
+    jolt: f64,
+}
+
+impl Motion {
+    /// At this sample the quasi-static response is at `quasi_static`, was at `before` a sample ago, and went by `last_step` in that one.
+    fn new(sample: usize, law: &SlipLaw, quasi_static: f64, before: f64, last_step: f64, period_s: f64) -> Self {
+        let speed = (quasi_static - before).abs() / period_s / law.sliding_speed;
+        let break_away = law.break_away / (1.0 + law.rate_weakening * speed);
+        let scatter = law.scatter * break_away;
+        let jolt = (STOPS_S * ((quasi_static - before) - last_step).abs() / period_s).min(2.0 * law.break_away);
+        let (slides, goes_on) = (chance((speed - 1.0) / TRANSITION), chance((speed - STICKS_AT) / TRANSITION));
+        let (behind, follows) = (law.kinetic_friction * law.break_away, SLIDING_SCATTER * scatter);
+        Self { sample, quasi_static, before, break_away, scatter, behind, follows, slides, goes_on, period_s, jolt }
+    }
+
+    fn step(&self) -> f64 {
+        self.quasi_static - self.before
+    }
+}
+
+impl Hypothesis {
+    /// How far the quasi-static response is from the stick position, and the variance of that.
+    fn stretch(&self, motion: &Motion) -> (f64, f64) {
+        (motion.quasi_static + self.model_error - self.level, (self.level_variance + self.wander_variance - 2.0 * self.covariance).max(0.0))
+    }
+
+    /// The largest distance that it has held out, the quasi-static response being at this one.
+    fn held_out(&self, stretch: f64, motion: &Motion) -> f64 {
+        if stretch > 0.0 { stretch - (motion.quasi_static - self.highest) } else { -stretch - (self.lowest - motion.quasi_static) }
+    }
+
+    /// Chance that it breaks away now by this stretch, after it has held out where the quasi-static response has been since it holds.
+    fn breaks_away(&self, (stretch, variance): (f64, f64), motion: &Motion) -> f64 {
+        let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
+        let deviations = (stretch.abs() - motion.break_away) / spread;
+        if deviations < CANNOT {
+            return 0.0;
+        }
+        let before = chance((self.held_out(stretch, motion) - motion.break_away) / spread);
+        let now = chance(deviations);
+        ((now - before) / (1.0 - before).max(1e-12)).max(0.0)
+    }
+
+    /// The same one sliding.
+    fn sliding(&self, weight: f64, motion: &Motion) -> Self {
+        Self {
+            weight,
+            level: motion.quasi_static + self.model_error - motion.step().signum() * motion.behind,
+            level_variance: self.wander_variance + motion.follows * motion.follows + motion.jolt * motion.jolt,
+            covariance: self.wander_variance,
+            moving: motion.step().signum(),
+            ..self.arrived()
+        }
+    }
+
+    /// The same one with nothing of its slip to come.
+    const fn arrived(&self) -> Self {
+        Self { since_s: f64::INFINITY, to_come: 0.0, to_come_variance: 0.0, ..*self }
+    }
+
+    /// The same one with what is to come of a slip that takes so long and began no later than `latest_s` ago: half a swing on a spring.
+    fn on_its_way(self, slip_s: f64, latest_s: f64) -> Self {
+        if self.since_s >= slip_s {
+            return self.arrived();
+        }
+        // A normal deviate in three points (Gauss and Hermite).
+        let reach = 3.0_f64.sqrt() * self.since_deviation_s;
+        let (mut mean, mut square) = (0.0, 0.0);
+        for (weight, off) in [(2.0 / 3.0, 0.0), (1.0 / 6.0, reach), (1.0 / 6.0, -reach)] {
+            let since_s = (self.since_s + off).clamp(latest_s, slip_s);
+            let left = 0.5 + 0.5 * (std::f64::consts::PI * since_s / slip_s).cos();
+            mean += weight * left;
+            square += weight * left * left;
+        }
+        let to_come_variance = (square - mean * mean).max(0.0) * self.travel * self.travel;
+        Self { to_come: mean * self.travel, to_come_variance, ..self }
+    }
+
+    /// Where it is seen: on the way to its level, if it slips.
+    fn seen(&self) -> f64 {
+        self.level - self.to_come
+    }
+
+    /// The same one after a slip of the tip.
+    ///
+    /// It held out a distance of `held_out`, and no longer the one that the quasi-static response has reached: the distance by which it breaks away lies between
+    /// the two. That is a measurement of level, model error and distance together, as good as the sample is short; the tip then lands so far from
+    /// where it sat.
+    fn leapt(&self, direction: f64, held_out: f64, law: &SlipLaw, motion: &Motion) -> Self {
+        let (stretch, variance) = self.stretch(motion);
+        let stretch = stretch * direction;
+        let of_distance = motion.scatter * motion.scatter;
+        let whole = (variance + of_distance).max(1e-18);
+        let held_out = held_out.min(stretch - LEAST_STEP);
+        // The error of the stretch less that of the distance.
+        let (error, left) = between(motion.break_away - stretch, motion.break_away - held_out, whole.sqrt());
+        let (gain, sure) = (error / whole, (1.0 - left / whole) / whole);
+        let with_level = direction * (self.covariance - self.level_variance);
+        let with_wander = direction * (self.wander_variance - self.covariance);
+        let distance = motion.break_away - of_distance * gain;
+        // Slip overshoot is the level and the distance after the measurement; the variances are those of their sum. What a fast quasi-static response breaks away
+        // by less it lands farther beyond: the travel stays, but for what its law says.
+        let travel = (1.0 + law.overshoot) * law.break_away + law.slip_per_speed_s * motion.step().abs() / motion.period_s;
+        let beyond = travel - motion.break_away;
+        let with_overshoot = with_level - direction * of_distance;
+        let per_way_s = motion.period_s / motion.step().abs().max(LEAST_STEP);
+        let pseudo_measurements = PseudoMeasurement {
+            sample: motion.sample,
+            direction,
+            // Where in the sample it broke away is not known.
+            quasi_static: self.level + direction * (motion.break_away + 0.5 * (stretch - held_out)),
+            variance: self.level_variance + of_distance + (stretch - held_out).powi(2) / 12.0,
+        };
+        let landed = Self {
+            level: self.level + with_level * gain + direction * (distance + beyond),
+            level_variance: self.level_variance + of_distance - with_overshoot * with_overshoot * sure,
+            model_error: self.model_error + with_wander * gain,
+            wander_variance: self.wander_variance - with_wander * with_wander * sure,
+            covariance: self.covariance - with_wander * with_overshoot * sure,
+            moving: 0.0,
+            travel: direction * travel,
+            since_s: ((stretch - motion.break_away + error) * per_way_s).clamp(0.0, motion.period_s),
+            since_deviation_s: left.sqrt() * per_way_s,
+            pseudo_measurements: [Some(pseudo_measurements), self.pseudo_measurements[0]],
+            ..*self
+        };
+        landed.on_its_way(law.slip_s, 0.0)
+    }
+
+    /// The same one after more slips than anyone counts: it holds somewhere about the quasi-static response.
+    fn landed(&self, weight: f64, motion: &Motion) -> Self {
+        let level_variance = self.wander_variance + motion.break_away * motion.break_away / 3.0 + motion.jolt * motion.jolt;
+        let somewhere = Self {
+            level: motion.quasi_static + self.model_error,
+            level_variance,
+            covariance: self.wander_variance,
+            moving: 0.0,
+            ..self.arrived()
+        };
+        somewhere.holding(weight, motion.quasi_static)
+    }
+
+    /// The same one, beginning to hold where it is while the quasi-static response is there.
+    const fn holding(self, weight: f64, quasi_static: f64) -> Self {
+        Self { weight, lowest: quasi_static, highest: quasi_static, ..self }
+    }
+
+    /// Learns from a measured sample; what this one's likelihood becomes.
+    fn learn(&mut self, measured: f64, noise: f64, total: f64) -> f64 {
+        if self.weight < PRUNING_THRESHOLD {
+            self.weight = 0.0;
+            return 0.0;
+        }
+        let whole = self.level_variance + self.to_come_variance + noise * noise;
+        let error = measured - self.seen();
+        let ours = density(error, whole);
+        self.weight *= (ours + OUTLIER_DENSITY) / total;
+        let trust = ours / (ours + OUTLIER_DENSITY);
+        let (of_level, of_wander) = (self.level_variance / whole * trust, self.covariance / whole * trust);
+        self.level += of_level * error;
+        self.model_error += of_wander * error;
+        self.wander_variance -= of_wander * self.covariance;
+        self.covariance *= 1.0 - of_level;
+        self.level_variance *= 1.0 - of_level;
+        let unsure = inflation(trust, error);
+        self.level_variance += unsure;
+        self.wander_variance += unsure;
+        self.covariance += unsure;
+        self.weight
+    }
+
+    /// What this history, the surest of all, tells of the quasi-static response by sliding after it, or by having slipped in the last sample and been seen since;
+    /// and by having held where a quasi-static response that reaches as far would have taken it along.
+    fn tells(&self, measured: f64, noise: f64, motion: &Motion) -> Vec<PseudoMeasurement> {
+        if self.moving != 0.0 {
+            let (quasi_static, variance) =
+                (measured + self.moving * motion.behind, noise * noise + motion.follows * motion.follows);
+            return vec![PseudoMeasurement { sample: motion.sample, direction: self.moving, quasi_static, variance }];
+        }
+        let mut pseudo_measurements: Vec<PseudoMeasurement> = self
+            .pseudo_measurements
+            .into_iter()
+            .flatten()
+            .filter(|pseudo_measurements| pseudo_measurements.sample + 1 == motion.sample)
+            .collect();
+        let holds_since = self.pseudo_measurements[0].map_or(0, |pseudo_measurements| pseudo_measurements.sample + 2);
+        let stretch = motion.before - self.level;
+        if motion.sample > holds_since && stretch.abs() > motion.break_away {
+            let direction = stretch.signum();
+            let variance = self.level_variance + motion.scatter * motion.scatter;
+            pseudo_measurements.push(PseudoMeasurement {
+                sample: motion.sample - 1,
+                direction,
+                quasi_static: self.level + direction * motion.break_away,
+                variance,
+            });
+        }
+        pseudo_measurements
+    }
+}
+
+/// The likeliest hypotheses of stick positions under one law.
+struct Hypotheses<'a> {
+    law: &'a SlipLaw,
+    all: [Hypothesis; MOST_HYPOTHESES],
+    /// What stays of the model error from sample to sample, and the variance of what comes to it.
+    stay: f64,
+    kick: f64,
+}
+
+impl Hypotheses<'_> {
+    /// Takes one in for the least likely one.
+    fn add(&mut self, history: Hypothesis) {
+        let of = &self.all;
+        let weakest = (0..MOST_HYPOTHESES).min_by(|&x, &y| of[x].weight.total_cmp(&of[y].weight)).unwrap_or(0);
+        if history.weight > self.all[weakest].weight {
+            self.all[weakest] = history;
+        }
+    }
+
+    /// Moves all of them on to the next sample.
+    fn move_on(&mut self, motion: &Motion) {
+        let law = self.law;
+        let mut leaves = [0.0; MOST_HYPOTHESES];
+        let mut stretches = [0.0; MOST_HYPOTHESES];
+        let mut held_out = [0.0; MOST_HYPOTHESES];
+        // All that slide are in the same place: one history for them, with the initial state of the likeliest.
+        let (mut sliding, mut slider) = (0.0, self.all[0]);
+        let mut most = 0.0;
+        for (at, history) in self.all.iter_mut().enumerate().filter(|(_, history)| history.weight >= PRUNING_THRESHOLD) {
+            history.model_error *= self.stay;
+            history.wander_variance = self.stay * self.stay * history.wander_variance + self.kick;
+            history.covariance *= self.stay;
+            history.since_s += motion.period_s;
+            *history = history.on_its_way(law.slip_s, motion.period_s);
+            if history.moving != 0.0 {
+                let goes_on = if history.moving * motion.step() > 0.0 { motion.goes_on * history.weight } else { 0.0 };
+                sliding += goes_on;
+                if goes_on > most {
+                    (most, slider) = (goes_on, *history);
+                }
+                *history = Self::stuck(*history, goes_on, motion);
+            }
+            history.level += law.presliding * motion.step();
+            let (stretch, variance) = history.stretch(motion);
+            (stretches[at], held_out[at]) = (stretch, history.held_out(stretch, motion));
+            leaves[at] = history.weight * history.breaks_away((stretch, variance), motion);
+            history.weight -= leaves[at];
+            history.lowest = history.lowest.min(motion.quasi_static);
+            history.highest = history.highest.max(motion.quasi_static);
+        }
+        // So are all that break away.
+        let leaving: f64 = leaves.iter().sum();
+        let parent = (0..MOST_HYPOTHESES).max_by(|&x, &y| leaves[x].total_cmp(&leaves[y])).unwrap_or(0);
+        let (mut history, direction) = (self.all[parent], stretches[parent].signum());
+        let slides = leaving * motion.slides;
+        if sliding + slides > PRUNING_THRESHOLD {
+            let initial_state = if slides > most { &history } else { &slider };
+            let slider = initial_state.sliding(sliding + slides, motion);
+            self.add(slider);
+        }
+        let mut left = leaving - slides;
+        for slip in 1..=SLIPS {
+            if left < PRUNING_THRESHOLD {
+                break;
+            }
+            // What has just landed has held out no more than where it landed.
+            let before = if slip == 1 { held_out[parent] } else { history.stretch(motion).0 * direction - motion.step().abs() };
+            history = history.leapt(direction, before, law, motion);
+            let (stretch, variance) = history.stretch(motion);
+            let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
+            let again = chance((stretch * direction - motion.break_away) / spread);
+            let again = if again > NO_SLIP { again } else { 0.0 };
+            self.add(history.holding(left * (1.0 - again), motion.quasi_static));
+            left *= again;
+        }
+        if left > PRUNING_THRESHOLD {
+            self.add(history.landed(left, motion));
+        }
+    }
+
+    /// What slid until now without the share that goes on: it holds where it was.
+    const fn stuck(history: Hypothesis, goes_on: f64, motion: &Motion) -> Hypothesis {
+        let held = history.holding(history.weight - goes_on, motion.before);
+        Hypothesis { moving: 0.0, level_variance: held.level_variance + motion.jolt * motion.jolt, ..held }
+    }
+}
+
+/// What the observer of a tip expects of every sample.
+#[must_use]
+pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
+    let stay = (-seen.period_s / MODEL_ERROR_S).exp();
+    let (mut before, mut last_step) = (seen.quasi_static[0], 0.0);
+    let first = Hypothesis {
+        weight: 1e-12,
+        level: before + law.begins,
+        level_variance: law.break_away * law.break_away + law.model_error * law.model_error,
+        wander_variance: law.model_error * law.model_error,
+        lowest: before,
+        highest: before,
+        ..AT_REST
+    };
+    let kick = law.model_error * law.model_error * (1.0 - stay * stay);
+    let mut hypotheses = Hypotheses { law, all: [first; MOST_HYPOTHESES], stay, kick };
+    hypotheses.all[0].weight = 1.0;
+    let mut expected = Expected::default();
+    for sample in 0..seen.measured.len() {
+        let motion = Motion::new(sample, law, seen.quasi_static[sample], before, last_step, seen.period_s);
+        (before, last_step) = (motion.quasi_static, motion.step());
+        hypotheses.move_on(&motion);
+        let all = &mut hypotheses.all;
+        let total: f64 = all.iter().map(|history| history.weight).sum();
+        let mean = all.iter().map(|history| history.weight * history.seen()).sum::<f64>() / total;
+        let own = |history: &Hypothesis| history.level_variance + history.to_come_variance;
+        let spread = |history: &Hypothesis| history.weight * (own(history) + (history.seen() - mean).powi(2));
+        expected.mean.push(mean);
+        expected.variance.push(all.iter().map(spread).sum::<f64>() / total);
+        if !seen.keep[sample] {
+            expected.log_likelihood.push(0.0);
+            continue;
+        }
+        let likelihood: f64 = all.iter_mut().map(|history| history.learn(seen.measured[sample], seen.noise, total)).sum();
+        expected.log_likelihood.push(likelihood.ln());
+        for history in all.iter_mut() {
+            history.weight = (history.weight / likelihood).max(1e-12);
+        }
+        if let Some(surest) = all.iter().max_by(|x, y| x.weight.total_cmp(&y.weight)) {
+            expected.pseudo_measurements.append(&mut surest.tells(seen.measured[sample], seen.noise, &motion));
+        }
+    }
+    expected
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chain::form::Drive;
+    use crate::data::closed_form::deviates;
+
+    const TIP: SlipLaw =
+        SlipLaw { break_away: 0.05, overshoot: 0.6, scatter: 0.05, model_error: 0.001, ..SlipLaw::plain(Drive::QuasiStatic) };
+    const PERIOD_S: f64 = 0.02;
+
+    /// A tip that sits at zero, sure of it, while the quasi-static response has come to `reached`.
+    fn sticking(reached: f64) -> Hypothesis {
+        Hypothesis { weight: 1.0, level: 0.0, level_variance: 1e-6, wander_variance: 1e-6, highest: reached, ..AT_REST }
+    }
+
+    fn expected(law: &SlipLaw, quasi_static: &[f64], measured: &[f64]) -> Vec<f64> {
+        let keep = vec![true; quasi_static.len()];
+        observe(
+            &Seen {
+                command: quasi_static,
+                followed: quasi_static,
+                quasi_static,
+                measured,
+                keep: &keep,
+                period_s: PERIOD_S,
+                noise: 0.002,
+                bank: None,
+            },
+            law,
+        )
+        .mean
+    }
+
+    #[test]
+    fn what_has_held_out_a_distance_holds_it_out_again() {
+        let chance_of = |reached: f64, quasi_static: f64| {
+            let motion = Motion::new(0, &TIP, quasi_static, reached, quasi_static - reached, PERIOD_S);
+            let history = sticking(reached);
+            history.breaks_away(history.stretch(&motion), &motion)
+        };
+        assert_eq!(chance_of(0.05, 0.05), 0.0, "the pull rests where the tip has held it out");
+        assert_eq!(chance_of(0.052, 0.049), 0.0, "it goes back");
+        let (slow, fast) = (chance_of(0.049, 0.0495), chance_of(0.02, 0.0495));
+        assert!(slow > 0.01 && fast > 2.0 * slow, "{slow} of a short way, {fast} of a long one to the same place");
+        assert!(chance_of(0.02, 0.08) > 0.999);
+    }
+
+    #[test]
+    fn a_tip_leaps_by_its_travel_from_where_it_sat_and_a_fast_pull_takes_nothing_from_it() {
+        for (speed, direction) in [(0.01, 1.0), (0.3, 1.0), (0.3, -1.0)] {
+            let law = SlipLaw { sliding_speed: 0.5, ..TIP };
+            let break_away = law.break_away / (1.0 + law.rate_weakening * speed / law.sliding_speed);
+            let half = 0.5 * speed * PERIOD_S;
+            let [before, quasi_static] = [break_away - half, break_away + half].map(|way| way * direction);
+            let motion = Motion::new(0, &law, quasi_static, before, quasi_static - before, PERIOD_S);
+            assert!((motion.break_away - break_away).abs() < 1e-12);
+            let landed = sticking(before).leapt(direction, break_away - half, &law, &motion);
+            let travel = direction * 1.6 * law.break_away;
+            assert!((landed.level - travel).abs() < 1e-9, "{} instead of {travel}", landed.level);
+        }
+    }
+
+    #[test]
+    fn moments_between_bounds_are_those_of_the_whole_of_a_slice_and_of_a_tail() {
+        // Without bounds, over a slice that is all but a point, beyond zero (half of a normal deviate) and far in a tail.
+        let close = |(mean, variance): (f64, f64), to: (f64, f64), by: f64| {
+            assert!((mean - to.0).abs() < by && (variance - to.1).abs() < by, "{mean} and {variance} instead of {to:?}");
+        };
+        close(between(-40.0, 40.0, 2.0), (0.0, 4.0), 0.02);
+        close(between(0.3, 0.301, 2.0), (0.3005, 0.0), 1e-6);
+        let half = (2.0 / std::f64::consts::PI).sqrt();
+        close(between(0.0, 40.0, 1.0), (half, 1.0 - half * half), 0.02);
+        close(between(-40.0, 0.0, 1.0), (-half, 1.0 - half * half), 0.02);
+        close(between(10.0, 40.0, 1.0), (10.0981, 0.0094), 0.01);
+    }
+
+    #[test]
+    fn a_leap_tells_no_more_than_that_the_distance_lies_between_what_was_held_out_and_what_was_not() {
+        // The quasi-static response went from 0.04 to 0.06 within the sample: where in it the tip broke away is not known, so nothing about the model error is.
+        let motion = Motion::new(0, &TIP, 0.06, 0.04, 0.02, PERIOD_S);
+        let held = sticking(0.04);
+        let landed = held.leapt(1.0, 0.04, &TIP, &motion);
+        assert!(landed.model_error.abs() < 1e-4 && (landed.wander_variance / held.wander_variance - 1.0).abs() < 0.05, "{landed:?}");
+        assert!((landed.level - 0.08).abs() < 1e-3, "{}", landed.level);
+    }
+
+    #[test]
+    fn a_tip_that_yields_creeps_after_the_pull_while_it_holds_and_leaps_by_more_or_less_with_speed() {
+        let law = SlipLaw { presliding: 0.1, ..TIP };
+        let quasi_static: Vec<f64> = (0..200).map(|sample| 1.5e-4 * f64::from(sample)).collect();
+        let measured: Vec<f64> = quasi_static.iter().map(|quasi_static| 0.1 * quasi_static).collect();
+        let found = expected(&law, &quasi_static, &measured);
+        assert!((found[199] - measured[199]).abs() < 2e-4, "{} instead of {}", found[199], measured[199]);
+        let stiff = expected(&TIP, &quasi_static, &measured)[199];
+        assert!(stiff < measured[199] - 4e-4, "{stiff} without yielding");
+        let law = SlipLaw { slip_per_speed_s: -0.01, ..TIP };
+        let motion = Motion::new(0, &law, 0.051, 0.049, 0.002, PERIOD_S);
+        let landed = sticking(0.049).leapt(1.0, 0.049, &law, &motion);
+        assert!((landed.level - (0.08 - 0.01 * 0.002 / PERIOD_S)).abs() < 1e-3, "{}", landed.level);
+    }
+
+    #[test]
+    fn a_leap_is_seen_on_its_way_and_arrives() {
+        let law = SlipLaw { slip_s: 0.02, ..TIP };
+        // It breaks away half a sample ago: half of a slip that takes a whole one.
+        let motion = Motion::new(0, &law, 0.051, 0.049, 0.002, PERIOD_S);
+        let landed = sticking(0.049).leapt(1.0, 0.049, &law, &motion);
+        assert!((landed.to_come / 0.04 - 1.0).abs() < 0.1, "{} of a travel of 0.08 to come", landed.to_come);
+        assert!(landed.to_come_variance > 0.0, "where in the sample it broke away is not known");
+        let later = Hypothesis { since_s: landed.since_s + PERIOD_S, ..landed }.on_its_way(law.slip_s, PERIOD_S);
+        assert_eq!((later.to_come, later.seen()), (0.0, landed.level));
+        let at_once = sticking(0.049).leapt(1.0, 0.049, &TIP, &motion);
+        assert_eq!((at_once.to_come, at_once.seen()), (0.0, at_once.level));
+        // What it lands at is the same.
+        assert!((landed.level - at_once.level).abs() < 1e-12);
+    }
+
+    #[test]
+    fn leaps_tell_the_pull_and_how_well_they_know_it_and_holding_tells_of_a_pull_that_is_too_far() {
+        let law = SlipLaw { scatter: 0.01, model_error: 2e-4, ..TIP };
+        let mut noise = deviates(0x9E37_79B9_7F4A_7C15);
+        let (mut place, mut quasi_static, mut measured) = (0.0_f64, Vec::new(), Vec::new());
+        for step in 0..6000 * 20 {
+            let time_s = f64::from(step) * PERIOD_S / 20.0;
+            let now = 0.5 - 0.5 * (0.7 * time_s).cos();
+            if (now - place).abs() > law.break_away {
+                place += (1.0 + law.overshoot) * law.break_away * (now - place).signum();
+            }
+            if step % 20 == 0 {
+                quasi_static.push(now);
+                measured.push(place + 0.002 * noise());
+            }
+        }
+        let keep = vec![true; quasi_static.len()];
+        let pseudo_measurements = |quasi_static: &[f64]| {
+            let seen = Seen {
+                command: quasi_static,
+                followed: quasi_static,
+                quasi_static,
+                measured: &measured,
+                keep: &keep,
+                period_s: PERIOD_S,
+                noise: 0.002,
+                bank: None,
+            };
+            observe(&seen, &law).pseudo_measurements
+        };
+        let right = pseudo_measurements(&quasi_static);
+        assert!(right.len() > 300, "{} leaps", right.len());
+        let errors: Vec<f64> = right
+            .iter()
+            .map(|pseudo_measurements| {
+                (pseudo_measurements.quasi_static - quasi_static[pseudo_measurements.sample]) / pseudo_measurements.variance.sqrt()
+            })
+            .collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let spread = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!(mean.abs() < 3.0 / (errors.len() as f64).sqrt() + 0.1, "off by {mean} deviations in the mean");
+        assert!((0.7..1.3).contains(&spread), "{spread} deviations");
+        // A quasi-static response that goes half a distance too far at the turns, where nothing slips: holding tells that it does not.
+        let far = |value: f64| value + 0.5 * law.break_away * ((value - 0.97).max(0.0) / 0.03);
+        let wrong: Vec<f64> = quasi_static.iter().map(|value| far(*value)).collect();
+        let of_holds = pseudo_measurements(&wrong).into_iter().filter(|pseudo_measurements| {
+            quasi_static[pseudo_measurements.sample] > 0.985 && pseudo_measurements.quasi_static < wrong[pseudo_measurements.sample]
+        });
+        let farther =
+            of_holds.map(|pseudo_measurements| wrong[pseudo_measurements.sample] - pseudo_measurements.quasi_static).collect::<Vec<f64>>();
+        assert!(farther.len() > 20, "{} of holds", farther.len());
+    }
+
+    #[test]
+    fn a_leap_that_comes_late_tells_that_the_pull_is_ahead() {
+        let (before, quasi_static) = (0.0595, 0.06);
+        let motion = Motion::new(0, &TIP, quasi_static, before, quasi_static - before, PERIOD_S);
+        let held = sticking(before);
+        let landed = held.leapt(1.0, before, &TIP, &motion);
+        assert!(landed.model_error < -5e-4, "{}", landed.model_error);
+        assert!(landed.wander_variance < held.wander_variance);
+        let sure = landed.level_variance * landed.wander_variance;
+        assert!(landed.covariance.powi(2) < sure, "a covariance of {} for variances with a product of {sure}", landed.covariance);
+    }
+
+    /// What is expected of a tip that comes from zero to `tip` while the quasi-static response steps to `to`; the step is at sample 100.
+    fn behind_a_step(law: &SlipLaw, to: f64, tip: f64) -> Vec<f64> {
+        let stepping = |height: f64| [vec![0.0; 100], vec![height; 20]].concat();
+        expected(law, &stepping(to), &stepping(tip))
+    }
+
+    #[test]
+    fn a_sample_may_hold_two_leaps() {
+        let found = behind_a_step(&TIP, 0.14, 0.16)[100];
+        assert!((found - 0.16).abs() < 0.004, "{found} instead of two travels of 0.08");
+    }
+
+    #[test]
+    fn a_step_of_many_leaps_is_followed_at_once() {
+        let found = behind_a_step(&TIP, 0.9, 0.88);
+        assert!((found[100] - 0.9).abs() < 1e-6, "{} at once", found[100]);
+        assert!((found[101] - 0.88).abs() < 2e-3, "{} once it has been seen", found[101]);
+    }
+
+    #[test]
+    fn a_tip_that_runs_on_when_the_pull_stops_is_found_at_once() {
+        let found = behind_a_step(&SlipLaw { sliding_speed: 1.0, ..TIP }, 0.9, 0.94);
+        assert!((found[101] - 0.94).abs() < 2e-3, "{} once it has been seen", found[101]);
+    }
+
+    #[test]
+    fn a_tip_pulled_fast_slides_with_the_pull_and_goes_on_when_that_slows_down() {
+        let law = SlipLaw { sliding_speed: 1.0, ..TIP };
+        // From rest to twice the sliding speed, then seven tenths of it.
+        let speeds = [(0.0, 50), (2.0, 20), (0.7, 10)];
+        let speeds = speeds.into_iter().flat_map(|(speed, samples)| std::iter::repeat_n(speed, samples));
+        let quasi_static: Vec<f64> = speeds
+            .scan(0.0, |place, speed| {
+                *place += speed * PERIOD_S;
+                Some(*place)
+            })
+            .collect();
+        let found = expected(&law, &quasi_static, &quasi_static);
+        for sample in 55..quasi_static.len() {
+            assert!((found[sample] - quasi_static[sample]).abs() < 2e-3, "{} for {} at {sample}", found[sample], quasi_static[sample]);
+        }
+        // From rest to that speed at once it holds and slips.
+        let slower: Vec<f64> = (0..60_u32).map(|sample| f64::from(sample.saturating_sub(50)) * 0.7 * PERIOD_S).collect();
+        let held = vec![0.0; 60];
+        assert!(expected(&law, &slower, &held)[51].abs() < 1e-3);
+    }
+}

@@ -1,0 +1,213 @@
+//! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates or [`descend`]'s steps, weights solved
+//! inside.
+
+use std::sync::Arc;
+
+use crate::chain::form::Form;
+use crate::data::session::Session;
+use crate::model::line::{axes, inward, outward, place};
+use crate::model::structure::{Model, Order, Scope};
+use crate::model::workspace::Workspace;
+use crate::search::descent::descend;
+use crate::search::simplex::{Effort, Fitted, indices_of, objective, simplex};
+
+/// One more effect at the best point of its grid.
+pub struct Started {
+    /// The model with it.
+    pub model: Model,
+    /// Its form.
+    pub form: &'static dyn Form,
+    /// Mean square that it leaves of the screening samples.
+    pub square: f64,
+}
+
+/// `model` with further columns that let its effects' parameters give way to first order: what its output changes by with a tenth of a
+/// first step of each. Beside them an effect is judged by what it takes away when those that are there already are fitted again.
+#[must_use]
+pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
+    const STEP: f64 = 0.1;
+    let axes = axes(model);
+    let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
+    let indices = (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot));
+    let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); session.runs.len()];
+    let centre = inward(&axes, &line);
+    let mut workspace = Workspace::new(session);
+    for index in indices {
+        let at = |step: f64| {
+            let mut point = centre.clone();
+            point[index] += step;
+            let mut moved = model.clone();
+            place(&mut moved, &outward(&axes, &point));
+            moved
+        };
+        let (less, more) = (at(-STEP), at(STEP));
+        let [more, less] = [more, less].map(|model| workspace.outputs(&model, |_| true));
+        for ((more, less), columns) in more.iter().zip(less).zip(&mut columns) {
+            columns.push(more.iter().zip(less).map(|(more, less)| more - less).collect());
+        }
+    }
+    Model { sensitivities: Arc::new(columns), ..model.clone() }
+}
+
+/// Mean square that `base` leaves of the samples that [`start_form`] looks at.
+#[must_use]
+pub fn screened(base: &Model, session: &Session) -> f64 {
+    objective(base, &mut Workspace::new(session), Scope::Screen)
+}
+
+/// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
+#[must_use]
+pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
+    let mut workspace = Workspace::new(session);
+    let mut look = |start: Vec<f64>| {
+        let mut model = base.with_in(order, form, start.clone());
+        let square = if form.discrete() {
+            let sums = workspace.sums(&model, Scope::Both);
+            let weights = sums.fit.solve(&sums.free, &model.weights());
+            0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
+        } else if form.needs_sum() {
+            // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
+            // what remains once the weights have given that back.
+            model.fit_in(&mut workspace, Scope::Screen).0
+        } else {
+            objective(&model, &mut workspace, Scope::Screen)
+        };
+        (Started { model, form, square }, start)
+    };
+    let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(&mut look).collect();
+    tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
+    if let Some(across) = form.across() {
+        // The valley is narrower than the grid, and the best point of the grid need not lie in the deepest: a walk across from a few.
+        let parameter = form.parameters()[across];
+        let step = form.step(across);
+        let near: Vec<Vec<f64>> = tried.iter().take(VALLEYS).map(|tried| tried.1.clone()).collect();
+        for begin in near {
+            for place in (-ACROSS..=ACROSS).filter(|place| *place != 0) {
+                let mut start = begin.clone();
+                start[across] = (start[across] * (f64::from(place) * step).exp()).clamp(parameter.low, parameter.high);
+                tried.push(look(start));
+            }
+        }
+    }
+    let mut best = tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))?;
+    best.model.sensitivities = Arc::default();
+    Some(best)
+}
+
+/// Starts from which a walk across a narrow valley begins.
+const VALLEYS: usize = 5;
+
+/// Steps of the walk to either side.
+const ACROSS: i32 = 6;
+
+/// The form as it was started, its weights fitted to all that is fitted.
+#[must_use]
+pub fn settle_form(started: &Started, session: &Session) -> Fitted {
+    let mut model = started.model.clone();
+    let (_, select) = model.fit(session, Scope::Both);
+    Fitted { model, select }
+}
+
+/// Improves the form's parameters on the screening samples from where it was started, the others' held.
+#[must_use]
+pub fn refine_form(started: &Started, session: &Session) -> Fitted {
+    let (mut model, form) = (started.model.clone(), started.form);
+    let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
+    let indices = if form.discrete() { Vec::new() } else { indices_of(&model, slot) };
+    let effort =
+        |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
+    if !indices.is_empty() {
+        simplex(&mut model, session, &indices, effort(1.0, 14));
+        if form.needs_sum() {
+            model.fit(session, Scope::Screen);
+            simplex(&mut model, session, &indices, effort(0.7, 10));
+        }
+    }
+    if let Some(across) = form.across() {
+        // A simplex ends in the nearest of many valleys: look over both rims of every parameter, then down again.
+        let others = (0..indices.len()).filter(|&parameter| parameter != across);
+        for parameter in others.chain([across]) {
+            walk(&mut model, session, slot, parameter, 2.0);
+            walk(&mut model, session, slot, across, 1.0);
+        }
+        simplex(&mut model, session, &indices, effort(0.7, 14));
+    }
+    let (_, select) = model.fit(session, Scope::Both);
+    Fitted { model, select }
+}
+
+/// Moves one logarithmic parameter of a slot to the best of a row of places about it, `stride` first steps apart.
+fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, stride: f64) {
+    let form = model.slots[slot].form;
+    let limits = form.parameters()[parameter];
+    let centre = model.slots[slot].parameters[parameter];
+    let mut best = (f64::MAX, centre);
+    let mut workspace = Workspace::new(session);
+    for place in -ACROSS..=ACROSS {
+        let value = (centre * (f64::from(place) * stride * form.step(parameter)).exp()).clamp(limits.low, limits.high);
+        model.slots[slot].parameters[parameter] = value;
+        let square = objective(model, &mut workspace, Scope::Screen);
+        if square < best.0 {
+            best = (square, value);
+        }
+    }
+    model.slots[slot].parameters[parameter] = best.1;
+}
+
+/// Fits one more effect in one form, the others held.
+#[must_use]
+pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
+    start_form(base, form, Order::Usual, session, residual).map(|started| refine_form(&started, session))
+}
+
+/// Improves all parameters of all effects together, by the samples of `scope`.
+#[must_use]
+pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
+    let mut model = model.clone();
+    let indices: Vec<usize> =
+        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(&model, slot)).collect();
+    let count = indices.len();
+    let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
+    let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
+    model.fit(session, scope);
+    descend(&mut model, session, &indices, effort(0.4, evaluations * count));
+    let (_, mut select) = model.fit(session, Scope::Both);
+    if model.needs_sum() && count > 0 {
+        descend(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
+        (_, select) = model.fit(session, Scope::Both);
+    }
+    Fitted { model, select }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::pneumatic_lag;
+    use crate::model::initial_state::InitialState;
+    use virtual_rig as rig;
+    use virtual_rig::{CaseConfig, Generator};
+
+    #[test]
+    fn columns_that_ease_a_model_take_away_what_a_wrong_parameter_leaves() {
+        let effects = vec!["pneumatic-lag".to_owned()];
+        let case = rig::hide(&CaseConfig { effects, seed: 562, noise: 0.0, generator: Generator::Rival, ..CaseConfig::default() });
+        let case = case.expect("a case");
+        let session = Session::new(&case.recordings[..6], &[]).expect("a session");
+        let lagging = |time_s: f64| {
+            let mut model =
+                Model::baseline(InitialState::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![time_s]);
+            model.fit(&session, Scope::Screen);
+            model
+        };
+        let right = polish(&lagging(case.truth.parameters["pneumatic-lag.time_constant_s"]), &session, Scope::Screen, 40).model;
+        let wrong = lagging(1.1 * right.slots[0].parameters[0]);
+        let with_sensitivities = with_sensitivities(&wrong, &session);
+        let [of_right, of_wrong, of_eased] = [&right, &wrong, &with_sensitivities].map(|model| screened(model, &session));
+        assert!(of_wrong > 2.0 * of_right, "{of_wrong} is no more than {of_right}");
+        // Not all: weights that may not be negative give way to one side only.
+        assert!(of_wrong - of_eased > 0.5 * (of_wrong - of_right), "{of_wrong} to {of_eased}, and {of_right} with the right one");
+        // They have no say in what it predicts.
+        let run = &session.runs[0];
+        assert_eq!(with_sensitivities.predict(run), wrong.predict(run));
+    }
+}

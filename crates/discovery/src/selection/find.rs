@@ -1,0 +1,335 @@
+//! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something, a third; and what leaves again.
+
+use crate::chain::form::Form;
+use crate::data::noise;
+use crate::data::session::Session;
+use crate::data::statistics::tail;
+use crate::effects::catalogue;
+use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
+use crate::model::structure::{Model, Scope, Slot};
+use crate::result::{Candidate, DiscoverConfig, RunnerUp};
+use crate::search::{forms, parallel};
+use crate::selection::found::{Found, Outcome};
+use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
+use crate::selection::{alike, pairs, rounds, switching_selection};
+
+/// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
+pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
+
+/// What goes on by itself while the input rests.
+const RHYTHM: &str = "periodic-disturbance";
+
+/// What goes on between recordings.
+const CREEP: &str = "creep";
+
+/// Searches the whole catalogue, without the effects that a measured pressure has ruled out.
+pub fn effects(
+    session: &Session,
+    model: Model,
+    pressure_path: Option<&[String]>,
+    config: &DiscoverConfig,
+    watch: &dyn Fn(&str),
+) -> Outcome {
+    let mut forms = catalogue::forms();
+    if let Some(named) = pressure_path {
+        forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
+    }
+    // A sensor that reads in steps wider than its noise holds and jumps by itself: a tip that sticks could not be told from it.
+    if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
+        forms.retain(|form| form.name() != "stick-slip");
+    }
+    let bench = Bench { session, forms, threads: config.threads };
+    let first = First::new(&bench, model.clone(), config.most_effects > 0, watch);
+    if first.wants_more(session) {
+        let alone = first.outcome();
+        if switching_selection::may_jump(&bench, &model, &alone) {
+            watch("what jumps");
+            let outcome = switching_selection::rename(&bench, &model, alone);
+            if switching_selection::explains_all(session, &model, &outcome) {
+                return outcome;
+            }
+        }
+    }
+    let outcome = first.and_further(&bench, config.most_effects, watch);
+    watch("what jumps");
+    switching_selection::rename(&bench, &model, outcome)
+}
+
+/// Adds effects to `model` as long as they pay; those that it has already stay.
+pub fn find(bench: &Bench<'_>, model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+    let first = First::new(bench, model, most_effects > 0, watch);
+    first.and_further(bench, most_effects, watch)
+}
+
+/// What the search knows when every effect has been tried alone.
+struct First {
+    /// The model before the search.
+    base: Model,
+    /// The same as it is judged.
+    bare: Judged,
+    /// Every form, best first.
+    tried: Vec<Tried>,
+    /// The best of them, polished, best first.
+    firsts: Vec<Judged>,
+    /// Whether the best one pays.
+    pays: bool,
+    /// Every effect in its best form.
+    candidates: Vec<Candidate>,
+}
+
+impl First {
+    fn new(bench: &Bench<'_>, mut base: Model, any: bool, watch: &dyn Fn(&str)) -> Self {
+        base.fit(bench.session, Scope::Both);
+        let bare = bench.judge(&base);
+        watch("every effect");
+        let tried = bench.round(&base, rounds::LEAST_GAIN);
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for one in &tried {
+            if !candidates.iter().any(|candidate| candidate.name == one.form.name()) {
+                candidates.push(Candidate {
+                    name: one.form.name().to_owned(),
+                    score: 1.0 - one.fitted.select / bare.select,
+                    p_value: tail(one.deviations),
+                });
+            }
+        }
+        let firsts = bench.polished(&leaders(&tried), POLISH);
+        let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, rounds::LEAST_GAIN));
+        Self { base, bare, tried, firsts, pays, candidates }
+    }
+
+    /// What explains most so far.
+    fn standing(&self) -> &Judged {
+        if self.pays { &self.firsts[0] } else { &self.bare }
+    }
+
+    /// Whether so much is left that two effects are looked for.
+    fn wants_more(&self, session: &Session) -> bool {
+        // Two effects may each take away too little alone: where much is left without either, they are tried together as well.
+        let left = if self.pays { LEFT_OVER_NOISE } else { MUCH_OVER_NOISE };
+        !self.firsts.is_empty() && leaves(session, self.standing(), left)
+    }
+
+    /// The best effect alone as an outcome.
+    fn outcome(&self) -> Outcome {
+        let owned: Vec<&'static str> = self.base.names().collect();
+        let order = self.standing().model.names().filter(|name| !owned.contains(name)).collect();
+        let mut found = Found { order, candidates: self.candidates.clone(), ..Found::default() };
+        let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] }, &mut found);
+        let met = self.firsts.iter().map(|one| one.fine.pruned()).collect();
+        Outcome { model: self.standing().fine.pruned(), second, found, met, tried: best_of_each(&self.tried) }
+    }
+
+    /// Adds further effects as long as they pay.
+    fn and_further(self, bench: &Bench<'_>, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+        let session = bench.session;
+        let wants_more = self.wants_more(session);
+        let mut standing = self.standing().clone();
+        let Self { base: model, bare, tried, firsts, pays, candidates } = self;
+        let owned: Vec<&'static str> = model.names().collect();
+        let mut found = Found { candidates, ..Found::default() };
+        let mut rivals: Vec<Judged> = if pays { firsts.clone() } else { Vec::new() };
+        if most_effects > 1 && wants_more {
+            watch("a second effect");
+            let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
+            if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &bare, &standing, pair)) {
+                // A form in a narrow valley may have found its place with the other's help, and now do without it.
+                let is_narrow = pair.model.slots.iter().any(|slot| parallel::is_narrow(slot.form));
+                standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
+                rivals = pairs;
+            }
+        }
+        if !rivals.is_empty() {
+            let mut count = standing.model.slots.len() - owned.len();
+            while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
+                watch("a third effect");
+                let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN, rounds::LEAST_BESIDE_LARGE);
+                let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
+                let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
+                standing = without_idle(bench, &bare, best, &owned);
+                let now = standing.model.slots.len() - owned.len();
+                if now <= count {
+                    break;
+                }
+                count = now;
+            }
+        }
+        // A slow rhythm is at rest too, and passes for noise until it is told.
+        let count = standing.model.slots.len() - owned.len();
+        if (1..most_effects).contains(&count)
+            && standing.model.names().all(|name| name != RHYTHM)
+            && noise::may_hold_a_rhythm(session, &standing.fine.residuals(session))
+        {
+            let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
+            let of_rhythms = Bench { session, forms, threads: bench.threads };
+            let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN, rounds::LEAST_BESIDE_LARGE);
+            let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
+            if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &bare, &standing, best)) {
+                standing = without_idle(bench, &bare, best, &owned);
+            }
+        }
+        standing = with_simpler(bench, standing, &owned);
+        let alike = alike::compare(bench, standing, &owned);
+        standing = alike.first;
+        let second = match alike.second {
+            Some((second, name)) => {
+                found.alike = true;
+                found.apart = rounds::deviations(&second.blocks, &standing.blocks).max(0.0);
+                found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: false });
+                Some(second.fine.pruned())
+            }
+            None => second_best(&standing, &rivals, &mut found),
+        };
+        // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
+        if standing.model.names().any(|name| name == CREEP) {
+            for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
+                slot.form = LEFT_BY_CREEP;
+            }
+        }
+        found.order = by_loss(bench, &standing, &owned);
+        let mut model = standing.fine.pruned();
+        if !model.slots.is_empty() {
+            let last = forms::polish(&model, session, Scope::Fit, 2 * POLISH);
+            if last.select <= standing.select * 1.001 {
+                model = last.model;
+            }
+        }
+        let met = rivals.iter().chain(&firsts).map(|one| one.fine.pruned()).collect();
+        Outcome { model, second, found, met, tried: best_of_each(&tried) }
+    }
+}
+
+/// Every effect in its best form, where chance does not explain it.
+fn best_of_each(tried: &[Tried]) -> Vec<Model> {
+    let mut best: Vec<&Tried> = Vec::new();
+    for one in tried.iter().filter(|one| one.deviations > LEAST_OF_TRIED) {
+        if best.iter().all(|other| other.form.name() != one.form.name()) {
+            best.push(one);
+        }
+    }
+    best.into_iter().map(|one| one.fitted.model.clone()).collect()
+}
+
+/// Blocked deviations that an effect tried alone must reach to be met again beside something that jumps.
+const LEAST_OF_TRIED: f64 = 2.0;
+
+/// Whether more than `times` the noise is left on the selecting samples.
+fn leaves(session: &Session, standing: &Judged, times: f64) -> bool {
+    standing.select > times * noise::floor(session, &standing.fine.residuals(session)).powi(2)
+}
+
+/// Mean square over that of the noise from which on a further effect is looked for.
+const LEFT_OVER_NOISE: f64 = 1.05;
+
+/// Mean square over that of the noise from which on two effects are looked for where no single one pays: where it stands out to the verdict.
+const MUCH_OVER_NOISE: f64 = 1.32;
+
+/// Least share of the mean square that a further effect takes away.
+///
+/// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
+/// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide anything, half of
+/// what is left, for what mends another's form leaves more than that, and never less than what no form is exact to, the share
+/// `beside_large`. It takes the share `of_left` of what is left at least.
+fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64, beside_large: f64) -> f64 {
+    let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
+    let excess = (bare.select - floor_square).max(0.05 * floor_square);
+    let left = (standing.select - floor_square).max(0.0);
+    let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left).max(beside_large * excess);
+    let taken = of_original.max(of_left * left);
+    (taken / standing.select).max(2.0 * rounds::LEAST_GAIN)
+}
+
+/// Whether one effect more pays beside those that are there already.
+fn pays_beside(bench: &Bench<'_>, bare: &Judged, standing: &Judged, further: &Judged) -> bool {
+    let session = bench.session;
+    let floor_square = noise::floor(session, &further.fine.residuals(session)).powi(2);
+    let left = |judged: &Judged| judged.select - floor_square;
+    let completes = further.select < COMPLETE * floor_square && left(further) < LEFT_OF_COMPLETE * left(standing);
+    // Where one form has more parameters than two effects together, they are the simpler explanation.
+    let is_cheaper = further.model.cost() <= standing.model.cost();
+    let beside_large = if completes || is_cheaper { rounds::LEAST_TO_COMPLETE } else { rounds::LEAST_BESIDE_LARGE };
+    further.pays(standing, least_further(session, bare, standing, rounds::LEAST_FURTHER_GAIN, beside_large))
+}
+
+/// Mean square over that of the noise at which nothing is left.
+const COMPLETE: f64 = 1.1;
+
+/// Share of what was left above the noise that is left beside what explains it.
+const LEFT_OF_COMPLETE: f64 = 0.2;
+
+/// The model without the effects that no longer pay beside the others.
+fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &[&str]) -> Judged {
+    while standing.model.slots.len() > owned.len() + 1 {
+        let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
+        let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
+        let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
+        if pays_beside(bench, bare, &fewer, &standing) {
+            break;
+        }
+        standing = fewer;
+    }
+    standing
+}
+
+/// The model with the simpler effect in the place of one that has come near it, where that does as well: beside another effect only a few
+/// seconds are searched, and a dearer form may have been the first of them.
+fn with_simpler(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judged {
+    if standing.model.slots.len() < owned.len() + 2 {
+        return standing;
+    }
+    let model = &standing.model;
+    let of = |(at, slot): (usize, &Slot)| {
+        let is_new = |form: &dyn Form| model.names().all(|name| name != form.name());
+        let simpler = slot.form.nested_limits(&slot.parameters).into_iter().filter(|(form, _)| is_new(*form));
+        simpler.map(|(form, parameters)| model.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
+    };
+    let free = model.slots.iter().enumerate().filter(|(_, slot)| !owned.contains(&slot.form.name()));
+    let simpler: Vec<Model> = free.flat_map(of).collect();
+    if let Some(simpler) = bench.polished(&simpler, POLISH).into_iter().next().filter(|one| one.penalised() < standing.penalised()) {
+        standing = simpler;
+    }
+    standing
+}
+
+/// Names of the effects, the one first without which most is left.
+fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static str> {
+    let loss = |form: &'static dyn Form| {
+        let slot = standing.model.names().position(|name| name == form.name()).unwrap_or(0);
+        standing.model.without(slot).fit(bench.session, Scope::Both).1
+    };
+    let free = standing.model.slots.iter().filter(|slot| !owned.contains(&slot.form.name()));
+    let mut order: Vec<(f64, &'static str)> = free.map(|slot| (loss(slot.form), slot.form.name())).collect();
+    order.sort_by(|x, y| y.0.total_cmp(&x.0));
+    order.dedup_by(|later, first| later.1 == first.1 && first.1 == CREEP);
+    order.into_iter().map(|(_, name)| name).collect()
+}
+
+/// The best of `rivals` that names something else than `standing` does: its model, and what it means for the verdict.
+fn second_best(standing: &Judged, rivals: &[Judged], found: &mut Found) -> Option<Model> {
+    let names: Vec<&str> = standing.model.names().collect();
+    let other = |rival: &&Judged| rival.model.names().any(|name| !names.contains(&name));
+    let second = rivals.iter().find(other)?;
+    let name = second.model.names().find(|name| !names.contains(name))?;
+    found.apart = rounds::deviations(&second.blocks, &standing.blocks);
+    found.twins = second.model.cost() <= standing.model.cost() && second.select < 1.005 * standing.select;
+    found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > 2.0 && second.select > 1.01 * standing.select });
+    Some(second.fine.pruned())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::discover;
+    use crate::result::DiscoverConfig;
+    use virtual_rig as rig;
+    use virtual_rig::{CaseConfig, Generator};
+
+    #[test]
+    fn a_lag_beside_a_leak_is_a_lag_and_not_two_time_constants_that_are_nearly_one() {
+        let effects = vec!["leakage".to_owned(), "pneumatic-lag".to_owned()];
+        let case = rig::hide(&CaseConfig { effects, seed: 542, generator: Generator::Rival, ..CaseConfig::default() }).expect("a case");
+        let discovery = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding").discovery;
+        let mut names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["leakage", "pneumatic-lag"], "{discovery:?}");
+    }
+}

@@ -1,0 +1,12 @@
+//! Which effects come in, which leave, and the verdict.
+
+pub mod alike;
+pub mod criterion;
+pub mod find;
+pub mod found;
+pub mod leaves;
+pub mod pairs;
+pub mod rounds;
+pub mod switching_likelihood;
+pub mod switching_selection;
+pub mod verdict;

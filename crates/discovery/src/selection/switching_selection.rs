@@ -1,0 +1,667 @@
+//! Naming what jumps: a sticking tip or a valve with a dead band, alone or beside something smooth.
+//!
+//! All are judged by the same measure, the likelihood of each sample after those before it ([`super::jumps`]), on recordings that took no
+//! part in fitting: every smooth explanation that the search has met, alone and as the quasi-static response of jumps of either kind. A smooth observer may
+//! read slow errors from the output just as a jump observer may read stick positions, so jumps win by holding still and leaping alone. What is smooth
+//! must then pay beside the jumps, for jumps alone may look like an effect of the muscle.
+
+use crate::chain::form::{Drive, Form};
+use crate::data::noise;
+use crate::data::session::Session;
+use crate::data::statistics::tail;
+use crate::effects::sticking::inferred_quasi_static;
+use crate::effects::{offset_drift, pneumatic_lag, sticking};
+use crate::model::structure::{Model, Scope};
+use crate::observers::law::SlipLaw;
+use crate::result::{Candidate, RunnerUp};
+use crate::search::parallel;
+use crate::selection::found::Outcome;
+use crate::selection::rounds::Bench;
+use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
+use crate::selection::{leaves, rounds};
+
+/// Blocked deviations by which jumps must beat everything smooth. Smooth laws that the catalogue lacks come near what holds and moves, so
+/// chance is not what this guards against.
+const LEAST_DEVIATIONS: f64 = 5.0;
+
+/// The same where the logarithm of the likelihood ratio is [`LARGE_LOG_LIKELIHOOD`] per sample: what slow strokes show, and fast ones do not, is
+/// uneven by nature.
+const LEAST_DEVIATIONS_OF_LARGE: f64 = 3.0;
+
+/// Logarithm of a likelihood ratio, per sample, that neither chance nor what is not known reaches: of four rounds of the virtual rigs' unknown
+/// effects (47 cases), the highest were 0.027, 0.025 and 0.023.
+const LARGE_LOG_LIKELIHOOD: f64 = 0.035;
+
+/// Logarithm of the likelihood ratio, per sample, that jumps must reach.
+const LEAST_LOG_LIKELIHOOD: f64 = 0.025;
+
+/// Largest scatter of break-aways and landings, in break-away distances: with more, a law follows any output by jumping whenever it must.
+/// Those of the rigs that jump come out at up to 0.3.
+const MOST_SCATTER: f64 = 0.5;
+
+/// Blocked deviations by which one kind of jumps must beat the other to be told from it.
+const APART: f64 = 2.0;
+
+/// The same that a smooth effect must bring beside the jumps: what little a law of jumps is wrong by looks like one everywhere.
+const LEAST_LOG_LIKELIHOOD_BESIDE: f64 = 0.03;
+
+/// The same for an effect that jumps do not look like.
+const LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION: f64 = 0.015;
+
+/// Smooth explanations whose jumps are fitted in full.
+const LEADERS: usize = 3;
+
+/// Jumps on a quasi-static response, with the log-likelihood for them.
+struct Judged {
+    log_likelihood: LogLikelihood,
+    form: &'static dyn Form,
+    law: SlipLaw,
+    /// Which smooth explanation the quasi-static response is.
+    quasi_static: usize,
+    /// The same with its weights fitted beside the jumps, behind the lag of what moves.
+    model: Model,
+}
+
+/// Deviations by which `more` lies above `less`, block by block.
+fn above(more: &LogLikelihood, less: &LogLikelihood) -> f64 {
+    rounds::deviations(&more.blocks, &less.blocks)
+}
+
+/// Whether `more` explains the recordings better than `less` by more than chance does.
+fn is_no_chance(more: &LogLikelihood, less: &LogLikelihood) -> bool {
+    let gain = more.mean() - less.mean();
+    above(more, less) >= if gain > LARGE_LOG_LIKELIHOOD { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
+}
+
+/// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
+/// recordings, nearly three times what the Bayesian information criterion asks.
+const PENALTY: f64 = 0.001;
+
+/// Every smooth explanation that the search has met, its weights fitted on the fine grid, the first without any effect of the search.
+fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model> {
+    let simulated = |model: &Model| model.names().any(|name| name == VALVE);
+    let found = &outcome.model;
+    let parts = (0..found.slots.len()).map(|slot| found.without(slot));
+    let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
+    let mut wanted: Vec<(bool, Model)> = vec![(false, base.clone())];
+    // One effect beside the jumps is likelier than two.
+    let met = |single: bool| outcome.met.iter().filter(move |model| (model.slots.len() <= base.slots.len() + 1) == single).cloned();
+    let singles = std::iter::once(found.clone()).chain(parts).chain(met(true)).map(|model| (true, model));
+    let tried = outcome.tried.iter().map(|model| (false, model.clone()));
+    for (is_fine, model) in singles.chain(tried).chain(met(false).map(|model| (true, model))) {
+        let again = wanted.iter().any(|(_, other)| other.forms() == model.forms());
+        if !again && !simulated(&model) && keeps_base(&model) && wanted.len() < MOST_EXPLANATIONS {
+            wanted.push((is_fine, model));
+        }
+    }
+    parallel::in_parallel(&wanted, bench.threads, |(is_fine, model)| {
+        let mut model = if *is_fine { model.clone() } else { model.refined() };
+        model.fit(bench.session, Scope::Both);
+        model.pruned()
+    })
+}
+
+/// The simulated form of this effect is no smooth explanation.
+const VALVE: &str = "valve-dead-band";
+
+/// Smooth explanations that jumps are tried on.
+const MOST_EXPLANATIONS: usize = 13;
+
+/// What moves follows with a lag of one pole: the form that leads the operators by it.
+fn lag_of(drive: Drive) -> &'static dyn Form {
+    match drive {
+        Drive::QuasiStatic => pneumatic_lag::FORMS[0],
+        Drive::Command => sticking::LAG_WITHOUT_DEAD_BAND,
+    }
+}
+
+/// The model behind a lag of what moves; a form of jumps has that lag of its own.
+fn with_lag(model: &Model, drive: Drive, lag_s: f64) -> Model {
+    if lag_s > 0.0 { model.with(lag_of(drive), vec![lag_s]) } else { model.clone() }
+}
+
+/// The model with the weights that it has behind this lag, and the mean square of the fitted samples.
+fn fitted_behind(session: &Session, model: &Model, drive: Drive, lag_s: f64) -> (Model, f64) {
+    let mut lagging = with_lag(model, drive, lag_s);
+    let (fit, _) = lagging.fit(session, Scope::Both);
+    if lag_s > 0.0 {
+        lagging.slots.remove(model.slots.partition_point(|slot| slot.form.place() <= lag_of(drive).place()));
+    }
+    (lagging, fit)
+}
+
+/// The lag of what moves, of these, by the mean, whatever its stick positions, and the model behind it.
+fn lagged(session: &Session, model: &Model, drive: Drive, lags: &[f64]) -> (Model, f64) {
+    let of = |&lag_s: &f64| (fitted_behind(session, model, drive, lag_s), lag_s);
+    let best = lags.iter().map(of).min_by(|x, y| x.0.1.total_cmp(&y.0.1));
+    best.map_or_else(|| (model.clone(), 0.0), |((model, _), lag_s)| (model, lag_s))
+}
+
+/// The best jumps of one form on every smooth explanation, those on the leading ones and on the first fitted in full.
+fn jumps(
+    session: &Session,
+    explanations: &[Model],
+    smoothest: usize,
+    form: &'static dyn Form,
+    likely: &[Vec<f64>],
+    noise: f64,
+) -> Vec<Judged> {
+    let drive = form.jumps().unwrap_or(Drive::QuasiStatic);
+    let feels = form.feels_sensor();
+    // Whether a stick position feels the sensor makes a difference where the sensor moves within the time that a stick position holds.
+    let differs = |model: &Model| !feels || model.names().any(|name| name == PERIODIC);
+    let on = |model: &Model, lag_s: f64| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, feels);
+    let of = |index: usize| {
+        let (model, lag_s) = lagged(session, &explanations[index], drive, lags(drive));
+        on(&model, lag_s).law(drive, lag_s, if drive == Drive::Command { likely } else { &[] })
+    };
+    let wanted: Vec<usize> = (0..explanations.len()).filter(|&index| differs(&explanations[index])).collect();
+    let Some(&first) = wanted.first() else { return Vec::new() };
+    let mut laws = vec![of(first)];
+    if wanted.contains(&smoothest) && smoothest != first {
+        laws.push(of(smoothest));
+    }
+    let lag_s = laws[0].lag_s;
+    let mut begun: Vec<(f64, usize, SlipLaw, Model)> = Vec::new();
+    for &index in &wanted {
+        // A quasi-static response that lags already needs no more of it.
+        let wanted = if drive == Drive::Command && lag_s > 0.0 { vec![0.0, lag_s] } else { vec![lag_s] };
+        let (model, lag_s) = lagged(session, &explanations[index], drive, &wanted);
+        let quasi_static = on(&model, lag_s);
+        let laws: Vec<SlipLaw> = quasi_static.with_own_model_error(&laws).into_iter().map(|law| SlipLaw { lag_s, ..law }).collect();
+        if let Some((log_likelihood, law)) = quasi_static.best(laws, true) {
+            begun.push((log_likelihood, index, law, model));
+        }
+    }
+    begun.sort_by(|x, y| y.0.total_cmp(&x.0));
+    let mut judged = Vec::new();
+    for (place, (_, quasi_static, mut law, mut model)) in begun.into_iter().enumerate() {
+        if place < LEADERS || quasi_static == first {
+            law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05], false);
+            (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS, 1);
+        }
+        judged.push(Judged { log_likelihood: on(&model, law.lag_s).jumping(&law), form, law, quasi_static, model });
+    }
+    judged
+}
+
+/// The model with its weights fitted beside the jumps, and the law of these found again on it, as often as `refits` says at most, and only as
+/// long as it helps. The weights were fitted as if what jumps were noise; what it is expected to depart by is known now.
+fn refitted(
+    session: &Session,
+    form: &'static dyn Form,
+    noise: f64,
+    model: Model,
+    law: SlipLaw,
+    refits: &Refits,
+    threads: usize,
+) -> (Model, SlipLaw) {
+    let (drive, lag_s) = (law.drive, law.lag_s);
+    let on = |model: &Model| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
+    let value = on(&model).fitting(&law);
+    if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
+        let led = SlipLaw { overshoot: 0.0, ..law };
+        let begun = without_mean_error(&model.regrown(), law.overshoot * law.break_away);
+        let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
+        if led.2 > value {
+            return (led.0.pruned(), led.1);
+        }
+    }
+    let is_told = drive == Drive::QuasiStatic && refits.whole;
+    let begun = if is_told { pseudo_measurements(&on, form, noise, &model, law) } else { None };
+    let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
+    let law = if is_told { on(&model).tuned_to_miss_least(law, &LAST_STEPS, true) } else { law };
+    (model, law)
+}
+
+/// Steps of the last look for a tip's law, by what it misses: recordings that are kept out are judged by that.
+const LAST_STEPS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
+
+/// How far short of the quasi-static response a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
+const SHORT: [f64; 3] = [0.0, 0.15, 0.35];
+
+/// The model as the slips of a tip tell its quasi-static response, the law on it and the log-likelihood for them.
+fn pseudo_measurements<'a>(
+    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
+    form: &'static dyn Form,
+    noise: f64,
+    model: &Model,
+    law: SlipLaw,
+) -> Option<(Model, SlipLaw, f64)> {
+    let session = on(model).session();
+    let travel = (1.0 + law.overshoot) * law.break_away;
+    let overshoot = SHORT.map(|short| {
+        let farther = travel / (1.0 - short) - law.break_away;
+        let mut pseudo_measurements = to_be_inferred(model, form, noise, law, farther);
+        pseudo_measurements.fit_once(session, Scope::Both);
+        let model = without_jumps(&pseudo_measurements).pruned();
+        let quasi_static = on(&model);
+        let law = quasi_static.tuned(quasi_static.with_own_begin(law.of_a_response_farther(farther)), &FIRST_STEPS_INFERRED, true);
+        let value = quasi_static.fitting(&law);
+        (model, law, value)
+    });
+    overshoot.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
+}
+
+/// The model on the whole grid, to be fitted to the quasi-static response that a tip tells, this much farther from the stick position.
+fn to_be_inferred(model: &Model, form: &'static dyn Form, noise: f64, law: SlipLaw, farther: f64) -> Model {
+    model.regrown().with(inferred_quasi_static(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
+}
+
+/// The model without what jumps in it.
+pub(crate) fn without_jumps(model: &Model) -> Model {
+    model.without(model.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0))
+}
+
+/// As [`refitted`], from a model, a law and the log-likelihood for them on; with the last log-likelihood.
+fn refits_of<'a>(
+    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
+    form: &'static dyn Form,
+    noise: f64,
+    (mut model, mut law, mut value): (Model, SlipLaw, f64),
+    refits: &Refits,
+) -> (Model, SlipLaw, f64) {
+    for _ in 0..refits.times {
+        let is_told = law.drive == Drive::QuasiStatic && refits.whole;
+        let mut with = if is_told { to_be_inferred(&model, form, noise, law, 0.0) } else { model.with(form, law.as_parameters(noise)) };
+        with.fit(on(&model).session(), Scope::Both);
+        let without = without_jumps(&with);
+        let without = if is_told { without.pruned() } else { without };
+        let quasi_static = on(&without);
+        let begun = if is_told { quasi_static.with_own_begin(law) } else { law };
+        let again = quasi_static.tuned(begun, refits.steps, refits.whole);
+        let better = quasi_static.fitting(&again);
+        if better <= value {
+            break;
+        }
+        (model, law, value) = (without, again, better);
+    }
+    (model, law, value)
+}
+
+/// The model with its thresholds smaller by the mean error of a valve that they have taken for hysteresis, on the same grid.
+fn without_mean_error(model: &Model, mean_error: f64) -> Model {
+    let mut nearer = model.clone();
+    nearer.base[1..].fill(0.0);
+    for (&threshold, &weight) in model.thresholds.iter().zip(&model.base[1..]) {
+        let wanted = (threshold - mean_error).max(0.0);
+        let above = model.thresholds.partition_point(|other| *other <= wanted).min(model.thresholds.len() - 1).max(1);
+        let (low, high) = (model.thresholds[above - 1], model.thresholds[above]);
+        let share = ((wanted - low) / (high - low)).clamp(0.0, 1.0);
+        nearer.base[above] += (1.0 - share) * weight;
+        nearer.base[above + 1] += share * weight;
+    }
+    nearer
+}
+
+/// Log-likelihood per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
+const AT_FIRST_SIGHT: f64 = 0.03;
+
+/// Share of what a simulation leaves above the noise that an observer may leave to take its place.
+const LEFT_BY_AN_OBSERVER: f64 = 0.5;
+
+/// How often weights are fitted again beside the jumps, and how their law is found again.
+struct Refits {
+    times: usize,
+    steps: &'static [f64],
+    /// Whether a tip's law is found with all of its parameters.
+    whole: bool,
+}
+
+/// Those by which jumps are compared.
+const FIRST_REFITS: Refits = Refits { times: 2, steps: &[0.1], whole: false };
+
+/// Those of the jumps that are named.
+const LAST_REFITS: Refits = Refits { times: 5, steps: &[0.1, 0.03, 0.01, 0.003], whole: true };
+
+/// Those by which quasi-static responses that a tip tells are compared.
+const FIRST_STEPS_INFERRED: [f64; 2] = [0.1, 0.03];
+
+/// The effect that moves a sensor within the time that a stick position holds.
+const PERIODIC: &str = "periodic-disturbance";
+
+/// Whether it gives each recording a zero of its own.
+fn has_zeros(model: &Model) -> bool {
+    model.slots.iter().any(|slot| offset_drift::gives_zeros(slot.form))
+}
+
+/// Whether zeros that lie so far apart are the work of these jumps: a muscle keeps what the peaks of its pressure left, and where in its band
+/// a valve leaves the pressure there is another place every time.
+fn are_its_own(zeros: f64, jumps: &Judged) -> bool {
+    jumps.form.jumps() == Some(Drive::Command) && zeros < jumps.law.break_away
+}
+
+/// How far the recordings' means of what the model misses lie apart: their standard deviation.
+fn zeros(session: &Session, model: &Model) -> f64 {
+    let means: Vec<f64> =
+        model.residuals(session).iter().map(|residual| residual.iter().sum::<f64>() / residual.len().max(1) as f64).collect();
+    let mean = means.iter().sum::<f64>() / means.len() as f64;
+    (means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / means.len() as f64).sqrt()
+}
+
+/// Effects that change from recording to recording, or have a clock of their own: nothing that jumps looks like them.
+const OF_THE_SESSION: [&str; 5] = ["offset-drift", "gain-drift", "setup-change", "clock-skew", PERIODIC];
+
+/// Whether all effects of this model are such.
+fn of_the_session(model: &Model) -> bool {
+    model.names().all(|name| OF_THE_SESSION.contains(&name))
+}
+
+/// Whether the effects in the quasi-static response of the jumps bring enough beside them, over jumps on a quasi-static response with fewer.
+fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
+    let gain = more.log_likelihood.mean() - fewer.log_likelihood.mean();
+    if of_the_session {
+        gain > LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION && above(&more.log_likelihood, &fewer.log_likelihood) >= LEAST_DEVIATIONS_OF_LARGE
+    } else {
+        gain > LEAST_LOG_LIKELIHOOD_BESIDE && is_no_chance(&more.log_likelihood, &fewer.log_likelihood)
+    }
+}
+
+/// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.
+fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Option<&'a Judged> {
+    let worth = |one: &Judged| one.log_likelihood.mean() - PENALTY * explanations[one.quasi_static].cost() as f64;
+    let with = |effects: usize| {
+        let own = |one: &Judged| !(has_zeros(&explanations[one.quasi_static]) && are_its_own(zeros, one));
+        let of = judged.iter().filter(move |one| explanations[one.quasi_static].slots.len() == effects && own(one));
+        of.max_by(|x, y| worth(x).total_cmp(&worth(y)))
+    };
+    let fewest = explanations[0].slots.len();
+    let mut best = with(fewest)?;
+    for effects in fewest + 1..=fewest + 2 {
+        if let Some(more) = with(effects)
+            && worth(more) > worth(best)
+            && pays_beside(more, best, of_the_session(&explanations[more.quasi_static]))
+        {
+            best = more;
+        }
+    }
+    Some(best)
+}
+
+/// Whether jumps explain the recordings far better than what was found, at first sight: then they are asked for before anything smooth is
+/// added to it. `base` is the model before the search.
+pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
+    let session = bench.session;
+    let noise = noise::floor(session, &outcome.model.residuals(session));
+    let mut base = base.refined();
+    base.fit(session, Scope::Both);
+    let mut quasi_statics = vec![base];
+    if !outcome.found.order.is_empty() && !outcome.found.order.contains(&VALVE) {
+        quasi_statics.push(outcome.model.clone());
+    }
+    let mut drives: Vec<Drive> = Vec::new();
+    for drive in bench.forms.iter().filter_map(|form| form.jumps()) {
+        if !drives.contains(&drive) {
+            drives.push(drive);
+        }
+    }
+    let sights: Vec<(&Model, Drive)> =
+        quasi_statics.iter().flat_map(|quasi_static| drives.iter().map(move |drive| (quasi_static, *drive))).collect();
+    let seen = parallel::in_parallel(&sights, bench.threads, |(quasi_static, drive)| {
+        QuasiStatic::new(session, quasi_static, noise, false).at_first_sight(*drive)
+    });
+    let best = |of: fn(&(f64, f64)) -> f64| seen.iter().map(of).fold(f64::MIN, f64::max);
+    best(|sight| sight.1) - best(|sight| sight.0) > AT_FIRST_SIGHT
+}
+
+/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. A valve that needs
+/// something smooth beside it does not count: its simulation, which a search for two effects may find yet, may need nothing.
+pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool {
+    if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
+        return false;
+    }
+    let leaves = |scatter: f64| leaves::Leaves::beside(session, base, &outcome.model, scatter).more_than_mistimed_jumps();
+    outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
+}
+
+/// Puts jumps in the place of what was found, or beside what of it pays beside them, where jumps explain the recordings better than
+/// anything smooth; `base` is the model before the search.
+pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome {
+    let session = bench.session;
+    let forms: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.jumps().is_some()).collect();
+    let simulated = outcome.found.order.contains(&VALVE);
+    let leaves = leaves::Leaves::new(session, base, &outcome.model);
+    // What a simulated valve misses of its jumps may pass for another effect beside it.
+    let beside_simulated = simulated && outcome.found.order.len() > 1;
+    let is_met = if simulated { !beside_simulated && !leaves.misses_jumps() } else { !leaves.stands_out };
+    if forms.is_empty() || is_met {
+        return outcome;
+    }
+    let noise = noise::floor(session, &outcome.model.residuals(session));
+    let explanations = explanations(bench, base, &outcome);
+    let base = &explanations[0];
+    let zeros = zeros(session, base);
+    let smooth = parallel::in_parallel(&explanations, bench.threads, |model| QuasiStatic::new(session, model, noise, false).smooth());
+    let smoothest_of = |which: &dyn Fn(&Model) -> bool| {
+        let of = (0..smooth.len()).filter(|&index| which(&explanations[index]));
+        of.max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0)
+    };
+    let smoothest = smoothest_of(&|_| true);
+    // What a simulated valve begins its search at is where the observer of one may begin, too.
+    let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.across().is_some());
+    let likely = simulated_valve.map_or_else(Vec::new, |form| form.starts(session, &base.residuals(session)));
+    let of_forms = parallel::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, &likely, noise));
+    let mut judged: Vec<Vec<Judged>> = Vec::new();
+    for of_form in of_forms.into_iter().filter(|of_form| !of_form.is_empty()) {
+        match judged.iter_mut().find(|others| others[0].form.name() == of_form[0].form.name()) {
+            Some(others) => others.extend(of_form),
+            None => judged.push(of_form),
+        }
+    }
+    let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations, zeros)).collect();
+    best.sort_by(|x, y| y.log_likelihood.mean().total_cmp(&x.log_likelihood.mean()));
+    let found = simulated.then(|| QuasiStatic::new(session, &outcome.model, noise, false).smooth());
+    // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
+    // tip explains the recordings far better than any valve.
+    let Some(&leader) = best.first() else { return outcome };
+    let far_above = |less: &LogLikelihood| {
+        leader.log_likelihood.mean() - less.mean() > LARGE_LOG_LIKELIHOOD && above(&leader.log_likelihood, less) >= LEAST_DEVIATIONS
+    };
+    let valve = best.iter().copied().find(|one| one.form.name() == VALVE);
+    let no_valve =
+        leader.form.name() != VALVE && valve.is_none_or(|valve| far_above(&valve.log_likelihood)) && found.as_ref().is_none_or(far_above);
+    let simulated = simulated && !no_valve;
+    let found = found.filter(|_| simulated);
+    let one = if simulated { valve.unwrap_or(leader) } else { leader };
+    let log_likelihood = found.as_ref().filter(|found| found.mean() > one.log_likelihood.mean()).unwrap_or(&one.log_likelihood);
+    let alone = simulated && outcome.found.order == [VALVE];
+    let gain = log_likelihood.mean() - smooth[if alone { 0 } else { smoothest }].mean();
+    let smooth = &smooth[if alone {
+        0
+    } else if are_its_own(zeros, one) {
+        smoothest_of(&|model| !has_zeros(model))
+    } else {
+        smoothest
+    }];
+    let deviations = above(log_likelihood, smooth);
+    let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
+    if !is_law || !is_no_chance(log_likelihood, smooth) || gain < LEAST_LOG_LIKELIHOOD || !log_likelihood.is_above_everywhere(smooth) {
+        return outcome;
+    }
+    let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
+    let polished = QuasiStatic::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
+    let polished = Judged { log_likelihood: polished, form: one.form, law, quasi_static: one.quasi_static, model };
+    let is_polished = polished.log_likelihood.mean() > one.log_likelihood.mean();
+    let one = if is_polished { &polished } else { one };
+    let first_select = base.clone().fit(session, Scope::Both).1;
+    let with_jumps = |one: &Judged, is_polished: bool| {
+        let mut model = one.model.with(one.form, one.law.as_parameters(noise));
+        // What the slips of the last refits told is not for a fit to the output to change.
+        model.fixed_weights = is_polished && one.law.drive == Drive::QuasiStatic;
+        let (_, select) = model.fit(session, Scope::Both);
+        (model, select)
+    };
+    let (model, select) = with_jumps(one, is_polished);
+    let name = one.form.name();
+    let beside = &explanations[one.quasi_static];
+    // What comes second is the other kind of jumps, or as many other smooth effects beside the same kind.
+    let unlike = |other: &&Judged| {
+        let of = &explanations[other.quasi_static];
+        other.form.name() == name && of.slots.len() == beside.slots.len() && of.names().any(|name| beside.names().all(|ours| ours != name))
+    };
+    // Whoever has no zeros of its own is compared with others that have none.
+    let own = are_its_own(zeros, one);
+    let with_none =
+        |other: &&Judged| own && other.form.name() != name && explanations[other.quasi_static].slots.len() == beside.slots.len();
+    let of_the_other_kind =
+        best.iter().copied().filter(|other| other.form.name() != name && !(own && has_zeros(&explanations[other.quasi_static])));
+    let others = of_the_other_kind.chain(judged.iter().flatten().filter(with_none)).chain(judged.iter().flatten().filter(unlike));
+    if let Some(other) = others.max_by(|x, y| x.log_likelihood.mean().total_cmp(&y.log_likelihood.mean())) {
+        outcome.found.apart = above(log_likelihood, &other.log_likelihood);
+        let separable = outcome.found.apart > APART;
+        outcome.found.twins = !separable;
+        let new = explanations[other.quasi_static].names().find(|name| beside.names().all(|ours| ours != *name));
+        let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
+        outcome.found.runner_up = Some(RunnerUp { name: second.to_owned(), separable });
+        outcome.second = Some(with_jumps(other, false).0);
+    }
+    outcome.found.jump_scatter = Some(
+        QuasiStatic::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law),
+    );
+    outcome.found.candidates.retain(|candidate| candidate.name != name);
+    outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
+    // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
+    let explains_more = one.quasi_static == 0 && found.as_ref().is_some_and(|found| found.mean() < one.log_likelihood.mean());
+    let above_noise = |square: f64| (square - noise * noise).max(0.0);
+    let gives_way = simulated
+        && name == VALVE
+        && (explains_more || above_noise(select) < LEFT_BY_AN_OBSERVER * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
+    if !simulated || gives_way {
+        let smooth_select = beside.clone().fit(session, Scope::Both).1;
+        let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
+        // What takes away more than it leaves to the other is missed most.
+        let last = if first_select - smooth_select > smooth_select - noise * noise { order.len() } else { 0 };
+        order.insert(last, name);
+        outcome.found.order = order;
+        outcome.model = model;
+    }
+    outcome
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::data::closed_form::deviates;
+    use crate::discover;
+    use crate::result::{DiscoverConfig, Discovery, Verdict};
+    use recording::{Recording, Signal};
+    use std::collections::BTreeMap;
+    use std::path::Path;
+    use virtual_rig as rig;
+    use virtual_rig::{CaseConfig, Excitation, Generator};
+
+    /// Twelve decaying sines of a closed-form rig: three play operators, and a tip on a stick band of 0.5 mm that jumps by 0.35 mm. The full
+    /// stroke is about 8 mm and the noise 0.5 % of it.
+    fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
+        const STEPS: usize = 40;
+        let mut noise = deviates(0x2545_F491_4F6C_DD1D);
+        let command = |frequency_hz: f64, decay_per_s: f64, time_s: f64| {
+            let time_s = (time_s - 2.0_f64).max(0.0);
+            1.4 * (-decay_per_s * time_s).exp() * (1.0 - (std::f64::consts::TAU * frequency_hz * time_s).cos())
+        };
+        let mut record = |index: u32| {
+            let (frequency_hz, decay_per_s) = ([0.15, 0.3, 0.5, 0.7][(index % 4) as usize], [0.02, 0.06, 0.12][(index / 4) as usize]);
+            let mut plays = [(0.1, 1.2, 0.0), (0.35, 0.9, 0.0), (0.8, 0.9, 0.0)];
+            let mut place_mm: f64 = 0.0;
+            let (mut times, mut inputs, mut outputs) = (Vec::new(), Vec::new(), Vec::new());
+            for step in 0..1100 * STEPS {
+                let time_s = step as f64 * 0.02 / STEPS as f64;
+                let input = command(frequency_hz, decay_per_s, time_s);
+                let pull_mm: f64 = plays
+                    .iter_mut()
+                    .map(|(threshold, weight, state)| {
+                        *state = f64::max(*state, input - *threshold).min(input + *threshold);
+                        *weight * *state
+                    })
+                    .sum();
+                let stretch_mm = pull_mm - place_mm;
+                if band_mm > 0.0 && stretch_mm.abs() > band_mm {
+                    place_mm = pull_mm - stretch_mm.signum() * (band_mm - travel_mm);
+                } else if band_mm <= 0.0 {
+                    place_mm = pull_mm;
+                }
+                if step % STEPS == 0 {
+                    times.push(time_s);
+                    inputs.push(input);
+                    outputs.push(place_mm + 0.035 * noise());
+                }
+            }
+            let path = format!("run{index:02}.csv");
+            Recording::new(Path::new(&path), Signal::pressure_bar(), Signal::displacement_mm(), times, inputs, outputs)
+                .expect("a recording")
+        };
+        (0..12).map(&mut record).collect()
+    }
+
+    fn found(recordings: &[Recording]) -> Discovery {
+        discover(recordings, &[], &DiscoverConfig { most_effects: 1, ..DiscoverConfig::default() }).expect("a finding").discovery
+    }
+
+    #[test]
+    fn a_stick_band_in_closed_form_is_named_with_its_travel() {
+        let (band_mm, travel_mm) = (0.5, 0.35);
+        let discovery = found(&stick_band(band_mm, travel_mm));
+        assert_eq!(discovery.verdict, Verdict::Named, "{:?}", discovery.effects);
+        assert_eq!(discovery.effects[0].name, "stick-slip");
+        let parameters: &BTreeMap<String, f64> = &discovery.effects[0].parameters;
+        let found_mm = parameters["travel_mm"];
+        assert!((found_mm / travel_mm - 1.0).abs() < 0.05, "{found_mm} instead of {travel_mm}; {parameters:?}");
+        let closed = discovery.gap_closed_one_step.expect("figures of the observers");
+        assert!(closed > 0.5, "{closed}");
+    }
+
+    #[test]
+    fn without_a_band_the_same_rig_has_no_jumps() {
+        let discovery = found(&stick_band(0.0, 0.0));
+        assert_eq!(discovery.verdict, Verdict::None, "{:?}", discovery.effects);
+    }
+
+    #[test]
+    fn what_jumps_is_named_beside_what_does_not() {
+        // A large smooth effect beside which the jumps are a twelfth of the energy, one that the quasi-static response alone shows, and a heart behind the tip.
+        let cases = [
+            (Generator::Rival, "slew-limit", 343),
+            (Generator::Physics, "setup-change", 326),
+            (Generator::Physics, "periodic-disturbance", 325),
+        ];
+        for (generator, beside, seed) in cases {
+            let effects = vec!["stick-slip".to_owned(), beside.to_owned()];
+            let case = rig::hide(&CaseConfig { effects, seed, generator, ..CaseConfig::default() }).expect("a case");
+            let discovery = found(&case.recordings);
+            let mut names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+            names.sort_unstable();
+            assert_eq!(names, [beside, "stick-slip"], "{generator:?}: {discovery:?}");
+            assert_eq!(discovery.verdict, Verdict::Named, "{generator:?}, {beside}: {discovery:?}");
+        }
+    }
+
+    #[test]
+    fn a_tip_is_named_through_steps_of_many_leaps_and_fast_strokes() {
+        for (generator, seed) in [(Generator::Physics, 572), (Generator::Rival, 575)] {
+            let effects = vec!["stick-slip".to_owned()];
+            let case = CaseConfig { effects, seed, generator, excitation: Excitation::Rich, ..CaseConfig::default() };
+            let discovery = found(&rig::hide(&case).expect("a case").recordings);
+            let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+            assert_eq!(names, ["stick-slip"], "{generator:?}: {discovery:?}");
+            assert_ne!(discovery.verdict, Verdict::Unknown, "{generator:?}: {discovery:?}");
+            assert!(discovery.gap_closed_one_step.is_some_and(|closed| closed > 0.6), "{generator:?}: {discovery:?}");
+        }
+    }
+
+    #[test]
+    fn what_jumps_in_either_virtual_rig_is_named() {
+        let cases = [
+            (Generator::Physics, "stick-slip", 531),
+            (Generator::Physics, "valve-dead-band", 530),
+            (Generator::Rival, "stick-slip", 530),
+            (Generator::Rival, "valve-dead-band", 530),
+        ];
+        for (generator, effect, seed) in cases {
+            let case =
+                rig::hide(&CaseConfig { effects: vec![effect.to_owned()], seed, generator, ..CaseConfig::default() }).expect("a case");
+            let discovery = found(&case.recordings);
+            let name = discovery.effects.first().map(|effect| effect.name.as_str());
+            assert_eq!(name, Some(effect), "{generator:?}: {discovery:?}");
+            assert_ne!(discovery.verdict, Verdict::Unknown, "{generator:?}, {effect}: {discovery:?}");
+        }
+    }
+}

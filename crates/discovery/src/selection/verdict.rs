@@ -1,0 +1,284 @@
+//! The verdict and the figures that go with it.
+
+use std::collections::BTreeMap;
+
+use crate::chain::form::Parameter;
+use crate::data::noise;
+use crate::data::session::{Role, Run, Session};
+use crate::explanation::diagnosis::Residual;
+use crate::explanation::intervals;
+use crate::model::changes::in_a_gap;
+use crate::model::structure::{Model, Scope, Slot};
+use crate::result::{Discovery, Effect, Verdict};
+use crate::search::forms;
+use crate::selection::found::Found;
+use crate::selection::leaves::{Left, worked};
+use crate::selection::rounds::POLISH;
+use crate::selection::switching_likelihood::QuasiStatic;
+use crate::selection::switching_selection;
+
+/// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
+/// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
+const MOST_UNEXPLAINED: f64 = 0.12;
+
+/// The same where something was seen to jump, and jumps explain it better than anything smooth: sliding, inertia and flow, which differ from
+/// rig to rig, are in what is left.
+const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
+
+/// Selecting recordings off by more than this many times the noise are a disagreement.
+const MOST_SELECTING: f64 = 1.5;
+
+/// Share of the mean square above the noise that must not stay on test recordings where it stands out of it there: what explains less
+/// than half of recordings that it has not seen is no explanation.
+const MOST_UNEXPLAINED_KEPT_OUT: f64 = 0.5;
+
+/// Root mean square over the noise from which on something stands out on test recordings.
+const STANDS_OUT_KEPT_OUT: f64 = 1.06;
+
+/// Whether an explanation fails on test recordings, from the root mean squares there before and after and from the noise.
+fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
+    let excess = |rmse: f64| rmse * rmse - floor * floor;
+    after > STANDS_OUT_KEPT_OUT * floor && excess(after) > MOST_UNEXPLAINED_KEPT_OUT * excess(before)
+}
+
+/// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
+/// samples count if `all`.
+fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], all: bool) -> f64 {
+    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == of && !in_a_gap[run];
+    let any = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
+    let mut sum = 0.0;
+    let mut count = 0.0_f64;
+    for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
+        for (sample, value) in residual.iter().enumerate() {
+            let counts = if any { reports(index, sample) } else { run.role[sample].is_worked_with() };
+            if counts && (all || run.keep[sample]) {
+                sum += value * value;
+                count += 1.0;
+            }
+        }
+    }
+    (sum / count.max(1.0)).sqrt()
+}
+
+/// `model` without the effect that is missed least of those found, which `found` then no longer tells; the others' parameters are fitted
+/// again. `bare` is the model without any effect. Nothing when nothing was found.
+pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: &mut Found) -> Option<Model> {
+    let least = found.order.pop()?;
+    let mut slots = model.slots.clone();
+    slots.retain(|slot| slot.form.name() != least);
+    if !slots.iter().any(|slot| slot.form.jumps().is_some()) {
+        found.jump_scatter = None;
+    }
+    if slots.is_empty() {
+        // Nothing is left to be second to.
+        found.runner_up = None;
+        return Some(bare.clone());
+    }
+    let coarse = Model { slots, ..Model::baseline(model.initial_state, model.stops) };
+    let mut fewer = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
+    fewer.fit_all(session);
+    fewer.anchor(session);
+    Some(fewer.pruned())
+}
+
+/// Most confidence in an effect of whose parameters one could lie anywhere in its range.
+const UNDETERMINED: f64 = 0.5;
+
+/// Share of a parameter's range next to a limit that counts as the limit.
+const AT_A_LIMIT: f64 = 1e-3;
+
+/// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`UNDETERMINED`] when
+/// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
+fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
+    if slot.form.discrete() {
+        return 1.0;
+    }
+    let of = |((parameter, &value), &half): ((&Parameter, &f64), &f64)| {
+        let on_the_scale = |value: f64| if parameter.logarithmic { value.ln() } else { value };
+        let (low, high) = (on_the_scale(parameter.low), on_the_scale(parameter.high));
+        let share = |value: f64| (on_the_scale(value.clamp(parameter.low, parameter.high)) - low) / (high - low);
+        let is_at_a_limit = share(value) < AT_A_LIMIT || share(value) > 1.0 - AT_A_LIMIT;
+        if is_at_a_limit { 1.0 } else { share(value + half) - share(value - half) }
+    };
+    let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(half_widths).map(of).fold(0.0, f64::max);
+    1.0 - (1.0 - UNDETERMINED) * widest
+}
+
+/// Share of the mean square above the noise that a model closes on test recordings, 0 to 1; nothing where there was no gap.
+fn closed(before: f64, after: f64, floor: f64) -> Option<f64> {
+    let excess = |rmse: f64| (rmse * rmse - floor * floor).max(0.0);
+    (before > STANDS_OUT_KEPT_OUT * floor)
+        .then(|| if after > STANDS_OUT_KEPT_OUT * floor { 1.0 - excess(after) / excess(before) } else { 1.0 })
+}
+
+/// Share of the gap closed, 0 to 1.
+fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
+    let gap = before - floor;
+    if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// One-step-ahead figures on test recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
+pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64; 2]> {
+    let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
+    let in_a_gap = in_a_gap(session, after);
+    let residual = after.residuals(session);
+    let smooth = switching_selection::without_jumps(after);
+    let floor = noise::floor(session, &residual);
+    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
+    Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
+}
+
+/// Takes the figures of the simulation, and of the observers where something jumps, and believes no effect by more than they show: an effect's
+/// confidence is no larger than the share of the mean square above the noise that is closed on test recordings, and what closes less than
+/// half of it there is not named.
+pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Option<[f64; 2]>) {
+    let floor = discovery.noise_floor;
+    (discovery.rmse_before, discovery.rmse_after) = (before, after);
+    discovery.gap_closed = gap_closed(before, after, floor);
+    if let Some([smooth, jumping]) = one_step {
+        discovery.rmse_before_one_step = Some(smooth);
+        discovery.rmse_after_one_step = Some(jumping);
+        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumping, floor));
+    }
+    let simulated = closed(before, after, floor);
+    let observed = one_step.and_then(|[smooth, jumping]| closed(smooth, jumping, floor));
+    // What jumps is confirmed by either: an observer's gain counts against the observer of something smooth.
+    let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
+    let mut modelled = discovery.effects.iter_mut().filter(|effect| effect.name != OUTLIERS).peekable();
+    if modelled.peek().is_none() {
+        return;
+    }
+    modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
+    if discovery.verdict == Verdict::Named && share < 1.0 - MOST_UNEXPLAINED_KEPT_OUT {
+        discovery.verdict = Verdict::Ambiguous;
+    }
+}
+
+/// What the mask names.
+const OUTLIERS: &str = "outliers";
+
+/// The verdict and the figures; the model had `owned` effects before the search.
+pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, found: &Found, owned: usize) -> Discovery {
+    let residual_after = after.residuals(session);
+    let total: usize = session.runs.iter().map(|run| run.role.iter().filter(|role| **role != Role::Test).count()).sum();
+    let wrong = |run: &Run| run.keep.iter().zip(&run.role).filter(|(keep, role)| !**keep && **role != Role::Test).count();
+    let excluded: usize = session.runs.iter().map(wrong).sum();
+    let floor = noise::floor(session, &residual_after);
+    let scale = session.output_scale.abs();
+    let with_outliers = excluded * 2000 > total;
+    let in_a_gap = in_a_gap(session, after);
+    let rmse_before = rmse(session, residual_before, Role::Select, &in_a_gap, with_outliers);
+    let rmse_after = rmse(session, &residual_after, Role::Select, &in_a_gap, false);
+    // Effects are judged by the samples that were worked with: the session has no others.
+    let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
+    let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
+    let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
+    // Beside something large, what jumps must explain its own part: what the rest of the model leaves without it.
+    let of_jumps = after.slots.iter().position(|slot| slot.form.jumps().is_some()).map_or(0.0, |slot| {
+        let mut without = after.without(slot);
+        without.fit_all(session);
+        let was = worked(session, &without.residuals(session), false);
+        Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor).share
+    });
+    let mut effects: Vec<Effect> = Vec::new();
+    let half_widths = intervals::half_widths(after, session);
+    for (rank, name) in found.order.iter().enumerate() {
+        let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
+        let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
+        let mut parameters: BTreeMap<String, f64> =
+            slot.form.parameters().iter().zip(&slot.parameters).map(|(parameter, &value)| parameter.tell(value, session)).collect();
+        parameters.extend(slot.form.tell(&slot.parameters, &slot.weights, session));
+        let intervals = slot
+            .form
+            .parameters()
+            .iter()
+            .zip(&slot.parameters)
+            .zip(&half_widths[before..])
+            .filter(|(_, half)| **half > 0.0)
+            .map(|((parameter, &value), half)| {
+                let (name, low) = parameter.tell((value - half).max(parameter.low), session);
+                (name, [low, parameter.tell((value + half).min(parameter.high), session).1])
+            })
+            .collect();
+        effects.push(Effect {
+            name: (*name).to_owned(),
+            form: slot.form.form().to_owned(),
+            // The first must also have beaten the second.
+            confidence: ((1.0 - unexplained)
+                * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
+            .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
+            parameters,
+            intervals,
+        });
+    }
+    if with_outliers {
+        let share = excluded as f64 / total as f64;
+        effects.push(Effect {
+            name: OUTLIERS.to_owned(),
+            form: "samples that no motion could have caused".to_owned(),
+            confidence: 0.99,
+            parameters: BTreeMap::from([("share".to_owned(), share)]),
+            intervals: BTreeMap::new(),
+        });
+    }
+    debug_assert!(after.names().filter(|name| !found.order.contains(name)).count() <= owned, "an effect came in unnoticed");
+    let disagrees = stands_out || rmse_after > MOST_SELECTING * floor;
+    // What is named by its jumps was not the search's to compare.
+    let jumps = found.jump_scatter.is_some();
+    let alike = found.alike && !jumps;
+    let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
+    let fails = !effects.is_empty() && !jumps && fails_kept_out(rmse_before, rmse_after, floor);
+    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || fails || (disagrees && effects.is_empty()) {
+        Verdict::Unknown
+    } else if effects.is_empty() {
+        Verdict::None
+    } else if alike || twins {
+        Verdict::Ambiguous
+    } else {
+        Verdict::Named
+    };
+    let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Test)).map(|run| run.name.clone()).collect();
+    let side_unknown = session.runs.iter().zip(&in_a_gap).filter(|(_, in_a_gap)| **in_a_gap).map(|(run, _)| run.name.clone()).collect();
+    let noise_floor = floor * scale;
+    Discovery {
+        verdict,
+        effects,
+        runner_up: found.runner_up.clone(),
+        rmse_before: rmse_before * scale,
+        rmse_after: rmse_after * scale,
+        noise_floor,
+        gap_closed: gap_closed(rmse_before, rmse_after, floor),
+        rmse_before_one_step: None,
+        rmse_after_one_step: None,
+        gap_closed_one_step: None,
+        calibrate_s: None,
+        unexplained: if stands_out { unexplained } else { 0.0 },
+        criterion: None,
+        confidence_set: Vec::new(),
+        candidates: found.candidates.clone(),
+        loop_area: None,
+        memory_horizon: Vec::new(),
+        residual_before: Residual::default(),
+        residual_after: Residual::default(),
+        pressure_path: None,
+        disagreements: Vec::new(),
+        summary: String::new(),
+        excluded_samples: excluded,
+        kept_out,
+        side_unknown,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::selection::verdict::fails_kept_out;
+
+    #[test]
+    fn what_leaves_most_of_unseen_recordings_unexplained_fails_and_what_reaches_the_noise_does_not() {
+        assert!(fails_kept_out(2.0, 1.6, 1.0));
+        assert!(!fails_kept_out(2.0, 1.4, 1.0));
+        // A small effect, closed down to what scatters anyway.
+        assert!(!fails_kept_out(1.1, 1.05, 1.0));
+        assert!(fails_kept_out(1.3, 1.4, 1.0));
+    }
+}
