@@ -208,7 +208,7 @@ fn vectors(path: &Path, found: &Found) -> Result<CheckVectors> {
     let shown = || path.display().to_string();
     let length = std::fs::metadata(path).with_context(shown)?.len();
     anyhow::ensure!(length <= MOST_CHECK_BYTES, "{}: {length} bytes of check vectors, some hundred rows are enough", path.display());
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = crate::output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     Ok(CheckVectors::parse(&bytes, path, [found.options.input.as_ref(), found.options.output.as_ref()])?)
 }
 
