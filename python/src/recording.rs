@@ -242,7 +242,7 @@ pub fn read_recordings(
         Ok(path) => vec![path],
         Err(_) => paths.extract()?,
     };
-    let options = ReadOptions { columns, rate_hz };
+    let options = ReadOptions { columns, rate_hz, ..ReadOptions::default() };
     let read = briefly(py, || Ok(recording::load_with(&paths, &options)?))?;
     Ok(read.into_iter().map(|inner| Recording { inner: Arc::new(inner) }).collect())
 }

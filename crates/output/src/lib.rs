@@ -1,5 +1,8 @@
 //! What commands leave behind: files written whole or not at all, JSON results, lines on standard output, progress.
 
+mod input;
+mod plain;
+
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -7,6 +10,9 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
+
+pub use input::{MOST_BYTES, open, read, read_text};
+pub use plain::plain;
 
 /// Prints a line on standard output like `println!`, but a reader that left early (`catheter inspect M.blob | head`) is no error: the
 /// command goes on and still leaves its files.
@@ -19,10 +25,11 @@ macro_rules! say {
 /// The first error of standard output other than a closed pipe, for example a full disk behind `> report.txt`.
 static STANDARD_OUTPUT_ERROR: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
-/// Prints a line on standard output; see [`say!`].
+/// Prints a line on standard output; see [`say!`]. Names from files may hold what a terminal obeys: it is shown, see [`plain`].
 pub fn print_line(text: Arguments<'_>) {
+    let text = text.to_string();
     let mut output = std::io::stdout().lock();
-    let result = output.write_fmt(text).and_then(|()| output.write_all(b"\n"));
+    let result = output.write_all(plain(&text).as_bytes()).and_then(|()| output.write_all(b"\n"));
     remember(result);
 }
 

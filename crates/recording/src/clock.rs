@@ -8,6 +8,8 @@
 //! An *event clock* logs a sample when something changes. Its long steps say that nothing happened, so a step counts only when more changed
 //! across it than one event changes.
 
+/// No logger of a rig is faster than ten million samples a second; a clock that is has its times in another unit.
+pub const SHORTEST_PERIOD_S: f64 = 1e-7;
 /// A step up to this many typical steps is jitter, whatever happened: measured 100 Hz files reach 1.27 of them.
 const JITTER: f64 = 1.3;
 /// Steps on each side of a step that make its typical step.

@@ -1,5 +1,6 @@
 //! What a recording's samples show by themselves: gaps, event clocks, staircases, resolution, clipping, constant stretches, units.
 
+use super::row_lines::RowLines;
 use super::{Note, Recording, Signal, Subject, clock, held};
 
 /// A resolution finer than this share of the range is not worth a word.
@@ -13,7 +14,7 @@ const CONSTANT_SHARE: f64 = 0.25;
 const MOST_BAR: f64 = 20.0;
 
 /// Everything worth saying; `lines` are those of the samples in the file.
-pub(super) fn notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
+pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
     let mut notes = clock_notes(recording, lines);
     for (role, signal, values) in channels(recording) {
         let name = format!("The {role} `{}`", signal.quantity);
@@ -54,14 +55,14 @@ pub(super) fn channels(recording: &Recording) -> Vec<(String, &Signal, &[f64])> 
     std::iter::once(first).chain(more).chain([output]).collect()
 }
 
-fn clock_notes(recording: &Recording, lines: &[u64]) -> Vec<Note> {
+fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
     let mut notes = Vec::new();
     if let Some(&first) = recording.gaps.first() {
         let count = recording.gaps.len();
         let longest_s = recording.gaps.iter().map(|&gap| recording.time_s[gap] - recording.time_s[gap - 1]).fold(0.0, f64::max);
         let text =
             format!("{count} gap(s) in time, the longest {} s: too much could have happened there to go on across.", short(longest_s));
-        notes.push(Note::counted(Subject::Gap, count, lines[first], text));
+        notes.push(Note::counted(Subject::Gap, count, lines.line(first), text));
     }
     let values: Vec<&[f64]> = channels(recording).into_iter().map(|(_, _, values)| values).collect();
     if clock::logs_events(&recording.time_s, &values) {
@@ -87,7 +88,7 @@ pub fn resolution(values: &[f64]) -> Option<f64> {
 }
 
 /// Runs at the highest or lowest value.
-fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &[u64]) -> Vec<Note> {
+fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &RowLines) -> Vec<Note> {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
     let mut notes = Vec::new();
     for (extreme, which) in [(low, "lowest"), (high, "highest")] {
@@ -108,14 +109,14 @@ fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &[u64]) -> Vec<No
                 runs.len(),
                 with_unit(extreme, &signal.unit)
             );
-            notes.push(Note::counted(Subject::Clipped, samples, lines[runs[0].0], text));
+            notes.push(Note::counted(Subject::Clipped, samples, lines.line(runs[0].0), text));
         }
     }
     notes
 }
 
 /// The longest stretch without any change.
-fn constant(name: &str, recording: &Recording, values: &[f64], lines: &[u64]) -> Option<Note> {
+fn constant(name: &str, recording: &Recording, values: &[f64], lines: &RowLines) -> Option<Note> {
     let span_s = recording.time_s[values.len() - 1] - recording.time_s[0];
     let mut start = 0;
     let mut longest = (0.0, 0, 0);
@@ -127,8 +128,8 @@ fn constant(name: &str, recording: &Recording, values: &[f64], lines: &[u64]) ->
         start += run.len();
     }
     let (length_s, start, samples) = longest;
-    let text = || format!("{name} does not change for {} s, {samples} samples from line {} on.", short(length_s), lines[start]);
-    (length_s > CONSTANT_SHARE * span_s && samples > 20).then(|| Note::counted(Subject::Constant, samples, lines[start], text()))
+    let text = || format!("{name} does not change for {} s, {samples} samples from line {} on.", short(length_s), lines.line(start));
+    (length_s > CONSTANT_SHARE * span_s && samples > 20).then(|| Note::counted(Subject::Constant, samples, lines.line(start), text()))
 }
 
 /// A unit that does not go with the values.

@@ -13,7 +13,7 @@ pub enum RecordingError {
     #[error("{}: is a folder, a CSV file is wanted here; name one of the files in it", path.display())]
     IsFolder { path: PathBuf },
     /// A folder without any CSV file.
-    #[error("{}: the folder and its subfolders hold no .csv file; point to the folder with the recordings", path.display())]
+    #[error("{}: the folder and its subfolders hold no .csv file, and no .csv.gz, .npz, .mat or .mcap; point to the folder with the recordings", path.display())]
     NoFiles { path: PathBuf },
     /// No path at all.
     #[error("no recordings were given; name at least one CSV file or folder")]
@@ -28,14 +28,44 @@ pub enum RecordingError {
     #[error("{}:{line}: the first line holds numbers, not column names; put a header line such as `time_s,pressure_bar,displacement_mm` on top", path.display())]
     NoHeader { path: PathBuf, line: u64 },
     /// A wanted column does not exist.
-    #[error("{}:{line}: there is no column `{column}` (the file has {found}); {hint}", path.display())]
+    #[error("{}: there is no column `{column}` (the file has {found}); {hint}", place(path, *line))]
     MissingColumn { path: PathBuf, line: u64, column: String, found: String, hint: String },
     /// A column name occurs twice.
-    #[error("{}:{line}: the column `{column}` occurs twice; remove or rename one", path.display())]
+    #[error("{}: the column `{column}` occurs twice; remove or rename one", place(path, *line))]
     DuplicateColumn { path: PathBuf, line: u64, column: String },
     /// A column that our own format does not know.
     #[error("{}:{line}: the column `{column}` is not part of our format; remove it, or say which columns to read with `--columns time=time_s,input=pressure_bar,output=displacement_mm`", path.display())]
     UnknownColumn { path: PathBuf, line: u64, column: String },
+    /// More columns than a recording has.
+    #[error("{}:{line}: the row has {columns} columns, up to 4096 are read; is this a table of another kind?", path.display())]
+    TooManyColumns { path: PathBuf, line: u64, columns: usize },
+    /// A line without an end.
+    #[error("{}:{line}: the line is longer than 1 MB; is this a text file with a row a line?", path.display())]
+    LongLine { path: PathBuf, line: u64 },
+    /// More samples than fit.
+    #[error("{}:{line}: the file holds more than 50 million numbers; split it into several files, or record at a lower rate", path.display())]
+    TooLong { path: PathBuf, line: u64 },
+    /// A compressed file that unfolds into far more than a recording does.
+    #[error("{}: unfolds to more than {times} times its size; is this a recording? Unpack it and look", path.display())]
+    Unfolds { path: PathBuf, times: u64 },
+    /// A file of another kind, or a damaged one.
+    #[error("{}: {problem}", path.display())]
+    Format { path: PathBuf, problem: String },
+    /// Arrays that should have one value a sample.
+    #[error("{}: `{column}` has {rows} values and `{other}` has {other_rows}; the arrays of a recording must be equally long", path.display())]
+    UnequalArrays { path: PathBuf, column: String, rows: usize, other: String, other_rows: usize },
+    /// A number that no sensor gives.
+    #[error("{}:{line}: column `{column}` holds {}, which no sensor gives in any unit; correct or remove the row", path.display(), shown(text))]
+    TooLarge { path: PathBuf, line: u64, column: String, text: String },
+    /// A clock that runs faster than any logger.
+    #[error("{}: a sample every {period_s:e} s, that is {rate_hz:e} a second; is the time column in another unit? Say it, for example `--columns time=t:s,...`", path.display())]
+    TooFast { path: PathBuf, period_s: f64, rate_hz: f64 },
+    /// An even clock that would need far more samples than were recorded.
+    #[error("{}: on an even clock of {period_s} s it would have {samples:e} samples instead of {recorded}; give --resample a longer period", path.display())]
+    Resample { path: PathBuf, period_s: f64, samples: f64, recorded: usize },
+    /// A recording of which nothing is left.
+    #[error("{}: lasts {length_s} s, and --skip-s leaves out {skip_s} s; skip less", path.display())]
+    Skipped { path: PathBuf, length_s: f64, skip_s: f64 },
     /// The map of columns cannot be understood.
     #[error("--columns `{text}`: {problem}; write for example `time=t_s,input=voltage_V,output=displacement_um`")]
     Columns { text: String, problem: String },
@@ -69,6 +99,11 @@ pub enum RecordingError {
     /// Writing failed.
     #[error("{}: cannot be written ({problem}); check the folder and the free space", path.display())]
     Write { path: PathBuf, problem: String },
+}
+
+/// File and line; binary files have no lines.
+fn place(path: &std::path::Path, line: u64) -> String {
+    if line == 0 { path.display().to_string() } else { format!("{}:{line}", path.display()) }
 }
 
 /// A cell as shown in a message: quoted, shortened, an empty one called so.

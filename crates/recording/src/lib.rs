@@ -1,4 +1,4 @@
-//! Recordings: runs of inputs and an output over time, read from text files and written to CSV.
+//! Recordings: runs of inputs and an output over time, read from and written to text, archives of numpy, MAT files and MCAP.
 //!
 //! Terms. A *recording* is one run: a file, or a part of a file that a column sets apart. A *gap* is a step of time in which something
 //! that matters could have gone unseen, see [`clock`]; *jitter* is any smaller unevenness of the steps. A *glitch* is a time stamp that is
@@ -7,38 +7,45 @@
 //! Our own files have one header line and the columns `time_s,pressure_bar,displacement_mm`, optionally `pressure_measured_bar`,
 //! `sequence`, `temperature_c` and `session_time_s`. Any other file is read with a [`ColumnMap`].
 
+mod arrays;
 pub mod check;
 pub mod clock;
 mod columns;
 pub mod condition;
 pub mod drift;
 mod error;
+mod format;
 pub mod groups;
+mod hashed;
 mod header;
 pub mod held;
 mod history;
+mod lines;
 mod note;
+mod number;
 mod options;
 mod parts;
+pub mod prepare;
 mod read;
 mod repair;
 pub mod repeatability;
 pub mod resample;
+mod row_lines;
+pub mod scale;
 pub mod simulation;
 mod surface;
 mod table;
+mod unfold;
 mod write;
 
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
-
 pub use columns::{ColumnMap, ColumnName, signal};
 pub use error::RecordingError;
 pub use note::{Note, Subject};
-pub use options::ReadOptions;
+pub use options::{Prepare, ReadOptions, Resample};
 pub use read::{files, load, load_with, parse, read};
-pub use write::{encode, write};
+pub use write::{ENDINGS, encode, write, write_as};
 
 /// Name and unit of one channel.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -169,6 +176,10 @@ impl Recording {
             return Err(RecordingError::TooShort { path: path.into(), rows: time_s.len() });
         }
         let sample_period_s = clock::sample_period_s(&time_s);
+        if sample_period_s < clock::SHORTEST_PERIOD_S {
+            let (period_s, rate_hz) = (sample_period_s, 1.0 / sample_period_s);
+            return Err(RecordingError::TooFast { path: path.into(), period_s, rate_hz });
+        }
         let gaps = clock::gaps(&time_s, &[&input, &output]);
         let family = family(path);
         let path = path.to_path_buf();
@@ -296,11 +307,6 @@ impl Recording {
             gaps: self.gaps.len(),
         }
     }
-}
-
-/// SHA-256 of bytes in hexadecimal.
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The family of a file: the leading word of its name, without a running number. `a_03.csv` and `a3.csv` are of family `a`.

@@ -26,6 +26,10 @@ pub enum Subject {
     Constant,
     /// A unit does not go with the values.
     Unit,
+    /// Values were converted into another unit.
+    Converted,
+    /// Samples at the start were left out, or the zero of the output was moved.
+    Prepared,
     /// The output's zero jumps and the input does not explain it.
     Step,
     /// The output's zero moves slowly and the input does not explain it.

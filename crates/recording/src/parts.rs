@@ -2,9 +2,20 @@
 
 use std::path::Path;
 
+use super::arrays::Arrays;
 use super::columns::OPTIONAL;
-use super::table::{self, Layout, Separator};
-use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, repair};
+use super::lines::{LineError, Lines};
+use super::row_lines::RowLines;
+use super::scale::Scale;
+use super::table::{self, Cells, Layout, RowError, Separator};
+use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, number, repair};
+
+/// More columns than this are a table of another kind.
+const MOST_COLUMNS: usize = 4096;
+/// Numbers that are kept of one file, at most: 384 MB.
+pub(super) const MOST_VALUES: usize = 48 << 20;
+/// No sensor reads more, in any unit: squares and products of such numbers stay finite.
+const LARGEST: f64 = 1e30;
 
 /// What a file holds.
 pub(super) struct Read {
@@ -17,8 +28,8 @@ pub(super) struct Read {
 /// A column of numbers that is read.
 struct Wanted {
     index: usize,
-    /// What its values are multiplied by.
-    factor: f64,
+    /// Into the unit that is worked in.
+    scale: Scale,
 }
 
 /// Where the wanted columns stand.
@@ -34,6 +45,8 @@ pub(super) struct Columns {
     /// Columns whose text sets recordings and groups apart.
     recording: Option<usize>,
     group: Option<usize>,
+    /// What is converted.
+    conversions: Vec<Note>,
 }
 
 /// The rows of one recording.
@@ -42,58 +55,171 @@ pub(super) struct Part {
     /// What the columns that set recordings apart say.
     pub(super) name: String,
     group: String,
-    lines: Vec<u64>,
+    lines: RowLines,
     /// As [`Columns::wanted`].
     values: Vec<Vec<f64>>,
 }
 
 /// Reads the text of a file.
-pub(super) fn read(path: &Path, text: &str, map: &ColumnMap) -> Result<Read, RecordingError> {
-    let layout = table::layout(text, |cells| names_columns(cells, map));
+pub(super) fn read<R: std::io::Read>(path: &Path, lines: &mut Lines<R>, map: &ColumnMap) -> Result<Read, RecordingError> {
+    let broken = |source| RecordingError::Open { path: path.into(), source };
+    let (mut head, whole) = lines.head().map_err(broken)?;
+    let mark = head.starts_with(b"\xef\xbb\xbf");
+    head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    if whole && head.trim_ascii().is_empty() {
+        return Err(RecordingError::Empty { path: path.into() });
+    }
+    let known = head.utf8_chunks().next().map_or("", |chunk| chunk.valid());
+    let layout = table::layout(known, |cells| cells.len() <= MOST_COLUMNS && names_columns(cells, map));
+    lines.skip(layout.start + if mark { 3 } else { 0 }, layout.lines_before);
     let mut columns: Option<Columns> = None;
     let mut parts: Vec<Part> = Vec::new();
     let mut decimal_commas = 0;
-    table::rows(text, &layout, |line, cells| {
+    let mut values = 0;
+    let result = table::rows(lines, layout.separator, |line, cells| {
         let Some(columns) = &columns else {
-            columns = Some(Columns::find(path, line, cells, map)?);
+            if cells.len() > MOST_COLUMNS {
+                return Err(RecordingError::TooManyColumns { path: path.into(), line, columns: cells.len() });
+            }
+            let headers = (0..cells.len()).map(|index| cells.text(index)).collect();
+            columns = Some(Columns::find(path, line, headers, map, Others::Refused)?);
             return Ok(());
         };
-        if cells.len() != columns.headers.len() {
-            return Err(RecordingError::Ragged { path: path.into(), line, cells: cells.len(), columns: columns.headers.len() });
+        values += columns.wanted.len();
+        if values > MOST_VALUES {
+            return Err(RecordingError::TooLong { path: path.into(), line });
         }
-        let words = |column: Option<usize>| column.map_or("", |index| cells[index]);
-        let (recording, group) = (words(columns.recording), words(columns.group));
-        let name = if columns.recording.is_some() { recording } else { group };
-        if parts.last().is_none_or(|part| part.name != name || part.group != group) {
-            let values = columns.wanted.iter().map(|_| Vec::new()).collect();
-            parts.push(Part { name: name.to_owned(), group: group.to_owned(), values, ..Part::default() });
-        }
-        // Note(unwrap): one was pushed above if there was none.
-        let part = parts.last_mut().expect("a part");
-        for (wanted, values) in columns.wanted.iter().zip(&mut part.values) {
-            let text = cells[wanted.index];
-            let comma = layout.separator != Separator::Comma && text.matches(',').count() == 1 && !text.contains('.');
-            decimal_commas += usize::from(comma);
-            let pointed = if comma { text.replace(',', ".") } else { String::new() };
-            values.push(wanted.factor * number(path, line, &columns.headers[wanted.index], if comma { &pointed } else { text })?);
-        }
-        part.lines.push(line);
-        let increases = columns.sequence.is_none_or(|column| increases(&part.values[column]));
-        let text = || columns.sequence.map_or("", |column| cells[columns.wanted[column].index]).to_owned();
-        if !increases {
-            return Err(RecordingError::Sequence { path: path.into(), line, text: text() });
-        }
-        Ok(())
+        row(path, line, cells, columns, &mut parts, layout.separator != Separator::Comma, &mut decimal_commas)
+    });
+    result.map_err(|error| match error {
+        RowError::Row(error) => error,
+        RowError::NotText(line) => RecordingError::NotText { path: path.into(), line },
+        RowError::Line(LineError::TooLong(line)) => RecordingError::LongLine { path: path.into(), line },
+        RowError::Line(LineError::Io(source)) => broken(source),
     })?;
     let Some(columns) = columns else { return Err(RecordingError::Empty { path: path.into() }) };
-    let notes = layout_notes(&layout, decimal_commas, map, parts.len());
+    let mut notes = layout_notes(&layout, decimal_commas, map, parts.len());
+    notes.extend(columns.conversions.iter().cloned());
     Ok(Read { columns, parts, notes })
+}
+
+/// Takes in one row.
+fn row(
+    path: &Path,
+    line: u64,
+    cells: &Cells<'_>,
+    columns: &Columns,
+    parts: &mut Vec<Part>,
+    commas_are_points: bool,
+    decimal_commas: &mut usize,
+) -> Result<(), RecordingError> {
+    if cells.len() != columns.headers.len() {
+        return Err(RecordingError::Ragged { path: path.into(), line, cells: cells.len(), columns: columns.headers.len() });
+    }
+    if parts.is_empty() || columns.recording.is_some() || columns.group.is_some() {
+        let words = |column: Option<usize>| column.map_or_else(String::new, |index| cells.text(index));
+        columns.part(parts, words(columns.recording), words(columns.group));
+    }
+    // Note(unwrap): one was made above if there was none.
+    let part = parts.last_mut().expect("a part");
+    for (wanted, values) in columns.wanted.iter().zip(&mut part.values) {
+        let cell = cells.get(wanted.index);
+        let Some(value) = number::parse(cell, commas_are_points) else {
+            let (column, text) = (columns.headers[wanted.index].clone(), cells.text(wanted.index));
+            return Err(RecordingError::NotANumber { path: path.into(), line, column, text });
+        };
+        *decimal_commas += usize::from(commas_are_points && number::is_decimal_comma(cell));
+        let value = wanted.scale.apply(value);
+        // In this order what is not a number is refused too.
+        if !(value.abs() <= LARGEST) {
+            return Err(refused(path, line, &columns.headers[wanted.index], value, cells.text(wanted.index)));
+        }
+        values.push(value);
+    }
+    part.lines.push(line);
+    let increases = columns.sequence.is_none_or(|column| increases(&part.values[column]));
+    if !increases {
+        let text = columns.sequence.map_or_else(String::new, |column| cells.text(columns.wanted[column].index));
+        return Err(RecordingError::Sequence { path: path.into(), line, text });
+    }
+    Ok(())
+}
+
+/// The error about a value that is not finite, or larger than any sensor reads.
+fn refused(path: &Path, line: u64, column: &str, value: f64, text: String) -> RecordingError {
+    let (path, column) = (path.to_path_buf(), column.to_owned());
+    match value.is_finite() {
+        true => RecordingError::TooLarge { path, line, column, text },
+        false => RecordingError::NotFinite { path, line, column, text },
+    }
+}
+
+/// Reads the arrays of a binary file; samples take the place of lines, counted from 1.
+pub(super) fn read_arrays(path: &Path, arrays: Arrays, map: &ColumnMap) -> Result<Read, RecordingError> {
+    let Arrays { names, mut columns, mut notes } = arrays;
+    let found = Columns::find(path, 0, names, map, Others::PassedOver)?;
+    let rows = found.wanted.first().map_or(0, |wanted| columns[wanted.index].len());
+    let needed = found.wanted.iter().map(|wanted| wanted.index).chain(found.recording).chain(found.group);
+    if let Some(other) = needed.clone().find(|&index| columns[index].len() != rows) {
+        let name = |index: usize| found.headers[index].clone();
+        return Err(RecordingError::UnequalArrays {
+            path: path.into(),
+            column: name(found.wanted[0].index),
+            rows,
+            other: name(other),
+            other_rows: columns[other].len(),
+        });
+    }
+    let words = |column: Option<usize>, sample: usize| column.map_or_else(String::new, |index| columns[index][sample].to_string());
+    let mut parts: Vec<Part> = Vec::new();
+    let mut bounds: Vec<usize> = Vec::new();
+    for sample in 0..rows {
+        if sample == 0 || found.recording.is_some() || found.group.is_some() {
+            let before = parts.len();
+            found.part(&mut parts, words(found.recording, sample), words(found.group, sample));
+            if parts.len() > before {
+                bounds.push(sample);
+            }
+        }
+    }
+    bounds.push(rows);
+    // A column that plays two roles is copied, all others are moved.
+    for (place, wanted) in found.wanted.iter().enumerate() {
+        let again = found.wanted[place + 1..].iter().any(|other| other.index == wanted.index);
+        let column = if again { columns[wanted.index].clone() } else { std::mem::take(&mut columns[wanted.index]) };
+        let mut values: Vec<f64> = column;
+        for (sample, value) in values.iter_mut().enumerate() {
+            let raw = *value;
+            *value = wanted.scale.apply(raw);
+            if !(value.abs() <= LARGEST) {
+                return Err(refused(path, sample as u64 + 1, &found.headers[wanted.index], *value, raw.to_string()));
+            }
+        }
+        if let [part] = &mut parts[..] {
+            part.values[place] = values;
+            continue;
+        }
+        for (part, bound) in parts.iter_mut().zip(bounds.windows(2)) {
+            part.values[place] = values[bound[0]..bound[1]].to_vec();
+        }
+    }
+    for (part, bound) in parts.iter_mut().zip(bounds.windows(2)) {
+        (bound[0]..bound[1]).for_each(|sample| part.lines.push(sample as u64 + 1));
+        if let Some(column) = found.sequence
+            && let Some(wrong) = (0..part.values[column].len()).find(|&sample| !increases(&part.values[column][..=sample]))
+        {
+            let text = part.values[column][wrong].to_string();
+            return Err(RecordingError::Sequence { path: path.into(), line: part.lines.line(wrong), text });
+        }
+    }
+    notes.extend(found.conversions.iter().cloned());
+    Ok(Read { columns: found, parts, notes })
 }
 
 /// Whether a row of cells is the header that the map asks for.
 fn names_columns(cells: &[&str], map: &ColumnMap) -> bool {
     let headers: Vec<String> = cells.iter().map(|&cell| cell.to_owned()).collect();
-    map.main_columns().all(|name| header::position(&headers, &name.header).is_some())
+    map.with_own_units(&headers).main_columns().all(|name| header::position(&headers, &name.header).is_some())
 }
 
 /// What there is to say about the layout.
@@ -130,9 +256,9 @@ fn increases(numbers: &[f64]) -> bool {
 }
 
 impl Columns {
-    fn find(path: &Path, line: u64, cells: &[&str], map: &ColumnMap) -> Result<Self, RecordingError> {
-        let headers: Vec<String> = cells.iter().map(|&cell| cell.to_owned()).collect();
-        if headers.iter().all(|name| name.parse::<f64>().is_ok()) {
+    fn find(path: &Path, line: u64, headers: Vec<String>, map: &ColumnMap, others: Others) -> Result<Self, RecordingError> {
+        let map = &map.with_own_units(&headers);
+        if !headers.is_empty() && headers.iter().all(|name| name.parse::<f64>().is_ok()) {
             return Err(RecordingError::NoHeader { path: path.into(), line });
         }
         let main = |name: &str| map.main_columns().any(|column| column.header == name);
@@ -147,7 +273,7 @@ impl Columns {
                 path: path.into(),
                 line,
                 column: column.to_owned(),
-                found: headers.join(","),
+                found: listed(&headers),
                 hint: if map.own {
                     "say which columns to read, for example `--columns time=t_s,input=voltage_V,output=displacement_um`".to_owned()
                 } else {
@@ -157,38 +283,66 @@ impl Columns {
         };
         let mut wanted = Vec::new();
         if let Some(time) = &map.time {
-            wanted.push(Wanted { index: find(&time.header)?, factor: map.time_unit_s });
+            wanted.push(Wanted { index: find(&time.header)?, scale: time.scale });
         }
-        wanted.push(Wanted { index: find(&map.input.header)?, factor: 1.0 });
+        wanted.push(Wanted { index: find(&map.input.header)?, scale: map.input.scale });
         let mut more_inputs = Vec::new();
         for name in &map.more_inputs {
-            wanted.push(Wanted { index: find(&name.header)?, factor: 1.0 });
+            wanted.push(Wanted { index: find(&name.header)?, scale: name.scale });
             more_inputs.push(name.signal.clone());
         }
-        let (mut output, mut extra, mut carried) = (Some(Wanted { index: find(&map.output.header)?, factor: 1.0 }), Vec::new(), Vec::new());
-        for (name, column, factor) in &map.carried {
-            carried.push(Wanted { index: find(&column.header)?, factor: *factor });
+        let output = Wanted { index: find(&map.output.header)?, scale: map.output.scale };
+        let (mut extra, mut carried) = (Vec::new(), Vec::new());
+        for (name, column) in &map.carried {
+            carried.push(Wanted { index: find(&column.header)?, scale: column.scale });
             extra.push(name.clone());
         }
         let unused = |name: &str| map.unused_time.as_deref() == Some(name);
         for (index, name) in headers.iter().enumerate().filter(|(_, name)| map.own && !main(name) && !unused(name)) {
             if let Some(signal) = own_further_input(name, more_inputs.len()) {
-                wanted.push(Wanted { index, factor: 1.0 });
+                wanted.push(Wanted { index, scale: Scale::NONE });
                 more_inputs.push(signal);
             } else if OPTIONAL.contains(&name.as_str()) {
-                carried.push(Wanted { index, factor: 1.0 });
+                carried.push(Wanted { index, scale: Scale::NONE });
                 extra.push(name.clone());
-            } else {
+            } else if others == Others::Refused {
                 return Err(RecordingError::UnknownColumn { path: path.into(), line, column: name.clone() });
             }
         }
-        wanted.extend(output.take());
+        wanted.push(output);
         let sequence = extra.iter().position(|name| name == "sequence").map(|place| wanted.len() + place);
         wanted.extend(carried);
         let text = |column: &Option<String>| column.as_deref().map(&find).transpose();
         let (recording, group) = (text(&map.recording)?, text(&map.group)?);
-        Ok(Self { wanted, more_inputs, extra, sequence, recording, group, headers })
+        let conversions = map.conversions();
+        Ok(Self { wanted, more_inputs, extra, sequence, recording, group, headers, conversions })
     }
+
+    /// Begins a new part where what the columns say differs from the newest one.
+    fn part(&self, parts: &mut Vec<Part>, recording: String, group: String) {
+        let name = if self.recording.is_some() { &recording } else { &group };
+        if parts.last().is_none_or(|part| part.name != *name || part.group != group) {
+            let values = self.wanted.iter().map(|_| Vec::new()).collect();
+            parts.push(Part { name: name.clone(), group, values, ..Part::default() });
+        }
+    }
+}
+
+/// What becomes of columns that nobody asked for in a file of our own format.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Others {
+    Refused,
+    PassedOver,
+}
+
+/// Names for a message, the first of them when there are many.
+fn listed(names: &[String]) -> String {
+    const MOST: usize = 40;
+    let mut text = names.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(",");
+    if names.len() > MOST {
+        text.push_str(&format!(",... {} in all", names.len()));
+    }
+    text
 }
 
 /// The signal of `pressure2_bar` to `pressure9_bar` in our own files, when it is the next one.
@@ -206,21 +360,27 @@ impl Part {
             return Err(RecordingError::TooShort { path: name.into(), rows });
         }
         let mut notes = Vec::new();
-        let (time_s, order) = if let Some(rate_hz) = map.rate_hz {
-            ((0..rows).map(|row| row as f64 / rate_hz).collect(), (0..rows).collect())
+        // No order means that of the file.
+        let (time_s, order): (Vec<f64>, Option<Vec<usize>>) = if let Some(rate_hz) = map.rate_hz {
+            ((0..rows).map(|row| row as f64 / rate_hz).collect(), None)
+        } else if values[0].windows(2).all(|pair| pair[0] < pair[1]) {
+            (values.remove(0), None)
         } else {
             let stamps_s = values.remove(0);
             let same = |one: usize, other: usize| values.iter().all(|values| values[one] == values[other]);
             let repaired = repair::repair(&stamps_s, same).map_err(|row| RecordingError::TimeNotIncreasing {
                 path: path.into(),
-                line: lines[row],
+                line: lines.line(row),
                 previous_s: stamps_s[row.saturating_sub(1)],
                 time_s: stamps_s[row],
             })?;
             notes.extend(repaired.notes(&lines));
-            (repaired.time_s, repaired.order)
+            (repaired.time_s, Some(repaired.order))
         };
-        let mut values = values.into_iter().map(|values| order.iter().map(|&row| values[row]).collect::<Vec<f64>>());
+        let mut values = values.into_iter().map(|values| match &order {
+            Some(order) => order.iter().map(|&row| values[row]).collect::<Vec<f64>>(),
+            None => values,
+        });
         let mut next = || values.next().unwrap_or_default();
         let input = next();
         let more_inputs: Vec<Channel> =
@@ -234,25 +394,12 @@ impl Part {
         recording.extra = extra;
         recording.mark_lost_samples();
         recording.notes = notes;
-        let lines: Vec<u64> = order.iter().map(|&row| lines[row]).collect();
+        let lines = match &order {
+            Some(order) => order.iter().map(|&row| lines.line(row)).collect(),
+            None => lines,
+        };
         let found = condition::notes(&recording, &lines);
         recording.notes.extend(found);
         Ok(recording)
-    }
-}
-
-/// The finite number in a cell.
-fn number(path: &Path, line: u64, column: &str, text: &str) -> Result<f64, RecordingError> {
-    let place = || (path.to_path_buf(), column.to_owned(), text.to_owned());
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => {
-            let (path, column, text) = place();
-            Err(RecordingError::NotFinite { path, line, column, text })
-        }
-        Err(_) => {
-            let (path, column, text) = place();
-            Err(RecordingError::NotANumber { path, line, column, text })
-        }
     }
 }

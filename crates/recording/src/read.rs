@@ -1,9 +1,13 @@
 //! Reading recordings: what is wrong is named with its line, what is repaired is noted, nothing is filled in.
 
+use std::io::{Cursor, Read as _};
 use std::path::{Path, PathBuf};
 
+use super::hashed::Hashed;
+use super::lines::Lines;
 use super::parts::{self, Part};
-use super::{ColumnMap, ReadOptions, Recording, RecordingError, groups};
+use super::unfold::Unfold;
+use super::{ColumnMap, ReadOptions, Recording, RecordingError, format, groups, header, prepare};
 
 /// Reads all recordings under `paths` (files, or folders searched for `.csv` files recursively in sorted order); `columns` is the
 /// text of a [`ColumnMap`] for foreign files.
@@ -14,24 +18,31 @@ pub fn load(paths: &[PathBuf], columns: Option<&str>) -> Result<Vec<Recording>, 
     load_with(paths, &ReadOptions::columns(columns))
 }
 
-/// Reads all recordings under `paths` as the options say, and groups them. Folders are also searched for `.tsv` and `.dat` files when there
-/// is a map of columns.
+/// Endings of text, our own first, and of other files.
+const TEXT: [&str; 5] = ["csv", "csv.gz", "tsv", "dat", "tsv.gz"];
+const BINARY: [&str; 3] = ["npz", "mat", "mcap"];
+
+/// Reads all recordings under `paths` as the options say, groups and prepares them. A folder is searched for text (`.csv` and `.csv.gz`, with
+/// a map of columns also `.tsv` and `.dat`); where it has none, for `.npz`, `.mat` and `.mcap`: a folder may hold the same recordings twice.
 ///
 /// # Errors
 /// The first problem of the first bad file.
 pub fn load_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Vec<Recording>, RecordingError> {
     let map = map(options)?;
     let mut recordings = Vec::new();
-    for path in files_named(paths, if map.own { &["csv"] } else { &["csv", "tsv", "dat"] })? {
+    for path in files_named(paths, if map.own { &TEXT[..2] } else { &TEXT })? {
         recordings.extend(read_parts(&path, &map)?);
     }
     groups::assign(&mut recordings);
-    Ok(recordings)
+    prepare::prepare(recordings, &options.prepare)
 }
 
 /// The map of columns that the options ask for.
 fn map(options: &ReadOptions) -> Result<ColumnMap, RecordingError> {
     let mut map = options.columns.as_deref().map_or_else(|| Ok(ColumnMap::own()), ColumnMap::parse)?;
+    if options.keep_units {
+        map = map.keeping_units();
+    }
     if let Some(rate_hz) = options.rate_hz {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             return Err(RecordingError::Rate { rate_hz });
@@ -50,7 +61,7 @@ fn map(options: &ReadOptions) -> Result<ColumnMap, RecordingError> {
 /// # Errors
 /// When a path does not exist or a folder holds no CSV file.
 pub fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, RecordingError> {
-    files_named(paths, &["csv"])
+    files_named(paths, &TEXT[..2])
 }
 
 /// The same for files with one of these extensions.
@@ -64,6 +75,9 @@ fn files_named(paths: &[PathBuf], extensions: &[&str]) -> Result<Vec<PathBuf>, R
         if std::fs::metadata(path).map_err(open)?.is_dir() {
             let before = found.len();
             search(path, extensions, &mut found)?;
+            if found.len() == before {
+                search(path, &BINARY, &mut found)?;
+            }
             if found.len() == before {
                 return Err(RecordingError::NoFiles { path: path.clone() });
             }
@@ -89,13 +103,17 @@ fn search(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) -> Resul
         // A link to a folder could lead in a circle; a link to a file is a file.
         if entry.is_dir() && !is_link {
             search(&entry, extensions, found)?;
-        } else if entry.is_file()
-            && entry.extension().is_some_and(|found| extensions.iter().any(|wanted| found.eq_ignore_ascii_case(wanted)))
-        {
+        } else if entry.is_file() && has_ending(&entry, extensions) {
             found.push(entry);
         }
     }
     Ok(())
+}
+
+/// Whether a file's name ends in one of these, whatever their case.
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    endings.iter().any(|ending| name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.')))
 }
 
 /// Reads one file that holds one recording.
@@ -127,20 +145,58 @@ fn read_parts(path: &Path, map: &ColumnMap) -> Result<Vec<Recording>, RecordingE
     if std::fs::metadata(path).map_err(open)?.is_dir() {
         return Err(RecordingError::IsFolder { path: path.to_path_buf() });
     }
-    parse_parts(path, &std::fs::read(path).map_err(open)?, map)
+    parts_of(path, output::open(path).map_err(open)?, map)
 }
 
 /// Reads all recordings from the bytes of a file; `path` is only a name.
 fn parse_parts(path: &Path, bytes: &[u8], map: &ColumnMap) -> Result<Vec<Recording>, RecordingError> {
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let text = std::str::from_utf8(text).map_err(|error| {
-        let line = super::table::line_of(text, error.valid_up_to());
-        RecordingError::NotText { path: path.to_path_buf(), line }
-    })?;
-    if text.trim_ascii().is_empty() {
-        return Err(RecordingError::Empty { path: path.to_path_buf() });
+    parts_of(path, bytes, map)
+}
+
+/// Reads all recordings from a stream of bytes. Text goes by line by line and is never in memory as a whole.
+fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<Vec<Recording>, RecordingError> {
+    let open = |source| RecordingError::Open { path: path.to_path_buf(), source };
+    let mut stream = Hashed::new(stream);
+    let mut head = Vec::new();
+    (&mut stream).take(128).read_to_end(&mut head).map_err(open)?;
+    let kind = format::kind(path, &head)?;
+    let mut whole = Cursor::new(head).chain(&mut stream);
+    let read = match kind {
+        format::Kind::Text => parts::read(path, &mut Lines::new(&mut whole), map)?,
+        format::Kind::Gzip => {
+            let mut lines = Lines::new(Unfold::new(&mut whole));
+            parts::read(path, &mut lines, map).map_err(|error| match error {
+                RecordingError::Open { source, .. } => unfolding(path, &source),
+                other => other,
+            })?
+        }
+        kind => {
+            let mut bytes = Vec::new();
+            (&mut whole).take(output::MOST_BYTES + 1).read_to_end(&mut bytes).map_err(open)?;
+            if bytes.len() as u64 > output::MOST_BYTES {
+                let problem = format!("is larger than {} MB; save it as CSV, or in pieces", output::MOST_BYTES >> 20);
+                return Err(RecordingError::Format { path: path.to_path_buf(), problem });
+            }
+            let is_wanted =
+                |names: &[String]| map.with_own_units(names).main_columns().all(|column| header::position(names, &column.header).is_some());
+            parts::read_arrays(path, format::arrays(path, kind, &bytes, &is_wanted)?, map)?
+        }
+    };
+    let sha256 = stream.finish().map_err(open)?;
+    recordings_of(path, read, map, &sha256)
+}
+
+/// The error of a compressed file that cannot be unfolded.
+fn unfolding(path: &Path, error: &std::io::Error) -> RecordingError {
+    let path = path.to_path_buf();
+    match super::unfold::times(error) {
+        Some(times) => RecordingError::Unfolds { path, times },
+        None => RecordingError::Format { path, problem: format!("is a damaged gzip file ({error}); copy it again") },
     }
-    let parts::Read { columns, parts, notes } = parts::read(path, text, map)?;
+}
+
+fn recordings_of(path: &Path, read: parts::Read, map: &ColumnMap, sha256: &str) -> Result<Vec<Recording>, RecordingError> {
+    let parts::Read { columns, parts, notes } = read;
     let mut recordings: Vec<Recording> = Vec::with_capacity(parts.len());
     let several = parts.len() > 1;
     for part in parts {
@@ -153,8 +209,7 @@ fn parse_parts(path: &Path, bytes: &[u8], map: &ColumnMap) -> Result<Vec<Recordi
     if recordings.is_empty() {
         return Err(RecordingError::TooShort { path: path.to_path_buf(), rows: 0 });
     }
-    let sha256 = super::sha256(bytes);
-    recordings.iter_mut().for_each(|recording| recording.sha256.clone_from(&sha256));
+    recordings.iter_mut().for_each(|recording| sha256.clone_into(&mut recording.sha256));
     Ok(recordings)
 }
 

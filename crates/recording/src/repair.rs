@@ -201,7 +201,7 @@ fn spread(result: &mut Repaired, typical_s: f64, same_row: impl Fn(usize, usize)
 
 impl Repaired {
     /// What was repaired, with counts and first lines; `lines` are those of the rows as read.
-    pub(super) fn notes(&self, lines: &[u64]) -> Vec<Note> {
+    pub(super) fn notes(&self, lines: &super::row_lines::RowLines) -> Vec<Note> {
         let said = [
             (self.repeated, "repeated time stamp(s) now share the time to the next one"),
             (self.doubled, "row(s) that stood twice now stand once"),
@@ -210,7 +210,9 @@ impl Repaired {
         ];
         let found = said.into_iter().filter(|(count, _)| count.rows > 0);
         found
-            .map(|(count, what)| Note::counted(Subject::ClockRepaired, count.rows, lines[count.first], format!("{} {what}.", count.rows)))
+            .map(|(count, what)| {
+                Note::counted(Subject::ClockRepaired, count.rows, lines.line(count.first), format!("{} {what}.", count.rows))
+            })
             .collect()
     }
 }

@@ -4,7 +4,7 @@
 //! straight lines; where the new period is two steps or longer they are averaged over it, so that noise does not fold down. An input that
 //! holds its value between refreshes keeps the newest one. A stretch that is even already keeps its samples as they are.
 
-use super::{Channel, ExtraColumn, Note, Recording, Subject, clock, held};
+use super::{Channel, ExtraColumn, Note, Recording, RecordingError, Subject, clock, held};
 
 /// An even clock may be off by this share of a period: printed times are rounded.
 const EVEN: f64 = 0.05;
@@ -17,6 +17,25 @@ enum Method {
     Line,
     Mean,
     Hold,
+}
+
+/// An even clock with more samples than this, and with more than [`MOST_TIMES`] the recorded ones, is a slip.
+const MANY: f64 = 2e7;
+const MOST_TIMES: f64 = 20.0;
+
+/// Whether a recording may be put onto a clock of `period_s`.
+///
+/// # Errors
+/// When the period is none, or makes far more samples than were recorded.
+pub fn check(recording: &Recording, period_s: f64) -> Result<(), RecordingError> {
+    let length_s: f64 =
+        recording.segments().iter().map(|segment| recording.time_s[segment.end - 1] - recording.time_s[segment.start]).sum();
+    let samples = length_s / period_s;
+    let sensible = period_s > 0.0 && (samples <= 1e6 || (samples <= MANY && samples <= MOST_TIMES * recording.len() as f64));
+    match sensible {
+        true => Ok(()),
+        false => Err(RecordingError::Resample { path: recording.path.clone(), period_s, samples, recorded: recording.len() }),
+    }
 }
 
 /// The recording on a clock of `period_s`; a note says how.

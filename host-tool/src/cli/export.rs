@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 /// Writes a blob as C: nothing is calibrated again.
 fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
     let path = &arguments.model;
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = crate::output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let blob = blob::decode(&bytes).with_context(|| path.display().to_string())?;
     let Some(c) = c else {
         bail!("{}: already a blob; `catheter inspect` shows what is in it, and --c FILE.c writes it as C", path.display());
@@ -136,7 +136,7 @@ fn refuse_overwriting(arguments: &Arguments, c: Option<&CFiles>, inputs: &[PathB
 
 /// The compensation part of a blob.
 fn compensation(path: &Path) -> Result<Compensation> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = crate::output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let blob = blob::decode(&bytes).with_context(|| path.display().to_string())?;
     let extension = blob.model.extension().with_context(|| path.display().to_string())?;
     extension.compensation.with_context(|| format!("{}: has no compensation part; give the blob of `catheter tune`", path.display()))

@@ -234,7 +234,7 @@ fn vectors(path: &Path, found: &Found) -> Result<CheckVectors> {
     let shown = || path.display().to_string();
     let length = std::fs::metadata(path).with_context(shown)?.len();
     anyhow::ensure!(length <= MOST_CHECK_BYTES, "{}: {length} bytes of check vectors, some hundred rows are enough", path.display());
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let inputs: Vec<Option<&Signal>> =
         found.options.inputs[..found.options.named_inputs()?.max(1)].iter().map(|input| input.signal.as_ref()).collect();
     Ok(CheckVectors::parse(&bytes, path, &inputs, found.options.output.as_ref())?)

@@ -95,7 +95,7 @@ const TOLERANCE: f64 = 0.01;
 /// When the blob cannot be read or is refused.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let path = arguments.blob.display();
-    let bytes = std::fs::read(&arguments.blob).with_context(|| format!("cannot read {path}"))?;
+    let bytes = crate::output::read(&arguments.blob).with_context(|| format!("cannot read {path}"))?;
     let blob = blob::decode(&bytes).with_context(|| format!("{path} is refused"))?;
     anyhow::ensure!(
         blob::content_hash_matches(&bytes),

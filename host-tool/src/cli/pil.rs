@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inputs: Vec<PathBuf> = std::iter::once(&arguments.blob).chain(&arguments.excitation).cloned().collect();
     let outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.json.as_deref()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
-    let bytes = std::fs::read(&arguments.blob).with_context(|| format!("{}: cannot be read", arguments.blob.display()))?;
+    let bytes = crate::output::read(&arguments.blob).with_context(|| format!("{}: cannot be read", arguments.blob.display()))?;
     // The comparison of laser and model is off: the blob need not belong to the simulated plant.
     let settings = Settings { mismatch_displacement_mm: 0.0, ..Settings::default() };
     let flash = FlashMemory::with_model(&bytes).with_context(|| arguments.blob.display().to_string())?.with_settings(&settings)?;

@@ -76,7 +76,7 @@ fn configuration(arguments: &Arguments) -> Result<TrainConfig> {
         None => preset,
         Some(path) => {
             let place = || path.display().to_string();
-            let text = std::fs::read_to_string(path).with_context(place)?;
+            let text = crate::output::read_text(path).with_context(place)?;
             let changes: toml::Table = toml::from_str(&text).with_context(place)?;
             let mut table = toml::Table::try_from(&preset).context("cannot encode the preset")?;
             for (name, value) in changes {

@@ -10,7 +10,7 @@ use super::{ExcitationConfig, ExcitationError};
 /// When it cannot be read or is not a valid excitation; the message has line and column.
 pub fn read(path: &Path) -> Result<ExcitationConfig, ExcitationError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| ExcitationError::Open { path: name.clone(), problem: error.to_string() })?;
+    let text = crate::output::read_text(path).map_err(|error| ExcitationError::Open { path: name.clone(), problem: error.to_string() })?;
     toml::from_str(&text).map_err(|error| ExcitationError::Syntax { path: name, problem: error.to_string() })
 }
 

@@ -83,7 +83,7 @@ impl FittedModel {
     /// # Errors
     /// When it cannot be read, is of another version, or contradicts itself.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
+        let text = output::read_text(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
         let invalid = |problem: String| ModelError::Invalid { path: path.into(), problem };
         let model: Self = toml::from_str(&text).map_err(|error| invalid(error.message().to_owned()))?;
         match model.problem() {

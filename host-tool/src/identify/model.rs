@@ -239,7 +239,7 @@ impl PhysicsModel {
     /// # Errors
     /// When it cannot be read, has another version, or contradicts itself.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ModelError::Open { path: path.into(), source })?;
+        let text = output::read_text(path).map_err(|source| ModelError::Open { path: path.into(), source })?;
         let syntax = |error: toml::de::Error| ModelError::Syntax { path: path.into(), problem: error.to_string() };
         // The version first: another layout would only give a confusing message about some field.
         let table: toml::Table = toml::from_str(&text).map_err(syntax)?;
@@ -261,6 +261,9 @@ impl PhysicsModel {
     /// When the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
         let write = |problem: String| ModelError::Write { path: path.into(), problem };
+        if let Some(problem) = self.problem() {
+            return Err(ModelError::Value { path: path.into(), problem });
+        }
         let text = toml::to_string(self).map_err(|error| write(error.to_string()))?;
         output::write_atomic(path, text.as_bytes()).map_err(|error| write(format!("{error:#}")))
     }

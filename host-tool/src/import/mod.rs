@@ -51,7 +51,7 @@ pub fn read(path: &Path, options: Options) -> Result<Found, ImportError> {
     if bytes > MOST_BYTES {
         return Err(ImportError::TooLarge { bytes, most: MOST_BYTES });
     }
-    from_bytes(&std::fs::read(path).map_err(open)?, options)
+    from_bytes(&crate::output::read(path).map_err(open)?, options)
 }
 
 /// Finds the network in the bytes of a file.

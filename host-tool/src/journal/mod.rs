@@ -268,7 +268,7 @@ impl Journal {
     /// # Errors
     /// As [`Journal::from_bytes`], with the file's name.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         Self::from_bytes(&bytes).with_context(|| path.display().to_string())
     }
 

@@ -22,7 +22,7 @@ impl BlobModel {
     /// # Errors
     /// When it cannot be read, is damaged or of another schema.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let bytes = std::fs::read(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
+        let bytes = crate::output::read(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
         Self::new(bytes, path)
     }
 

@@ -17,7 +17,13 @@ impl DiscoveredPredictor {
     /// # Errors
     /// When it cannot be read or makes no sense.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        Ok(Self::new(DiscoveredModel::read(path)?, path))
+        let model = DiscoveredModel::read(path)?;
+        let invalid = |problem: String| ModelError::Invalid { path: path.into(), problem };
+        let values = toml::Value::try_from(&model).map_err(|error| invalid(error.to_string()))?;
+        match not_finite(&values) {
+            Some(key) => Err(invalid(format!("`{key}` is not finite; make it again with `catheter discover`"))),
+            None => Ok(Self::new(model, path)),
+        }
     }
 
     /// A model as it is, under a name.
@@ -48,6 +54,17 @@ impl DiscoveredPredictor {
     #[must_use]
     pub fn model(&self) -> &DiscoveredModel {
         &self.model
+    }
+}
+
+/// The key of a number that is none or infinite. Intervals are for people and may be open.
+fn not_finite(value: &toml::Value) -> Option<String> {
+    match value {
+        toml::Value::Float(number) => (!number.is_finite()).then(String::new),
+        toml::Value::Array(values) => values.iter().find_map(not_finite),
+        toml::Value::Table(table) => (table.iter().filter(|(key, _)| *key != "intervals"))
+            .find_map(|(key, value)| not_finite(value).map(|inner| if inner.is_empty() { key.clone() } else { format!("{key}.{inner}") })),
+        _ => None,
     }
 }
 

@@ -145,7 +145,7 @@ pub fn format(path: &Path) -> Result<Format, ModelError> {
         Ok(_) => {}
         Err(error) => return Err(ModelError::Open { path: path.into(), problem: error.to_string() }),
     }
-    let bytes = std::fs::read(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
+    let bytes = crate::output::read(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
     if bytes.starts_with(&model_export::blob::MAGIC) {
         return Ok(Format::Blob);
     }

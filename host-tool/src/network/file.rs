@@ -179,7 +179,7 @@ pub fn save(path: &Path, model: &TrainedModel) -> Result<(), ModelFileError> {
 /// # Errors
 /// When the file cannot be read, is damaged, is of another version, or a tensor does not fit the metadata.
 pub fn load(path: &Path) -> Result<TrainedModel, ModelFileError> {
-    let bytes = std::fs::read(path).map_err(|error| ModelFileError::Io { path: path.display().to_string(), message: error.to_string() })?;
+    let bytes = output::read(path).map_err(|error| ModelFileError::Io { path: path.display().to_string(), message: error.to_string() })?;
     from_bytes(&bytes, &path.display().to_string())
 }
 
@@ -235,6 +235,11 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
         front_end.more_input_weights = several.more_input_weights;
         front_end.play_inputs = several.play_inputs;
         front_end.feature_inputs = several.feature_inputs;
+    }
+    // An index without its operator or a number out of its domain would otherwise be met in the middle of a run.
+    front_end.validate().map_err(|invalid| unreadable(invalid.to_string()))?;
+    if front_end.inputs() != 1 + metadata.more_inputs.len() {
+        return Err(unreadable(format!("{} inputs and a front end of {}", 1 + metadata.more_inputs.len(), front_end.inputs())));
     }
     Ok(TrainedModel {
         input: metadata.input,

@@ -242,6 +242,6 @@ impl PlantConfig {
 /// Reads a plant file.
 pub(super) fn read(path: &Path) -> Result<PlantConfig, PlantError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| PlantError::Open { path: name.clone(), problem: error.to_string() })?;
+    let text = crate::output::read_text(path).map_err(|error| PlantError::Open { path: name.clone(), problem: error.to_string() })?;
     toml::from_str(&text).map_err(|error| PlantError::Syntax { path: name, problem: error.to_string() })
 }

@@ -102,7 +102,7 @@ pub fn tuning(reach: Reach, seed: u64) -> Reference {
 /// # Errors
 /// When the file is none of both, or has a gap.
 pub fn from_file(path: &Path) -> anyhow::Result<Reference> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = crate::output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let text = String::from_utf8_lossy(&bytes);
     let header = text.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
     let own = ColumnMap::own();

@@ -53,6 +53,12 @@ struct Numbers {
 const METADATA_KEY: &str = "catheter-checkpoint";
 
 impl CheckpointPlan {
+    /// The error about this checkpoint.
+    pub(super) fn refused(&self, problem: String) -> TrainError {
+        let path = self.path.as_deref().unwrap_or(std::path::Path::new("the checkpoint"));
+        TrainError::Checkpoint(format!("{}: {problem}", path.display()))
+    }
+
     /// Writes the checkpoint, if there is a place for it.
     pub(super) fn save(&self, fingerprint: &str, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let Some(path) = &self.path else { return Ok(()) };
@@ -66,7 +72,7 @@ impl CheckpointPlan {
         let Some(path) = self.path.as_ref().filter(|_| self.resume) else { return Ok(None) };
         let failed = |message: String| TrainError::Checkpoint(format!("{}: {message}", path.display()));
         let bytes =
-            std::fs::read(path).map_err(|error| failed(format!("no checkpoint to resume from ({error}); start without --resume")))?;
+            output::read(path).map_err(|error| failed(format!("no checkpoint to resume from ({error}); start without --resume")))?;
         Checkpoint::from_bytes(&bytes, fingerprint).map(Some).map_err(failed)
     }
 
@@ -76,6 +82,23 @@ impl CheckpointPlan {
             // It may never have been written.
             let _ = std::fs::remove_file(path);
         }
+    }
+}
+
+impl Checkpoint {
+    /// What does not go with a run whose team is in the state `fresh` before its first step and makes `total_steps`, if anything.
+    pub(super) fn problem(&self, fresh: &TeamState, total_steps: u64) -> Option<String> {
+        let lengths = |state: &TeamState| {
+            let lists = [&state.values, &state.average, &state.mean, &state.square];
+            let lists = lists.into_iter().chain(&state.bases).chain(&state.carried);
+            (state.bases.len(), state.carried.len(), lists.map(Vec::len).collect::<Vec<_>>())
+        };
+        if lengths(&self.team) != lengths(fresh) || ![0, fresh.values.len()].contains(&self.best.len()) {
+            return Some("the checkpoint is damaged: its arrays are not as long as those of this run; start without --resume".to_owned());
+        }
+        let steps = self.team.steps_made;
+        (steps > total_steps)
+            .then(|| format!("the checkpoint is damaged: it has made {steps} steps of a run of {total_steps}; start without --resume"))
     }
 }
 
@@ -125,9 +148,22 @@ impl Checkpoint {
         let tensors = SafeTensors::deserialize(bytes).map_err(|error| format!("not a readable checkpoint ({error})"))?;
         let read = |name: &str| -> Result<Vec<f32>, String> {
             let tensor = tensors.tensor(name).map_err(|error| error.to_string())?;
+            if tensor.dtype() != Dtype::F32 {
+                return Err(format!("the checkpoint is damaged: `{name}` holds {:?} where F32 is expected", tensor.dtype()));
+            }
             let (words, _) = tensor.data().as_chunks::<4>();
-            Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+            let values: Vec<f32> = words.iter().map(|&word| f32::from_le_bytes(word)).collect();
+            match values.iter().position(|value| !value.is_finite()) {
+                Some(index) => Err(format!("the checkpoint is damaged: element {index} of `{name}` is not finite; start without --resume")),
+                None => Ok(values),
+            }
         };
+        let training_square = f64::from_bits(numbers.training_square);
+        let best_square = f64::from_bits(numbers.best_square);
+        // The best is infinite before the first validation.
+        if !training_square.is_finite() || best_square.is_nan() {
+            return Err("the checkpoint is damaged: an error so far is not a number; start without --resume".to_owned());
+        }
         Ok(Self {
             team: TeamState {
                 steps_made: numbers.steps_made,
@@ -139,7 +175,7 @@ impl Checkpoint {
                 carried: (0..numbers.threads).map(|thread| read(&format!("carried.{thread}"))).collect::<Result<_, _>>()?,
             },
             best: read("best")?,
-            best_square: f64::from_bits(numbers.best_square),
+            best_square,
             since_best: numbers.since_best,
             history: numbers
                 .history
@@ -150,7 +186,7 @@ impl Checkpoint {
                     validation_rmse: f64::from_bits(validation),
                 })
                 .collect(),
-            training_square: f64::from_bits(numbers.training_square),
+            training_square,
         })
     }
 }

@@ -531,6 +531,9 @@ impl Run<'_> {
     ) -> Result<Finished, TrainError> {
         let mut found = Found { best_square: f64::INFINITY, ..Found::default() };
         if let Some(saved) = plan.load(fingerprint)? {
+            if let Some(problem) = saved.problem(&self.team.state(), steps.float_steps + steps.quantised_steps) {
+                return Err(plan.refused(problem));
+            }
             self.team.restore(&saved.team);
             self.feed.skip(saved.team.steps_made);
             found = Found {

@@ -8,7 +8,7 @@ fn foreign(text: &str, columns: &str) -> Recording {
 
 #[test]
 fn spaces_tabs_and_semicolons_separate_columns_below_titles() {
-    let columns = "time=time(sec),input=cmd:1,output=pressure:kPa";
+    let columns = "time=time(sec),input=cmd:1,output=pressure:N";
     let spaces = "# a title\n# another\nA rig, of 2020\n\ntime(sec)  cmd pressure\n0.000 0.5  1.25\n 0.010 0.6 1.50\n0.020 0.7 1.75\n";
     let wanted = foreign(spaces, columns);
     assert_eq!((wanted.input.clone(), wanted.output.clone()), (vec![0.5, 0.6, 0.7], vec![1.25, 1.5, 1.75]));
@@ -33,8 +33,8 @@ fn units_in_parentheses_belong_to_the_name_or_stand_for_themselves() {
     let text = "Time (ms),Pressure (bar),Laser [um]\n0,1,2\n10,3,4\n20,5,6\n";
     for columns in [
         "time=Time (ms),input=Pressure (bar),output=Laser [um]",
-        "time=Time:ms,input=Pressure:bar,output=Laser:um",
-        "time=Time (ms):ms,input=Pressure (bar):bar,output=Laser [um]:um",
+        "time=Time:ms,input=Pressure:bar,output=Laser [um]",
+        "time=Time (ms):ms,input=Pressure (bar):bar,output=Laser [um]",
     ] {
         let recording = foreign(text, columns);
         assert_eq!(recording.time_s, [0.0, 0.01, 0.02]);
@@ -62,7 +62,11 @@ fn a_column_sets_recordings_apart_and_another_groups_them() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("arm.csv");
     std::fs::write(&path, &text).expect("write");
-    let options = ReadOptions { columns: Some("input=p:bar,output=q:rad,recording=episode,group=load".into()), rate_hz: Some(100.0) };
+    let options = ReadOptions {
+        columns: Some("input=p:bar,output=q:rad,recording=episode,group=load".into()),
+        rate_hz: Some(100.0),
+        ..ReadOptions::default()
+    };
     let recordings = load_with(std::slice::from_ref(&path), &options).expect("read");
     let names: Vec<String> =
         recordings.iter().map(|recording| recording.path.file_name().expect("a name").to_string_lossy().into_owned()).collect();

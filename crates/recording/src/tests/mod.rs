@@ -103,7 +103,7 @@ fn rounded_times_give_the_exact_period() {
 
 #[test]
 fn what_is_written_reads_back_bit_for_bit() {
-    let awkward = [0.1 + 0.2, -0.0, 1e-300, 123_456_789.123_456_79, f64::MIN_POSITIVE, 5e300, 1.0 / 3.0];
+    let awkward = [0.1 + 0.2, -0.0, 1e-300, 123_456_789.123_456_79, f64::MIN_POSITIVE, 5e29, 1.0 / 3.0];
     let time_s: Vec<f64> = (0..awkward.len()).map(|index| index as f64 / 3.0).collect();
     let reversed = awkward.iter().rev().copied().collect();
     let mut recording =
@@ -132,9 +132,9 @@ fn foreign_columns_carry_quantity_and_unit() {
     let recording = parse(Path::new("x/model_1hz_sine.csv"), text.as_bytes(), &map).expect("read");
     assert_eq!(recording.time_s, [0.0, 0.02]);
     assert_eq!(recording.input, [1.0, 2.0]);
-    assert_eq!(recording.output, [5.0, 6.0]);
+    assert_eq!(recording.output, [0.005, 0.006]);
     assert_eq!(recording.input_signal.column(), "voltage_V");
-    assert_eq!(recording.output_signal, Signal { quantity: "laser".into(), unit: "um".into() });
+    assert_eq!(recording.output_signal, Signal { quantity: "laser".into(), unit: "mm".into() });
     assert_eq!(recording.family, "model");
     let error = parse(Path::new("y.csv"), b"t_ms,voltage_V\n0,1\n", &map).expect_err("no output").to_string();
     assert!(error.contains("y.csv:1: there is no column `laser` (the file has t_ms,voltage_V)"), "{error}");
