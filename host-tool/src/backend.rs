@@ -123,7 +123,7 @@ impl Rig {
     /// When it cannot be opened or started.
     pub fn open(backend: &Backend, simulated: impl FnOnce() -> anyhow::Result<Simulated>) -> anyhow::Result<Self> {
         let mut injections = Vec::new();
-        let mut simulated = || {
+        let simulated = || {
             let mut simulated = simulated()?;
             injections = std::mem::take(&mut simulated.injections);
             anyhow::Ok(simulated)

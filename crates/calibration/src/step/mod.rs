@@ -316,6 +316,12 @@ impl Step {
         wanted_bar.min(last.command_bar + (top_bar - last.reference).max(0.0) / steepest)
     }
 
+    /// The drive that the device gave for a command while this step ran, share of full.
+    #[must_use]
+    pub fn drive_share(&self, command_bar: f64) -> f64 {
+        self.plan.drive_share(command_bar)
+    }
+
     /// The largest command that the gauge allows, bar; `None` before the pressure step has its levels.
     #[must_use]
     pub fn highest_command_bar(&self) -> Option<f64> {
