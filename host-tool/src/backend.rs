@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Muscle, Processor, Qemu,
-    QemuConfig, Serial, Transport,
+    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, Injection, LinkError, Lockstep, Muscle, Processor, Qemu,
+    QemuConfig, Serial, Transport, find_board,
 };
 use crate::plant::Plant;
 
@@ -30,6 +30,27 @@ pub enum Backend {
     BoardModel,
     /// On this serial port.
     Serial(String),
+    /// On the one serial port at which a board answers.
+    AnySerial,
+}
+
+impl Backend {
+    /// Whether it is a board in a laboratory.
+    #[must_use]
+    pub fn is_board(&self) -> bool {
+        matches!(self, Self::Serial(_) | Self::AnySerial)
+    }
+
+    /// Its name, without the port.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Virtual => VIRTUAL_BOARD,
+            Self::Qemu => "qemu",
+            Self::BoardModel => BOARD_MODEL,
+            Self::Serial(_) | Self::AnySerial => "serial",
+        }
+    }
 }
 
 impl FromStr for Backend {
@@ -38,10 +59,11 @@ impl FromStr for Backend {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.split_once(':') {
             Some(("serial", port)) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
+            None if text == "serial" => Ok(Self::AnySerial),
             None if text == "virtual" => Ok(Self::Virtual),
             None if text == "qemu" => Ok(Self::Qemu),
             None if text == BOARD_MODEL => Ok(Self::BoardModel),
-            _ => Err("virtual, qemu, board-model or serial:PORT is wanted, for example serial:/dev/ttyUSB0 or serial:COM3".to_owned()),
+            _ => Err("virtual, qemu, board-model or serial:PORT is wanted, for example serial:/dev/ttyUSB0 or serial:COM3; serial alone finds the board".to_owned()),
         }
     }
 }
@@ -60,6 +82,8 @@ pub struct Simulated {
     pub image: Option<PathBuf>,
     /// The name that the device gives.
     pub board: &'static str,
+    /// What breaks, and when.
+    pub injections: Vec<Injection>,
 }
 
 impl Simulated {
@@ -75,6 +99,7 @@ impl Simulated {
             flash,
             image: None,
             board,
+            injections: Vec::new(),
         }
     }
 }
@@ -97,8 +122,15 @@ impl Rig {
     /// # Errors
     /// When it cannot be opened or started.
     pub fn open(backend: &Backend, simulated: impl FnOnce() -> anyhow::Result<Simulated>) -> anyhow::Result<Self> {
-        Ok(match backend {
+        let mut injections = Vec::new();
+        let simulated = || {
+            let mut simulated = simulated()?;
+            injections = std::mem::take(&mut simulated.injections);
+            anyhow::Ok(simulated)
+        };
+        let mut rig = match backend {
             Backend::Serial(port) => Self::Serial(Serial::open(port)?),
+            Backend::AnySerial => Self::Serial(find_board()?),
             Backend::Virtual => {
                 let Simulated { hardware, muscle, plant, flash, board, .. } = simulated()?;
                 let recorder = Recorder::new(Header::new("virtual", board, plant, &flash));
@@ -106,7 +138,7 @@ impl Rig {
                 Self::Virtual(Box::new(Lockstep::new(InProcess::new(flash), Hardware::new(hardware, muscle), recorder, place, board)?))
             }
             Backend::Qemu => {
-                let Simulated { hardware, muscle, plant, flash, image, board } = simulated()?;
+                let Simulated { hardware, muscle, plant, flash, image, board, .. } = simulated()?;
                 let recorder = Recorder::new(Header::new("qemu", board, plant, &flash));
                 let processor = Qemu::start(QemuConfig::find(image.as_deref())?, &flash)?;
                 Self::Qemu(Box::new(Lockstep::new(processor, Hardware::new(hardware, muscle), recorder, "the rig in QEMU", board)?))
@@ -117,7 +149,11 @@ impl Rig {
                 let place = "the flashable image on the board's model";
                 Self::BoardModel(Box::new(Lockstep::new(processor, Hardware::new(hardware, muscle), (), place, board)?))
             }
-        })
+        };
+        if let Some(hardware) = rig.hardware() {
+            hardware.inject(&injections);
+        }
+        Ok(rig)
     }
 
     /// The name of the backend, where it is asked for its journal over the link.
@@ -214,6 +250,13 @@ impl Transport for Rig {
             Self::Serial(port) => port.place(),
         }
     }
+
+    fn token_before_the_first(&self) -> u32 {
+        match self {
+            Self::Virtual(_) | Self::Qemu(_) | Self::BoardModel(_) => 0,
+            Self::Serial(port) => port.token_before_the_first(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -226,7 +269,8 @@ mod tests {
         assert_eq!("qemu".parse(), Ok(Backend::Qemu));
         assert_eq!("board-model".parse(), Ok(Backend::BoardModel));
         assert_eq!("serial:COM3".parse(), Ok(Backend::Serial("COM3".to_owned())));
-        for wrong in ["", "serial", "serial:", "virtual:1", "usb"] {
+        assert_eq!("serial".parse(), Ok(Backend::AnySerial));
+        for wrong in ["", "serial:", "virtual:1", "usb"] {
             assert!(wrong.parse::<Backend>().is_err(), "{wrong}");
         }
     }

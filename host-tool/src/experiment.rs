@@ -16,6 +16,7 @@ use model_export::link::settings::{SettingValue, by_name};
 use model_export::link::state::State;
 
 use crate::excitation::{ExcitationConfig, Limits};
+use crate::interrupt;
 use crate::journal::{Journal, Tracing};
 use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
 use crate::output;
@@ -163,6 +164,24 @@ pub fn record(
     limits: &Limits,
     journal: Option<OverTheLink<'_>>,
 ) -> Result<Outcome> {
+    let period_ms = period_ms(excitation)?;
+    let SettingValue::Float(ceiling_bar) = setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
+    let limits = Limits { maximum_bar: limits.maximum_bar.min(f64::from(ceiling_bar)), ..*limits };
+    let samples = excitation.sample_within(&limits)?;
+    let points: Vec<f32> = samples.pressure_bar.iter().map(|bar| *bar as f32).collect();
+    record_points(rig, &points, period_ms, journal)
+}
+
+/// As [`record`], for pressures in bar, one each period; the limiter of the device sees to the limits.
+///
+/// # Errors
+/// As [`record`].
+pub fn record_points(
+    rig: &mut Client<impl Transport>,
+    points: &[f32],
+    period_ms: u32,
+    journal: Option<OverTheLink<'_>>,
+) -> Result<Outcome> {
     let ready = settle(rig)?;
     if ready.state != State::Idle {
         bail!(
@@ -171,18 +190,13 @@ pub fn record(
             if ready.first_fault == 0 { String::new() } else { format!(" ({})", fault_in_words(ready.first_fault)) }
         );
     }
-    let period_ms = period_ms(excitation)?;
-    let SettingValue::Float(ceiling_bar) = setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
-    let limits = Limits { maximum_bar: limits.maximum_bar.min(f64::from(ceiling_bar)), ..*limits };
-    let samples = excitation.sample_within(&limits)?;
-    let points: Vec<f32> = samples.pressure_bar.iter().map(|bar| *bar as f32).collect();
     let wanted = [
         ("control.law", SettingValue::Integer(0)),
         ("playback.period_ms", SettingValue::Integer(period_ms)),
         ("telemetry.period_ms", SettingValue::Integer(period_ms)),
     ];
     let changed = borrow_settings(rig, &wanted)?;
-    let outcome = play_for(rig, &points, Duration::from_millis(period_ms.into()), journal);
+    let outcome = play_for(rig, points, Duration::from_millis(period_ms.into()), journal);
     // Whatever happened: out of the energised states, and the settings back.
     let _ = rig.ask(&Request::Disarm);
     for (number, value) in changed {
@@ -221,6 +235,10 @@ fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> R
     let mut last_sent = rig.elapsed();
     let (mut started, mut ended) = (false, false);
     while !ended {
+        if interrupt::is_requested() {
+            let _ = rig.ask(&Request::Vent);
+            bail!("interrupted; the rig was told to vent");
+        }
         rig.listen(Duration::from_millis(5))?;
         if let Some(token) = waiting
             && let Some(reply) = rig.take_reply(token)

@@ -130,9 +130,9 @@ impl Line {
 ///
 /// # Errors
 /// [`LinkError::NoAnswer`], [`LinkError::Garbage`], or the transport's.
-fn greet(transport: &mut impl Transport, line: &mut Line) -> Result<Hello, LinkError> {
+fn greet(transport: &mut impl Transport, line: &mut Line, attempts: u32) -> Result<Hello, LinkError> {
     let request = frame::encode(&[Kind::HelloRequest.byte()]).map_err(|_| LinkError::Rig("a Hello fits no frame".to_owned()))?;
-    for _ in 0..HELLO_ATTEMPTS {
+    for _ in 0..attempts {
         // The zero ends what the last host may have left half-sent.
         transport.send(&[0])?;
         transport.send(&request)?;
@@ -148,7 +148,7 @@ fn greet(transport: &mut impl Transport, line: &mut Line) -> Result<Hello, LinkE
     if line.received > 0 && line.sound_frames == 0 {
         return Err(LinkError::Garbage { place, bytes: line.received });
     }
-    Err(LinkError::NoAnswer { place, request: "Hello".to_owned(), milliseconds: (REPLY_WITHIN * HELLO_ATTEMPTS).as_millis() })
+    Err(LinkError::NoAnswer { place, request: "Hello".to_owned(), milliseconds: (REPLY_WITHIN * attempts).as_millis() })
 }
 
 impl<T: Transport> Client<T> {
@@ -168,8 +168,20 @@ impl<T: Transport> Client<T> {
     /// See [`LinkError`].
     pub fn meet(mut transport: T) -> Result<Self, LinkError> {
         let mut line = Line::default();
-        let hello = greet(&mut transport, &mut line)?;
-        Ok(Self { transport, hello, line, token: 0 })
+        let hello = greet(&mut transport, &mut line, HELLO_ATTEMPTS)?;
+        let token = transport.token_before_the_first();
+        Ok(Self { transport, hello, line, token })
+    }
+
+    /// As [`Client::meet`], but asks only once: where somebody else may be at the other end.
+    ///
+    /// # Errors
+    /// See [`LinkError`].
+    pub fn try_to_meet(mut transport: T) -> Result<Self, LinkError> {
+        let mut line = Line::default();
+        let hello = greet(&mut transport, &mut line, 1)?;
+        let token = transport.token_before_the_first();
+        Ok(Self { transport, hello, line, token })
     }
 
     /// Whether both speak the same protocol.
@@ -202,7 +214,7 @@ impl<T: Transport> Client<T> {
     /// # Errors
     /// See [`LinkError`].
     pub fn greet_again(&mut self) -> Result<&Hello, LinkError> {
-        self.hello = greet(&mut self.transport, &mut self.line)?;
+        self.hello = greet(&mut self.transport, &mut self.line, HELLO_ATTEMPTS)?;
         Ok(&self.hello)
     }
 

@@ -17,6 +17,24 @@ pub enum LinkError {
         /// What to do.
         remedy: String,
     },
+    /// Another process has the place open.
+    #[error(
+        "{place}: is in use by {by}; wait until it ends, or end it: Ctrl-C vents there, and a rig that has lost its host vents by itself"
+    )]
+    InUse {
+        /// Which place.
+        place: String,
+        /// By whom.
+        by: String,
+    },
+    /// No board, or too many.
+    #[error("{problem}{}", .tried.iter().map(|one| format!("\n  tried {one}")).collect::<String>())]
+    NotFound {
+        /// What is wrong and what to do.
+        problem: String,
+        /// What each port said.
+        tried: Vec<String>,
+    },
     /// The device was there and is gone.
     #[error("{place}: the device is gone ({problem}); check cable and power, a running rig vents by itself")]
     Unplugged {

@@ -7,9 +7,13 @@
 //!
 //! One step is one tick of 1 ms. Electrical values are those of the board: 150 ohm, 3.3 V, two conversions of 12 bits summed.
 
+use std::collections::VecDeque;
+
 use firmware::device::exchange::DeviceOutputs;
 use firmware::seam::RawSample;
+use serde::Deserialize;
 
+use super::inject::Injection;
 use crate::plant::RunningPlant;
 
 /// A step in s.
@@ -41,8 +45,43 @@ impl Muscle for crate::rig::live::AllEffects {
     }
 }
 
+/// How a sensor differs from its data sheet: it reads `gain` times the truth plus `zero`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SensorError {
+    /// Reading where the truth is zero, in the sensor's unit.
+    pub zero: f64,
+    /// Reading per truth.
+    pub gain: f64,
+}
+
+impl Default for SensorError {
+    fn default() -> Self {
+        Self { zero: 0.0, gain: 1.0 }
+    }
+}
+
+/// How the valve differs from a straight line through zero.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ValveError {
+    /// Share of full drive below which no pressure comes.
+    pub dead_band_share: f64,
+    /// Width of the valve's own hysteresis, share of full drive.
+    pub hysteresis_share: f64,
+    /// Pressure per what the data sheet says.
+    pub gain: f64,
+}
+
+impl Default for ValveError {
+    fn default() -> Self {
+        Self { dead_band_share: 0.0, hysteresis_share: 0.0, gain: 1.0 }
+    }
+}
+
 /// Numbers of the hardware.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct HardwareConfig {
     /// Supply regulator, bar; the wiring instructions ask to set it to the ceiling, so that a valve stuck open cannot exceed it.
     pub supply_bar: f64,
@@ -60,6 +99,18 @@ pub struct HardwareConfig {
     pub laser_range_mm: f64,
     /// Seed of the sensors' noise of plus or minus two codes.
     pub seed: u32,
+    /// Time constant of the regulator when the pressure falls, ms; as when it rises if absent.
+    pub regulator_falling_ms: Option<f64>,
+    /// Dead time of valve and tube, ms.
+    pub dead_time_ms: u16,
+    /// Where the tip at rest lies in the laser's range, mm.
+    pub rest_mm: f64,
+    /// How the laser errs.
+    pub laser: SensorError,
+    /// How the pressure sensor errs.
+    pub pressure: SensorError,
+    /// How the valve errs.
+    pub valve: ValveError,
 }
 
 impl Default for HardwareConfig {
@@ -73,6 +124,12 @@ impl Default for HardwareConfig {
             pressure_range_bar: 6.0,
             laser_range_mm: 20.0,
             seed: 1,
+            regulator_falling_ms: None,
+            dead_time_ms: 0,
+            rest_mm: 0.0,
+            laser: SensorError::default(),
+            pressure: SensorError::default(),
+            valve: ValveError::default(),
         }
     }
 }
@@ -110,6 +167,8 @@ pub enum Breakage {
     ValveFullyOpen,
     /// The dump valve sticks closed.
     DumpValveStuckClosed,
+    /// The line between device and host is cut.
+    LineCut,
 }
 
 /// The hardware, advanced by one tick a step.
@@ -121,9 +180,15 @@ pub struct Hardware {
     displacement_mm: f64,
     noise: u32,
     energised: bool,
-    drive_bar: f64,
+    drive_share: f64,
+    /// The drive behind the valve's own hysteresis.
+    spool_share: f64,
+    delayed_shares: VecDeque<f64>,
     frozen: Option<RawSample>,
-    breakage: Option<Breakage>,
+    breakages: Vec<Breakage>,
+    injections: Vec<Injection>,
+    time_ms: u64,
+    target_mm: Option<f64>,
 }
 
 impl Hardware {
@@ -140,22 +205,56 @@ impl Hardware {
             displacement_mm,
             noise,
             energised: false,
-            drive_bar: 0.0,
+            drive_share: 0.0,
+            spool_share: 0.0,
+            delayed_shares: VecDeque::new(),
             frozen: None,
-            breakage: None,
+            breakages: Vec::new(),
+            injections: Vec::new(),
+            time_ms: 0,
+            target_mm: None,
         }
     }
 
-    /// Breaks something from now on; `None` mends it.
+    /// Breaks something from now on; `None` mends everything.
     pub fn set_breakage(&mut self, breakage: Option<Breakage>) {
-        self.breakage = breakage;
+        self.breakages.clear();
+        self.breakages.extend(breakage);
         self.frozen = None;
     }
 
-    /// What is broken.
+    /// What [`Self::set_breakage`] broke.
     #[must_use]
     pub fn breakage(&self) -> Option<Breakage> {
-        self.breakage
+        self.breakages.first().copied()
+    }
+
+    /// Breaks things in their time, beside what is broken already.
+    pub fn inject(&mut self, injections: &[Injection]) {
+        self.injections.extend_from_slice(injections);
+    }
+
+    /// Whether this is broken now.
+    #[must_use]
+    pub fn has(&self, breakage: Breakage) -> bool {
+        self.broken().any(|broken| broken == breakage)
+    }
+
+    /// What is broken now.
+    pub fn broken(&self) -> impl Iterator<Item = Breakage> + '_ {
+        let injected = self.injections.iter().filter(|injection| injection.holds_at(self.time_ms)).map(|injection| injection.breakage);
+        self.breakages.iter().copied().chain(injected)
+    }
+
+    /// Puts a target of known distance before the laser, in mm of its range, instead of the tip; `None` takes it away.
+    pub fn place_target(&mut self, distance_mm: Option<f64>) {
+        self.target_mm = distance_mm;
+    }
+
+    /// Drive of the valve, share of full.
+    #[must_use]
+    pub fn drive_share(&self) -> f64 {
+        self.drive_share
     }
 
     /// The true pressure, bar.
@@ -184,30 +283,38 @@ impl Hardware {
 
     /// What the converter reads now.
     pub fn sample(&mut self) -> RawSample {
-        let (mut laser_mm, mut pressure_bar) = (self.displacement_mm, self.pressure_bar);
-        match self.breakage {
-            Some(Breakage::LaserOffsetMm(offset)) => laser_mm += offset,
-            Some(Breakage::PressureOffsetBar(offset)) => pressure_bar += offset,
-            _ => {}
+        let distance_mm = self.target_mm.unwrap_or(self.config.rest_mm + self.displacement_mm);
+        let read = |error: SensorError, truth: f64| error.gain * truth + error.zero;
+        let mut laser_mm = read(self.config.laser, distance_mm);
+        let mut pressure_bar = read(self.config.pressure, self.pressure_bar);
+        let broken: Vec<Breakage> = self.broken().collect();
+        for breakage in &broken {
+            match breakage {
+                Breakage::LaserOffsetMm(offset) => laser_mm += offset,
+                Breakage::PressureOffsetBar(offset) => pressure_bar += offset,
+                _ => {}
+            }
         }
         let mut sample = RawSample {
             laser_code: self.code(laser_mm / self.config.laser_range_mm),
             pressure_code: self.code(pressure_bar / self.config.pressure_range_bar),
         };
-        match self.breakage {
-            Some(Breakage::LaserCode(code)) => sample.laser_code = code,
-            Some(Breakage::PressureCode(code)) => sample.pressure_code = code,
-            Some(Breakage::LaserFrozen) => sample.laser_code = self.frozen.get_or_insert(sample).laser_code,
-            Some(Breakage::LaserFrozenWithNoise) => {
-                let code = self.frozen.get_or_insert(sample).laser_code;
-                sample.laser_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
+        for breakage in broken {
+            match breakage {
+                Breakage::LaserCode(code) => sample.laser_code = code,
+                Breakage::PressureCode(code) => sample.pressure_code = code,
+                Breakage::LaserFrozen => sample.laser_code = self.frozen.get_or_insert(sample).laser_code,
+                Breakage::LaserFrozenWithNoise => {
+                    let code = self.frozen.get_or_insert(sample).laser_code;
+                    sample.laser_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
+                }
+                Breakage::PressureFrozenWithNoise => {
+                    let code = self.frozen.get_or_insert(sample).pressure_code;
+                    sample.pressure_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
+                }
+                Breakage::PressureFrozen => sample.pressure_code = self.frozen.get_or_insert(sample).pressure_code,
+                _ => {}
             }
-            Some(Breakage::PressureFrozenWithNoise) => {
-                let code = self.frozen.get_or_insert(sample).pressure_code;
-                sample.pressure_code = (f64::from(code) + self.noise()).clamp(0.0, FULL_SCALE_CODE) as u16;
-            }
-            Some(Breakage::PressureFrozen) => sample.pressure_code = self.frozen.get_or_insert(sample).pressure_code,
-            _ => {}
         }
         sample
     }
@@ -215,32 +322,56 @@ impl Hardware {
     /// Applies a tick's outputs.
     pub fn apply(&mut self, outputs: &DeviceOutputs) {
         self.energised = outputs.energised;
-        self.drive_bar = f64::from(outputs.valve_share) / f64::from(u16::MAX) * self.config.valve_full_scale_bar;
+        self.drive_share = f64::from(outputs.valve_share) / f64::from(u16::MAX);
     }
 
     /// What pins do while the processor is in reset: nothing is driven.
     pub fn release_pins(&mut self) {
         self.energised = false;
-        self.drive_bar = 0.0;
+        self.drive_share = 0.0;
     }
 
     /// Lets one tick pass.
     pub fn advance(&mut self) {
-        let dump_open = !self.energised && self.breakage != Some(Breakage::DumpValveStuckClosed);
-        let regulator_ms = self.config.regulator_ms;
-        let (target_bar, time_constant_ms) = match self.breakage {
-            Some(Breakage::MuscleBursts) => (0.0, 0.8 * regulator_ms),
-            _ if dump_open => (0.0, self.config.dump_ms),
-            Some(Breakage::ValveFullyOpen) => (self.config.supply_bar, regulator_ms),
-            Some(Breakage::SupplyFails) => (0.0, regulator_ms),
+        let dump_open = !self.energised && !self.has(Breakage::DumpValveStuckClosed);
+        let drive_bar = self.driven_bar();
+        let rising_ms = self.config.regulator_ms;
+        let regulator_ms = if drive_bar < self.pressure_bar { self.config.regulator_falling_ms.unwrap_or(rising_ms) } else { rising_ms };
+        let (target_bar, time_constant_ms) = if self.has(Breakage::MuscleBursts) {
+            (0.0, 0.8 * rising_ms)
+        } else if dump_open {
+            (0.0, self.config.dump_ms)
+        } else if self.has(Breakage::ValveFullyOpen) {
+            (self.config.supply_bar, rising_ms)
+        } else if self.has(Breakage::SupplyFails) {
+            (0.0, rising_ms)
+        } else if !self.energised {
             // A regulator that holds its pressure when asked for zero: why there is a dump valve.
-            _ if !self.energised => (self.pressure_bar, regulator_ms),
-            _ => (self.drive_bar.min(self.config.supply_bar), regulator_ms),
+            (self.pressure_bar, rising_ms)
+        } else {
+            (drive_bar.min(self.config.supply_bar), regulator_ms)
         };
         self.pressure_bar += (target_bar - self.pressure_bar) / time_constant_ms;
         self.peak_bar = self.peak_bar.max(self.pressure_bar);
         let muscle_mm = self.muscle.step(self.pressure_bar);
         self.displacement_mm += (muscle_mm - self.displacement_mm) / self.config.tip_ms;
+        self.time_ms += 1;
+    }
+
+    /// The pressure that the valve's drive asks for, after dead time, the valve's hysteresis and its dead band.
+    fn driven_bar(&mut self) -> f64 {
+        let mut share = self.drive_share;
+        if self.config.dead_time_ms > 0 {
+            self.delayed_shares.push_back(share);
+            let is_filled = self.delayed_shares.len() > usize::from(self.config.dead_time_ms);
+            share = if is_filled { self.delayed_shares.pop_front().unwrap_or(share) } else { 0.0 };
+        }
+        let ValveError { dead_band_share, hysteresis_share, gain } = self.config.valve;
+        let half = 0.5 * hysteresis_share;
+        // Friction of the spool: it follows the drive at a distance.
+        self.spool_share = self.spool_share.clamp(share - half, share + half);
+        let full_scale_bar = gain * self.config.valve_full_scale_bar;
+        full_scale_bar * ((self.spool_share - dead_band_share) / (1.0 - dead_band_share)).max(0.0)
     }
 
     /// The code of a quantity as share of its range, with noise.

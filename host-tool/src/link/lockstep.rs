@@ -198,14 +198,12 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
     /// When the processor is not there any more.
     pub fn advance(&mut self) -> Result<(), LinkError> {
         let sample = self.hardware.sample();
-        let lost_ticks = match self.hardware.breakage() {
-            Some(Breakage::TicksLost(ticks)) => ticks,
-            _ => 0,
-        };
+        let lost = |breakage| if let Breakage::TicksLost(ticks) = breakage { Some(ticks) } else { None };
+        let lost_ticks = self.hardware.broken().find_map(lost).unwrap_or(0);
         let inputs = DeviceInputs {
             sample,
-            emergency_stop: self.hardware.breakage() == Some(Breakage::EmergencyStop),
-            overran: self.hardware.breakage() == Some(Breakage::EveryTickLate),
+            emergency_stop: self.hardware.has(Breakage::EmergencyStop),
+            overran: self.hardware.has(Breakage::EveryTickLate),
             lost_ticks,
         };
         let turn = if self.hung { Turn::Hung } else { self.turn(inputs)? };
@@ -237,12 +235,19 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
     }
 
     fn turn(&mut self, inputs: DeviceInputs) -> Result<Turn, LinkError> {
-        let from_host = std::mem::take(&mut self.to_device);
+        let is_cut = self.hardware.has(Breakage::LineCut);
+        let mut from_host = std::mem::take(&mut self.to_device);
+        if is_cut {
+            from_host.clear();
+        }
         let received = self.to_host.len();
         let turn = self.processor.tick(inputs, &from_host, std::mem::take(&mut self.sabotage), &mut self.to_host)?;
         if let Turn::Done(outputs) = turn {
             let record = TickRecord::Tick { inputs, from_host: &from_host, outputs, to_host: &self.to_host[received..] };
             self.observer.see(&record, &self.hardware);
+        }
+        if is_cut {
+            self.to_host.truncate(received);
         }
         Ok(turn)
     }

@@ -9,10 +9,13 @@ mod board_model;
 mod client;
 mod error;
 mod flash;
+mod find;
 mod hardware;
+mod inject;
 mod in_process;
 mod lockstep;
 mod qemu;
+mod reserved;
 mod serial;
 mod trace;
 mod words;
@@ -26,9 +29,11 @@ pub use board_model::{BOARD_MODEL_BUILD, BoardModel, BoardModelConfig, BoardPins
 pub use client::{Account, Client, Gap, version};
 pub use error::LinkError;
 pub use flash::{FlashMemory, SlotPair};
-pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle};
+pub use find::find_board;
+pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle, SensorError, ValveError};
 pub(crate) use in_process::device_outputs;
 pub use in_process::{FACTS, FIRMWARE, Heap, HostDevice, InProcess};
+pub use inject::{INJECTIONS, Injection};
 pub use lockstep::{Boot, Lockstep, Observer, Processor, TickRecord, Turn, WATCHDOG_MS};
 pub use qemu::{EMULATOR, Qemu, QemuConfig};
 pub use serial::Serial;
@@ -54,6 +59,12 @@ pub trait Transport {
 
     /// Where it leads, for messages.
     fn place(&self) -> &str;
+
+    /// The token before the first request's. A line that others may have used begins at random, so that a reply that was for somebody else is not
+    /// taken for one of ours; a rig in simulated time begins at zero, so that the same command gives the same bytes.
+    fn token_before_the_first(&self) -> u32 {
+        0
+    }
 }
 
 impl<T: Transport + ?Sized> Transport for &mut T {
@@ -71,5 +82,9 @@ impl<T: Transport + ?Sized> Transport for &mut T {
 
     fn place(&self) -> &str {
         (**self).place()
+    }
+
+    fn token_before_the_first(&self) -> u32 {
+        (**self).token_before_the_first()
     }
 }

@@ -1,16 +1,19 @@
 //! A board on a serial port.
 
+use std::hash::BuildHasher as _;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
 use model_export::link::LINE_BAUD;
 
+use super::reserved::{Reserved, reserve};
 use super::{LinkError, Transport};
 use crate::bootloader::BOOTLOADER_BAUD;
 
-/// A serial port.
+/// A serial port, which nobody else may use meanwhile.
 pub struct Serial {
     port: serial2::SerialPort,
+    _reserved: Reserved,
     place: String,
     opened: Instant,
 }
@@ -19,14 +22,21 @@ impl Serial {
     /// Opens a port by name, for example `/dev/ttyUSB0` or `COM3`, with eight bits, no parity, one stop bit, no flow control.
     ///
     /// # Errors
-    /// [`LinkError::CannotOpen`], with the ports there are.
+    /// [`LinkError::CannotOpen`], with the ports there are, or with who uses this one.
     pub fn open(port: &str) -> Result<Self, LinkError> {
-        let opened = serial2::SerialPort::open(port, LINE_BAUD).map_err(|error| LinkError::CannotOpen {
+        Self::open_with(port, LINE_BAUD)
+    }
+
+    fn open_with(port: &str, settings: impl serial2::IntoSettings) -> Result<Self, LinkError> {
+        let cannot = |error: std::io::Error| LinkError::CannotOpen {
             place: port.to_owned(),
             problem: error.to_string(),
             remedy: remedy(&error),
-        })?;
-        Ok(Self { port: opened, place: port.to_owned(), opened: Instant::now() })
+        };
+        // First: opening sets the line up, which whoever uses it must not notice.
+        let reserved = reserve(port)?.map_err(cannot)?;
+        let opened = serial2::SerialPort::open(port, settings).map_err(cannot)?;
+        Ok(Self { port: opened, _reserved: reserved, place: port.to_owned(), opened: Instant::now() })
     }
 
     /// Opens a port as the bootloader in the chip's ROM wants it: slower, with even parity.
@@ -40,12 +50,7 @@ impl Serial {
             settings.set_parity(serial2::Parity::Even);
             Ok(settings)
         };
-        let opened = serial2::SerialPort::open(port, settings).map_err(|error| LinkError::CannotOpen {
-            place: port.to_owned(),
-            problem: error.to_string(),
-            remedy: remedy(&error),
-        })?;
-        Ok(Self { port: opened, place: port.to_owned(), opened: Instant::now() })
+        Self::open_with(port, settings)
     }
 
     fn gone(&self, error: &std::io::Error) -> LinkError {
@@ -95,6 +100,12 @@ impl Transport for Serial {
     fn place(&self) -> &str {
         &self.place
     }
+
+    fn token_before_the_first(&self) -> u32 {
+        // The upper half is left for the requests of a session, however long.
+        let random = std::hash::RandomState::new().hash_one(self.place.as_str()) as u32;
+        random >> 1
+    }
 }
 
 #[cfg(all(test, unix))]
@@ -112,7 +123,7 @@ mod tests {
     fn pair() -> (Serial, serial2::SerialPort) {
         let (port, mut device) = serial2::SerialPort::pair().expect("a pair of pseudo-terminals");
         device.set_read_timeout(Duration::from_secs(5)).expect("a timeout");
-        (Serial { port, place: "pair".to_owned(), opened: Instant::now() }, device)
+        (Serial { port, _reserved: Reserved::default(), place: "pair".to_owned(), opened: Instant::now() }, device)
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! `catheter evaluate --html`, [`demo::page`] for `catheter demo`; both are made of the sections here.
 
 mod axis;
+pub mod calibration;
 pub mod chart;
 pub mod check;
 mod decimate;

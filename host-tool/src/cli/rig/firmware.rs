@@ -14,7 +14,7 @@ use crate::backend::{Backend, Rig};
 use crate::bootloader::{Bootloader, FLASH_BASE, ProgramImage};
 use crate::cli::Outcome;
 use crate::experiment;
-use crate::link::{Client, Serial, state_name, version};
+use crate::link::{Client, Serial, Transport as _, find_board, state_name, version};
 use crate::say;
 
 /// The reply goes out, the chip resets, its bootloader starts (AN2606: some 100 ms).
@@ -57,8 +57,14 @@ fn read(path: &Path) -> Result<ProgramImage> {
 /// Puts the image onto the board.
 pub fn update(arguments: &Arguments, which: &Which) -> Result<Outcome> {
     let image = read(&arguments.file)?;
-    let Backend::Serial(port) = &which.backend else {
-        bail!("only a board on a serial port has a bootloader: --backend serial:PORT");
+    let found;
+    let port = match &which.backend {
+        Backend::Serial(port) => port,
+        Backend::AnySerial if !arguments.in_bootloader => {
+            found = find_board()?.place().to_owned();
+            &found
+        }
+        _ => bail!("only a board on a serial port has a bootloader: --backend serial:PORT"),
     };
     let before = if arguments.in_bootloader { None } else { Some(leave(Client::connect(super::open(which)?)?, &image)?) };
     say!("{} bytes with the seal {:08x} go onto the board; do not switch it off", image.bytes().len(), image.seal());

@@ -1,9 +1,13 @@
 //! `catheter rig`: speaks to a board, to a model of it, to the emulator or to a rig in this process.
 
 mod adaptation;
+mod calibrate;
 mod firmware;
 mod log;
 mod model;
+mod monitor;
+mod motion;
+mod reading;
 mod record;
 mod settings;
 mod state;
@@ -11,14 +15,15 @@ mod state;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
+use model_export::link::message::Request;
 use serde::Serialize;
 
 use super::Outcome;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
 use crate::experiment;
-use crate::link::{Client, FlashMemory};
+use crate::link::{Client, FlashMemory, HardwareConfig, INJECTIONS, Injection};
 use crate::output;
 use crate::plant::Plant;
 
@@ -34,17 +39,30 @@ pub struct Arguments {
 /// Which rig, and what a simulated one is made of.
 #[derive(Args, Clone, Debug)]
 pub struct Which {
-    /// Where the rig is: virtual (in this process), qemu (as ARM code), board-model (the flashable image on a model of its chip) or
-    /// serial:PORT.
-    #[arg(long, global = true, default_value = "virtual", value_name = "virtual|qemu|board-model|serial:PORT")]
+    /// Where the rig is: virtual (in this process), qemu (as ARM code), board-model (the flashable image on a model of its chip),
+    /// serial:PORT, or serial for the one port at which a board answers.
+    #[arg(
+        long,
+        global = true,
+        default_value = "virtual",
+        env = "CATHETER_BACKEND",
+        value_name = "virtual|qemu|board-model|serial[:PORT]"
+    )]
     backend: Backend,
     /// What moves the tip of a simulated rig.
     #[arg(long, global = true, default_value = "pi", value_name = "FILE|pi|all-effects")]
     plant: String,
     /// Keep the flash of a simulated rig (settings, models) in this file from command to command; without it every command starts with a
     /// new device.
-    #[arg(long, global = true, value_name = "FILE")]
+    #[arg(long, global = true, env = "CATHETER_FLASH", value_name = "FILE")]
     flash: Option<PathBuf>,
+    /// What breaks on a simulated rig, and when, in s after it was switched on: `laser-unplugged`, `emergency-stop@1.5`, `line-cut@1..1.4`; `help`
+    /// lists them.
+    #[arg(long, global = true, env = "CATHETER_INJECT", value_name = "NAME[=VALUE][@S[..S]],...", value_delimiter = ',')]
+    inject: Vec<String>,
+    /// Numbers of a simulated rig's hardware, by name (TOML): supply, valve, sensors and how they err.
+    #[arg(long, global = true, value_name = "FILE.toml")]
+    hardware: Option<PathBuf>,
     /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, global = true, value_name = "FILE")]
     image: Option<PathBuf>,
@@ -60,8 +78,26 @@ pub struct Which {
 enum Command {
     /// Who is there: firmware, board, protocol, model, cause of the last reset. Works with every version of the firmware.
     Hello,
-    /// The state, what is latched, what would refuse arming, counters.
+    /// The state, what is latched, what would refuse arming, what the sensors read, counters.
     Status,
+    /// What the rig reads, as it comes; to a file too.
+    Monitor(monitor::Arguments),
+    /// Idle to armed: the dump valve closes, the output stays zero. A board stays armed until arming.timeout_s is over.
+    Arm(motion::ArmArguments),
+    /// To idle, vented.
+    Disarm,
+    /// Armed to running, with a control law for set-points; the set-point stays where it is. Vents at the end and on Ctrl-C.
+    Start(motion::While),
+    /// Running to armed, the output to zero at the slew limit.
+    Stop,
+    /// Hold a pressure. Vents at the end and on Ctrl-C.
+    Hold(motion::HoldArguments),
+    /// Go to a displacement and stay there, by the controller that the settings choose. Vents at the end and on Ctrl-C.
+    Move(motion::MoveArguments),
+    /// Change the pressure in small steps, by keys or by the lines of a script on standard input. Vents at the end and on Ctrl-C.
+    Jog(motion::JogArguments),
+    /// Calibrate laser, pressure sensor and valve, step by step, with a page of curves and intervals.
+    Calibrate(calibrate::Arguments),
     /// What is wrong and what to do: faults with their record, blockers, notices.
     Explain(state::ExplainArguments),
     Log(log::Arguments),
@@ -93,6 +129,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Command::Record(record) = &arguments.command {
         record.check(which)?;
     }
+    if let Command::Calibrate(calibrate) = &arguments.command {
+        calibrate.check(which)?;
+    }
+    if let Command::Settings(settings::Command::Export { file }) = &arguments.command {
+        let inputs: Vec<PathBuf> = which.flash.iter().chain(&which.hardware).cloned().collect();
+        output::refuse_overwriting(&inputs, &[file])?;
+    }
     if let Command::Firmware(firmware::Command::Update(update)) = &arguments.command {
         return firmware::update(update, which);
     }
@@ -109,6 +152,15 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         Command::Hello | Command::Firmware(_) => Outcome::Success,
         Command::Log(log) => return log::run(log, &mut rig, which),
         Command::Status => state::status(&mut rig, which)?,
+        Command::Monitor(monitor) => monitor::run(monitor, &mut rig, which)?,
+        Command::Arm(arm) => motion::arm(*arm, &mut rig, which)?,
+        Command::Disarm => motion::simple(&Request::Disarm, "Disarmed.", &mut rig, which)?,
+        Command::Start(time) => motion::start(*time, &mut rig, which)?,
+        Command::Stop => motion::simple(&Request::Stop, "Stopped.", &mut rig, which)?,
+        Command::Hold(hold) => motion::hold(*hold, &mut rig, which)?,
+        Command::Move(to) => motion::move_to(*to, &mut rig, which)?,
+        Command::Jog(jog) => motion::jog(*jog, &mut rig, which)?,
+        Command::Calibrate(calibrate) => calibrate::run(calibrate, &mut rig, which)?,
         Command::Explain(explain) => state::explain(explain, &mut rig, which)?,
         Command::Vent => state::vent(&mut rig, which)?,
         Command::Acknowledge => state::acknowledge(&mut rig, which)?,
@@ -129,11 +181,25 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 /// Opens the rig.
 fn open(which: &Which) -> Result<Rig> {
+    if which.backend.is_board() {
+        let only: Vec<&str> = [("--inject", !which.inject.is_empty()), ("--hardware", which.hardware.is_some()), ("--flash", which.flash.is_some())]
+            .into_iter()
+            .filter_map(|(name, given)| given.then_some(name))
+            .collect();
+        ensure!(only.is_empty(), "{}: only on a simulated rig; {} is a board", only.join(", "), which.backend.name());
+    }
+    let injections = which.injections()?;
     Rig::open(&which.backend, || {
         let board = if which.backend == Backend::Qemu { EMULATED_BOARD } else { VIRTUAL_BOARD };
         let flash = which.flash.as_deref().map_or_else(|| Ok(FlashMemory::default()), FlashMemory::read)?;
         let mut simulated = Simulated::around(&Plant::named(&which.plant)?, which.seed, flash, board);
         simulated.image.clone_from(&which.image);
+        if let Some(path) = &which.hardware {
+            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            let hardware: HardwareConfig = toml::from_str(&text).with_context(|| path.display().to_string())?;
+            simulated.hardware = HardwareConfig { seed: simulated.hardware.seed, ..hardware };
+        }
+        simulated.injections = injections;
         Ok(simulated)
     })
 }
@@ -146,6 +212,22 @@ impl Which {
 
     /// What to say when something was kept on a device that ends with this command.
     fn forgets(&self) -> bool {
-        self.flash.is_none() && !matches!(self.backend, Backend::Serial(_))
+        self.flash.is_none() && !self.backend.is_board()
+    }
+
+    /// What is to break; `help` lists what there is.
+    fn injections(&self) -> Result<Vec<Injection>> {
+        if self.inject.iter().any(|name| name == "help") {
+            let list: Vec<String> = INJECTIONS
+                .iter()
+                .map(|(name, unit, meaning)| {
+                    let name = if unit.is_empty() { (*name).to_owned() } else { format!("{name}={unit}") };
+                    format!("  {name:<22} {meaning}")
+                })
+                .collect();
+            bail!("--inject takes\n{}", list.join("\n"));
+        }
+        let one = |text: &String| text.parse::<Injection>().map_err(|problem| anyhow::anyhow!("--inject {problem}"));
+        self.inject.iter().filter(|text| !text.is_empty()).map(one).collect()
     }
 }

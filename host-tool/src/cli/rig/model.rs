@@ -33,6 +33,30 @@ pub enum Command {
     Activate,
     /// Go back to the model before.
     Rollback,
+    /// Show which models are whole: the active one, and the one that could be activated.
+    List,
+}
+
+#[derive(Serialize)]
+struct Listed {
+    active: Option<String>,
+    other: Option<String>,
+}
+
+fn identity(id: [u8; 8]) -> Option<String> {
+    (id != [0; 8]).then(|| id.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+fn list(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+    let Reply::Models { active, other } = rig.request(&Request::Models)? else { return Err(rig.unexpected(&Request::Models).into()) };
+    let listed = Listed { active: identity(active), other: identity(other) };
+    say!("active   {}", listed.active.as_deref().unwrap_or("none; `model upload FILE --activate` brings one"));
+    say!("other    {}", listed.other.as_deref().unwrap_or("none"));
+    if listed.other.is_some() {
+        say!("`model activate` makes the other one the active one. A model is known by the first bytes of its content hash, as `inspect` shows it.");
+    }
+    which.write(&listed)?;
+    Ok(Outcome::Success)
 }
 
 #[derive(Serialize)]
@@ -50,6 +74,7 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
             (Some(bytes.len()), activate.then(|| blob::content_id(&bytes)).flatten())
         }
         Command::Activate | Command::Rollback => (None, Some(other(rig)?)),
+        Command::List => return list(rig, which),
     };
     let activated = activate.is_some();
     if let Some(id) = activate {
@@ -61,7 +86,7 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
         say!("This device ends with this command; name a file with --flash to keep its models.");
     }
     let id = rig.greet_again()?.model_id;
-    let model_id = (id != [0; 8]).then(|| id.iter().map(|byte| format!("{byte:02x}")).collect());
+    let model_id = identity(id);
     which.write(&Written { uploaded_bytes, activated, model_id })?;
     Ok(Outcome::Success)
 }

@@ -12,6 +12,7 @@ use crate::backend::Rig;
 use crate::cli::Outcome;
 use crate::excitation::{self, Limits};
 use crate::experiment::{self, OverTheLink};
+use crate::interrupt;
 use crate::link::{Account, Client};
 use crate::recording;
 use crate::{output, say};
@@ -69,6 +70,7 @@ impl Arguments {
 
 /// Plays, listens, writes.
 pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+    interrupt::watch();
     let excitation = excitation::read(&arguments.excitation)?;
     let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
     let blob = arguments.model.as_ref().map(read).transpose()?;

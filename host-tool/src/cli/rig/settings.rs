@@ -1,19 +1,25 @@
 //! `catheter rig settings`.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use model_export::link::message::{Baseline, Refusal, Reply, Request, SettingDifference};
 use model_export::link::profiles::{PROFILES, Profile};
-use model_export::link::settings::{INFO, SettingInfo, SettingValue, by_name, by_number};
+use model_export::link::settings::{INFO, SettingInfo, SettingValue, by_number};
 use serde::Serialize;
 
 use super::Which;
 use crate::backend::Rig;
 use crate::cli::Outcome;
-use crate::link::{Client, LinkError};
-use crate::say;
+use crate::experiment;
+use crate::link::{Client, LinkError, version};
+use crate::setting_words::{self, named, shown, shown_by_number, wanted};
+use crate::{output, say};
+
+/// A setting and its new value.
+type Change = (&'static SettingInfo, SettingValue);
 
 /// What to do with settings.
 #[derive(Subcommand)]
@@ -26,7 +32,7 @@ pub enum Command {
     },
     /// Change settings in use, until the next reset or until they are saved; refused while the rig is armed.
     Set {
-        /// NAME=VALUE, for example limits.ceiling_bar=2.5 laser.required=false.
+        /// NAME=VALUE, for example limits.ceiling_bar=2.5 laser.required=false control.law=pressure.
         #[arg(required = true, value_name = "NAME=VALUE")]
         changes: Vec<String>,
         /// Write them to flash too.
@@ -38,6 +44,21 @@ pub enum Command {
         /// Its name.
         #[arg(value_name = "NAME")]
         name: Option<String>,
+        /// Write them to flash too.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Write the settings in use to a file, every one with its unit and meaning.
+    Export {
+        /// The file.
+        #[arg(value_name = "FILE.toml", value_parser = output::file_argument(".toml"))]
+        file: PathBuf,
+    },
+    /// Take the settings of a file: of `export`, or of `catheter tune`. All of them or, if the device refuses one, none.
+    Import {
+        /// The file.
+        #[arg(value_name = "FILE.toml")]
+        file: PathBuf,
         /// Write them to flash too.
         #[arg(long)]
         save: bool,
@@ -105,6 +126,13 @@ pub fn run(command: &Command, rig: &mut Client<Rig>, which: &Which) -> Result<Ou
                 self::save(rig, which)?;
             }
         }
+        Command::Export { file } => export(file, rig, which)?,
+        Command::Import { file, save } => {
+            import(file, rig, which)?;
+            if *save {
+                self::save(rig, which)?;
+            }
+        }
         Command::Save => self::save(rig, which)?,
         Command::Diff { defaults } => difference(baseline(*defaults), rig, which)?,
         Command::Revert { defaults } => {
@@ -120,24 +148,6 @@ fn baseline(defaults: bool) -> Baseline {
     if defaults { Baseline::Defaults } else { Baseline::Saved }
 }
 
-/// The setting with this name, or an error that lists the likely ones.
-fn named(name: &str) -> Result<&'static SettingInfo> {
-    by_name(name).with_context(|| {
-        let group = name.split('.').next().unwrap_or(name);
-        let same: Vec<&str> = INFO.iter().map(|info| info.name).filter(|known| known.starts_with(group)).collect();
-        let all = INFO.iter().map(|info| info.name).collect();
-        format!("there is no setting {name}; there are {}", if same.is_empty() { all } else { same }.join(", "))
-    })
-}
-
-fn shown(value: SettingValue) -> String {
-    match value {
-        SettingValue::Float(number) => number.to_string(),
-        SettingValue::Integer(number) => number.to_string(),
-        SettingValue::Flag(flag) => flag.to_string(),
-    }
-}
-
 fn get(names: &[String], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     let wanted = if names.is_empty() { INFO.iter().collect() } else { names.iter().map(|name| named(name)).collect::<Result<Vec<_>>>()? };
     let mut written = BTreeMap::new();
@@ -145,7 +155,7 @@ fn get(names: &[String], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
         let request = Request::SettingGet { number: info.number };
         match rig.request(&request)? {
             Reply::Setting(value) => {
-                say!("{:<36} {:>10} {:<6} {}", info.name, shown(value), info.unit, info.meaning);
+                say!("{:<36} {:>15} {:<6} {}", info.name, shown(info, value), info.unit, info.meaning);
                 written.insert(info.name, Value::from(value));
             }
             _ => return Err(rig.unexpected(&request).into()),
@@ -155,18 +165,11 @@ fn get(names: &[String], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
 }
 
 /// `NAME=VALUE` as the setting wants it, its bounds in the error.
-fn parse(change: &str) -> Result<(&'static SettingInfo, SettingValue)> {
+fn parse(change: &str) -> Result<Change> {
     let (name, text) =
         change.split_once('=').with_context(|| format!("{change}: NAME=VALUE is wanted, for example limits.ceiling_bar=2.5"))?;
     let info = named(name.trim())?;
-    let text = text.trim();
-    let bounds = || format!("{}={text}: {} to {} {} is wanted", info.name, shown(info.minimum), shown(info.maximum), info.unit);
-    let value = match info.default {
-        SettingValue::Float(_) => text.parse().ok().map(SettingValue::Float),
-        SettingValue::Integer(_) => text.parse().ok().map(SettingValue::Integer),
-        SettingValue::Flag(_) => text.parse().ok().map(SettingValue::Flag),
-    };
-    Ok((info, value.with_context(bounds)?))
+    Ok((info, setting_words::parse(info, text)?))
 }
 
 fn list_profiles(which: &Which) -> Result<()> {
@@ -182,25 +185,88 @@ fn profile(name: &str, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
         format!("there is no profile {name}; there are {}", names.join(", "))
     })?;
     say!("{}\nby {}", profile.device, profile.data_sheet);
-    let changes: Vec<String> = profile.settings.iter().map(|(name, value)| format!("{name}={}", shown(*value))).collect();
-    set(&changes, rig, which)
+    let changes = profile.settings.iter().map(|(name, value)| Ok((named(name)?, *value))).collect::<Result<Vec<Change>>>()?;
+    apply(&changes, rig, which)
 }
 
 fn set(changes: &[String], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     // All of them are understood before the first is sent.
-    let changes = changes.iter().map(|change| parse(change)).collect::<Result<Vec<_>>>()?;
+    let changes = changes.iter().map(|change| parse(change)).collect::<Result<Vec<Change>>>()?;
+    apply(&changes, rig, which)
+}
+
+/// Changes settings one after the other and tells each.
+fn apply(changes: &[Change], rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     let mut written = BTreeMap::new();
     for (info, value) in changes {
-        let sent = rig.command(&Request::SettingSet { number: info.number, value });
-        match sent {
-            Err(LinkError::Refused(Refusal::Setting(_))) => {
-                bail!("{}={}: {} to {} {} is wanted", info.name, shown(value), shown(info.minimum), shown(info.maximum), info.unit)
-            }
-            other => other.with_context(|| info.name.to_owned())?,
-        }
-        say!("{} = {} {}", info.name, shown(value), info.unit);
-        written.insert(info.name, Value::from(value));
+        send(info, *value, rig)?;
+        say!("{} = {} {}", info.name, shown(info, *value), info.unit);
+        written.insert(info.name, Value::from(*value));
     }
+    which.write(&written)
+}
+
+fn send(info: &SettingInfo, value: SettingValue, rig: &mut Client<Rig>) -> Result<()> {
+    match rig.command(&Request::SettingSet { number: info.number, value }) {
+        Err(LinkError::Refused(Refusal::Setting(_))) => bail!("{}={}: {}", info.name, shown(info, value), wanted(info)),
+        other => other.with_context(|| info.name.to_owned()),
+    }
+}
+
+/// Every setting in use.
+fn in_use(rig: &mut Client<Rig>) -> Result<BTreeMap<u16, SettingValue>> {
+    INFO.iter().map(|info| Ok((info.number, experiment::setting(rig, info.name)?))).collect()
+}
+
+fn export(path: &Path, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
+    let settings = in_use(rig)?;
+    let hello = rig.hello();
+    let heading = format!("Settings of a board `{}` with firmware {}.\n`catheter rig settings import FILE` takes them.", hello.board, version(hello.firmware));
+    output::write_atomic(path, setting_words::file(&heading, &settings).as_bytes())?;
+    say!("{} settings in {}", settings.len(), path.display());
+    let written: BTreeMap<&str, Value> =
+        settings.iter().filter_map(|(number, value)| Some((by_number(*number)?.name, Value::from(*value)))).collect();
+    which.write(&written)
+}
+
+/// Takes the settings of a file: those that differ, in an order in which none contradicts another, or none at all.
+fn import(path: &Path, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
+    let wanted = setting_words::read(path)?;
+    let before = in_use(rig)?;
+    let mut left: Vec<Change> = wanted.iter().copied().filter(|(info, value)| before.get(&info.number) != Some(value)).collect();
+    let changed = left.len();
+    let mut done: Vec<Change> = Vec::new();
+    while !left.is_empty() {
+        let mut later = Vec::new();
+        let mut refusal = None;
+        for (info, value) in &left {
+            match send(info, *value, rig) {
+                Ok(()) => done.push((info, *value)),
+                // Beside the others that are still to come it may be right.
+                Err(error) => {
+                    later.push((*info, *value));
+                    refusal.get_or_insert(error);
+                }
+            }
+        }
+        if let Some(error) = refusal
+            && later.len() == left.len()
+        {
+            for (info, _) in done.iter().rev() {
+                if let Some(value) = before.get(&info.number) {
+                    send(info, *value, rig).context("the settings cannot be set back; `settings revert` does")?;
+                }
+            }
+            return Err(error).with_context(|| format!("{}: nothing was changed", path.display()));
+        }
+        left = later;
+    }
+    for (info, value) in &done {
+        let old = before.get(&info.number).map_or_else(String::new, |old| format!(", was {}", shown(info, *old)));
+        say!("{} = {} {}{old}", info.name, shown(info, *value), info.unit);
+    }
+    say!("{changed} of {} settings of {} differed and are in use now.", wanted.len(), path.display());
+    let written: BTreeMap<&str, Value> = done.iter().map(|(info, value)| (info.name, Value::from(*value))).collect();
     which.write(&written)
 }
 
@@ -222,7 +288,7 @@ fn difference(baseline: Baseline, rig: &mut Client<Rig>, which: &Which) -> Resul
         let Reply::Differences { entries, next_number } = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
         for SettingDifference { number, in_use, baseline } in &entries {
             let name = by_number(*number).map_or_else(|| format!("number {number}"), |info| info.name.to_owned());
-            say!("{name:<36} {:>10}, not {}", shown(*in_use), shown(*baseline));
+            say!("{name:<36} {:>15}, not {}", shown_by_number(*number, *in_use), shown_by_number(*number, *baseline));
             written.push(Difference { name, in_use: (*in_use).into(), baseline: (*baseline).into() });
         }
         if next_number == 0 {

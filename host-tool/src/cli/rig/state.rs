@@ -4,24 +4,20 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
-use model_export::link::fault::{Blocker, Fault};
+use model_export::link::fault::Fault;
 use model_export::link::message::{FaultRecord, Reply, Request, Status};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
 
-use super::Which;
+use super::reading::{self, Reading};
+use super::{Which, motion};
 use crate::backend::Rig;
 use crate::cli::Outcome;
+use crate::energise;
 use crate::experiment;
 use crate::link::{Client, Transport, fault_in_words, in_words, state_name, version};
 use crate::{history, output, say};
-
-/// Pressure must be gone within 1 s; the rest is for the way there and back.
-const VENTED_WITHIN: Duration = Duration::from_millis(1500);
-
-/// A sample comes every 20 ms unless the settings say otherwise.
-const TELEMETRY_WITHIN: Duration = Duration::from_millis(50);
 
 /// Boot takes 200 ms, the self-test of a simulated rig a tick.
 const SELF_TESTED_AFTER: Duration = Duration::from_millis(250);
@@ -112,6 +108,15 @@ struct StatusWritten {
     settings_unsaved: bool,
     supply_v: Option<f32>,
     chip_celsius: Option<f32>,
+    #[serde(flatten)]
+    reading: Option<ReadingWritten>,
+}
+
+/// What the sensors say, beside the state.
+#[derive(Serialize)]
+struct ReadingWritten {
+    reading: Reading,
+    set_point_unit: &'static str,
 }
 
 impl StatusWritten {
@@ -132,6 +137,7 @@ impl StatusWritten {
             settings_unsaved: status.settings_unsaved,
             supply_v: None,
             chip_celsius: None,
+            reading: None,
         }
     }
 
@@ -149,9 +155,11 @@ impl StatusWritten {
         );
         if self.longest_tick_cycles > 0 {
             say!("measured   longest tick {} cycles, {} bytes of stack never used", self.longest_tick_cycles, self.stack_unused_bytes);
+        } else {
+            say!("measured   the longest tick is not measured here");
         }
-        if let (Some(supply), Some(celsius)) = (self.supply_v, self.chip_celsius) {
-            say!("board      analogue supply {supply:.3} V, chip {celsius:.0} degrees");
+        if let Some(ReadingWritten { reading, set_point_unit }) = &self.reading {
+            reading.lines(set_point_unit).iter().for_each(|line| say!("{line}"));
         }
         if self.settings_unsaved {
             say!("settings   changed and not saved");
@@ -162,10 +170,11 @@ impl StatusWritten {
 /// The status.
 pub fn status(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let mut written = StatusWritten::new(&experiment::status(rig)?);
-    // The newest of what was heard meanwhile, or what comes next.
-    rig.listen(TELEMETRY_WITHIN)?;
-    while let Some(sample) = rig.take_telemetry() {
-        (written.supply_v, written.chip_celsius) = (sample.supply_v, sample.chip_celsius);
+    // Where no telemetry comes, the status is still the status.
+    if let Ok(sample) = motion::latest(rig) {
+        let reading = Reading::new(&sample, rig.transport());
+        (written.supply_v, written.chip_celsius) = (reading.supply_v, reading.chip_celsius);
+        written.reading = Some(ReadingWritten { reading, set_point_unit: reading::quantity(rig)? });
     }
     written.say();
     which.write(&written)?;
@@ -305,16 +314,7 @@ struct VentWritten {
 
 /// Vents and waits until the pressure is gone.
 pub fn vent(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
-    rig.command(&Request::Vent)?;
-    let until = rig.elapsed() + VENTED_WITHIN;
-    let (vented, status) = loop {
-        rig.listen(Duration::from_millis(20))?;
-        let status = experiment::status(rig)?;
-        let low = !status.blockers.contains(Blocker::VentNotVerified);
-        if low || rig.elapsed() >= until {
-            break (low, status);
-        }
-    };
+    let (vented, status) = energise::vent(rig)?;
     let faults = status.faults.iter().map(|fault: Fault| fault_in_words(fault.number())).collect();
     let written = VentWritten { vented, state: state_name(status.state), faults };
     if vented {
