@@ -114,7 +114,8 @@ impl Names {
         }
         let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
         let origin = origin.to_str().unwrap_or_default().to_ascii_lowercase();
-        let ours = origin.split_once("://").is_some_and(|(scheme, host)| scheme == self.scheme && self.hosts.iter().any(|name| name == host));
+        let ours =
+            origin.split_once("://").is_some_and(|(scheme, host)| scheme == self.scheme && self.hosts.iter().any(|name| name == host));
         if ours { Ok(()) } else { Err("the Origin is another page's") }
     }
 }

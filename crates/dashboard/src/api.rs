@@ -51,7 +51,8 @@ impl FromRequestParts<Shared> for Proven {
     type Rejection = Refused;
 
     async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Refused> {
-        let token = parts.headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(|value| value.strip_prefix("Bearer "));
+        let token =
+            parts.headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(|value| value.strip_prefix("Bearer "));
         let role = token.and_then(|token| shared.tokens.role(token));
         role.map(Self).ok_or_else(|| Refused(StatusCode::UNAUTHORIZED, "`Authorization: Bearer TOKEN` is wanted".to_owned()))
     }
@@ -69,7 +70,12 @@ async fn ask<T>(shared: &Shared, order: impl FnOnce(Answer<T>) -> Order) -> Answ
 fn client(shared: &Shared, headers: &HeaderMap, role: Role, peer: Peer) -> Client {
     let named = headers.get(LEASE).and_then(|secret| secret.to_str().ok()).and_then(|secret| shared.clients.find(secret));
     // The token decides: a client's secret gives no more than it.
-    named.filter(|client| client.role <= role).unwrap_or_else(|| Client { number: 0, name: format!("script at {}", peer.0), role, script: true })
+    named.filter(|client| client.role <= role).unwrap_or_else(|| Client {
+        number: 0,
+        name: format!("script at {}", peer.0),
+        role,
+        script: true,
+    })
 }
 
 pub(crate) async fn state(_: Proven, State(shared): State<Shared>) -> Answered<Response> {
@@ -184,7 +190,8 @@ pub(crate) async fn recordings(_: Proven, State(shared): State<Shared>) -> Answe
     let mut found = Vec::new();
     for entry in std::fs::read_dir(shared.folder.as_path()).into_iter().flatten().flatten() {
         let path = entry.path();
-        let (Some(name), true) = (path.file_stem().and_then(|name| name.to_str()), path.extension().is_some_and(|kind| kind == "csv")) else {
+        let (Some(name), true) = (path.file_stem().and_then(|name| name.to_str()), path.extension().is_some_and(|kind| kind == "csv"))
+        else {
             continue;
         };
         let about: Option<Value> = std::fs::read(path.with_extension("json")).ok().and_then(|text| serde_json::from_slice(&text).ok());

@@ -126,10 +126,22 @@ impl Runner {
         let folder = (0u32..).map(|nth| self.folder.join(format!("{}-{}", kind.name, nth + number))).find(|folder| !folder.exists());
         let folder = folder.ok_or("there are too many results")?;
         let mut command = Command::new(&self.jobs.program);
-        command.args((kind.arguments)(&paths, &folder)).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+        command
+            .args((kind.arguments)(&paths, &folder))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true);
         let mut child = command.spawn().map_err(|error| format!("{}: {error}", self.jobs.program.display()))?;
-        let told =
-            Told { number, kind: kind.name, recordings: wanted.recordings.clone(), running: true, lines: Vec::new(), exit_code: None, report: None };
+        let told = Told {
+            number,
+            kind: kind.name,
+            recordings: wanted.recordings.clone(),
+            running: true,
+            lines: Vec::new(),
+            exit_code: None,
+            report: None,
+        };
         let (end, ended) = oneshot::channel();
         let secret = secret().map_err(|error| error.to_string())?;
         jobs.push(Job { told: told.clone(), secret, report: folder.join(kind.report), end: Some(end) });

@@ -12,9 +12,9 @@
 //! ```
 
 mod access;
+mod api;
 mod assets;
 mod audit;
-mod api;
 mod client;
 mod frame;
 mod jobs;
@@ -29,7 +29,9 @@ mod tls;
 pub use access::Role;
 pub use frame::{HEADER_BYTES, SAMPLE_BYTES, VERSION};
 pub use jobs::{JobKind, Jobs};
-pub use rig::{Account, Action, Entry, RENEWAL_WINDOW, Explained, Identity, Mode, Phase, Playing, Preview, Problem, Rig, RigState, Sample, Setting};
-pub use server::{Config, Server, ServeError};
+pub use rig::{
+    Account, Action, Entry, Explained, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample, Setting,
+};
+pub use server::{Config, ServeError, Server};
 pub use session::Opener;
 pub use tls::Tls;

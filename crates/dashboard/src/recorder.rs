@@ -34,7 +34,9 @@ impl Recorder {
     pub fn begin(folder: &Path, name: &str, note: &str) -> Result<Self, String> {
         let sound = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
         if name.is_empty() || name.len() > 80 || name.starts_with('.') || !name.chars().all(sound) {
-            return Err("the name of a recording has letters, digits, `-`, `_` and `.`, at most 80, and does not begin with a dot".to_owned());
+            return Err(
+                "the name of a recording has letters, digits, `-`, `_` and `.`, at most 80, and does not begin with a dot".to_owned()
+            );
         }
         let path = folder.join(format!("{name}.csv"));
         let file = OpenOptions::new().write(true).create_new(true).open(&path);

@@ -78,8 +78,7 @@ pub enum ServeError {
 
 /// A server that listens and serves nothing yet.
 pub struct Server {
-    runtime: tokio::runtime::Runtime,
-    listener: tokio::net::TcpListener,
+    listener: std::net::TcpListener,
     address: SocketAddr,
     identity: Option<tls::Identity>,
     config: Config,
@@ -107,15 +106,15 @@ impl Server {
             return Err(ServeError::Bare(config.listen));
         }
         std::fs::create_dir_all(&config.folder).map_err(|problem| ServeError::Folder { path: config.folder.clone(), problem })?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let listener = runtime.block_on(tokio::net::TcpListener::bind(config.listen));
+        let listener = std::net::TcpListener::bind(config.listen);
         let listener = listener.map_err(|problem| ServeError::Listen { address: config.listen, problem })?;
+        listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let mut names = vec![address.ip().to_string(), "localhost".to_owned()];
         names.extend(config.names.iter().cloned());
         let identity = tls::identity(&config.tls, names).map_err(ServeError::Tls)?;
         let tokens = Tokens::new(config.role)?;
-        Ok(Self { runtime, listener, address, identity, config, tokens })
+        Ok(Self { listener, address, identity, config, tokens })
     }
 
     /// The address of each role, the one that may do most first.
@@ -150,13 +149,15 @@ impl Server {
     /// # Errors
     /// See [`ServeError`].
     pub fn run_until(self, opener: Opener, stop: impl Future<Output = ()>) -> Result<(), ServeError> {
-        let Self { runtime, listener, address, identity, config, tokens } = self;
+        let Self { listener, address, identity, config, tokens } = self;
         let audit = config.folder.join("audit.jsonl");
         let audit = Audit::open(&audit).map_err(|problem| ServeError::Folder { path: audit, problem })?;
         let (orders, received) = mpsc::channel();
         let (events, _) = broadcast::channel::<Event>(EVENTS);
-        let session = Session::new(opener, received, events, audit, config.folder.clone());
-        let thread = std::thread::Builder::new().name("session".to_owned()).spawn(move || session.run())?;
+        let folder = config.folder.clone();
+        // A rig stays in the thread where it was opened.
+        let session = move || Session::new(opener, received, events, audit, folder).run();
+        let thread = std::thread::Builder::new().name("session".to_owned()).spawn(session)?;
         let shared = Shared {
             orders: orders.clone(),
             tokens: Arc::new(tokens),
@@ -165,7 +166,9 @@ impl Server {
             jobs: jobs::Runner::new(config.jobs, config.folder.clone()),
             folder: Arc::new(config.folder),
         };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async move {
+            let listener = tokio::net::TcpListener::from_std(listener)?;
             let listener = Listener::begin(listener, address, identity.map(|identity| identity.acceptor));
             let service = routes(shared).into_make_service_with_connect_info::<Peer>();
             tokio::select! {

@@ -371,7 +371,8 @@ impl Session {
 
     fn may(&self, client: &Client, role: Role) -> Result<(), Problem> {
         if client.role < role {
-            let problem = format!("this needs the role {}, and yours is {}; open the address of that role", role.name(), client.role.name());
+            let problem =
+                format!("this needs the role {}, and yours is {}; open the address of that role", role.name(), client.role.name());
             return Err(Problem::Refused(problem));
         }
         if self.lease.is_held_by(client.number) {

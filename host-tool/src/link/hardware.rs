@@ -146,6 +146,11 @@ impl Hardware {
         self.frozen = None;
     }
 
+    /// Puts another muscle in, at rest; only sensible while vented.
+    pub fn set_muscle(&mut self, muscle: Box<dyn Muscle>) {
+        self.muscle = muscle;
+    }
+
     /// What is broken.
     #[must_use]
     pub fn breakage(&self) -> Option<Breakage> {
