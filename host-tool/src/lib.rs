@@ -4,7 +4,7 @@
 //! [`recording`] reads and writes them, [`identify`] and [`train`] fit models to them, [`import`] takes
 //! networks trained elsewhere, [`model`] is what all models have in common,
 //! [`evaluate`] judges them, [`export`] takes them to the microcontroller, [`link`] speaks to it
-//! through a [`backend`], [`experiment`] plays excitations to it, [`journal`] keeps what it did and runs it again, and [`report`] shows them.
+//! through a [`backend`], [`experiment`] plays excitations to it, [`operate`] lets people operate it, [`journal`] keeps what it did and runs it again, and [`report`] shows them.
 
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
@@ -31,6 +31,7 @@ pub mod journal;
 pub mod link;
 pub mod model;
 pub mod network;
+pub mod operate;
 pub mod plant;
 pub mod report;
 pub mod setting_words;

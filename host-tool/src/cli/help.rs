@@ -123,6 +123,17 @@ Examples:
 
 Exit code 1: `vent` saw no low pressure, `record` ended early with a fault.";
 
+/// Below the help of `dashboard`.
+pub const DASHBOARD: &str = "\
+The first line on standard output is `listening on ADDRESS`; the address carries a token, which is the key to the rig. Pages and scripts that
+operate must give a sign of life some times a second: when they do not, the device vents by itself.
+
+Examples:
+  catheter dashboard
+  catheter dashboard --backend serial:/dev/ttyUSB0
+  catheter dashboard --plant all-effects --port 0 --no-open
+  catheter dashboard --backend serial:/dev/ttyUSB0 --listen 0.0.0.0 --name rig.lab --role observe";
+
 /// Below the help of `replay`.
 pub const REPLAY: &str = "\
 Runs every tick of the recording again and compares it; exit code 1 if any output differs.

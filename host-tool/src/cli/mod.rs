@@ -3,6 +3,7 @@
 mod bench;
 mod check;
 mod completions;
+mod dashboard;
 mod demo;
 mod discover;
 mod evaluate;
@@ -64,6 +65,8 @@ enum Command {
     Inspect(inspect::Arguments),
     #[command(after_long_help = help::RIG)]
     Rig(rig::Arguments),
+    #[command(after_long_help = help::DASHBOARD)]
+    Dashboard(dashboard::Arguments),
     #[command(after_long_help = help::REPLAY)]
     Replay(replay::Arguments),
     #[command(after_long_help = help::PIL)]
@@ -155,6 +158,7 @@ pub fn main() -> ExitCode {
         Command::ImportNetwork(arguments) => import_network::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Rig(arguments) => rig::run(&arguments),
+        Command::Dashboard(arguments) => dashboard::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Pil(arguments) => pil::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),

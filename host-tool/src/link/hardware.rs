@@ -223,6 +223,11 @@ impl Hardware {
         self.frozen = None;
     }
 
+    /// Puts another muscle in, at rest; only sensible while vented.
+    pub fn set_muscle(&mut self, muscle: Box<dyn Muscle>) {
+        self.muscle = muscle;
+    }
+
     /// What [`Self::set_breakage`] broke.
     #[must_use]
     pub fn breakage(&self) -> Option<Breakage> {

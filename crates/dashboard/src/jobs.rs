@@ -1,0 +1,208 @@
+//! What is computed of recordings: the tool's own commands, as processes of their own, with what they say while they run.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use tokio::io::{AsyncRead, AsyncReadExt, BufReader};
+use tokio::process::Command;
+use tokio::sync::oneshot;
+
+use crate::access::secret;
+
+/// Lines that are kept of a job.
+const KEPT_LINES: usize = 200;
+/// Longest line that is kept.
+const LONGEST_LINE: usize = 400;
+
+/// Which program computes, and what it can compute.
+pub struct Jobs {
+    /// The program, this one as a rule.
+    pub program: PathBuf,
+    /// What it can compute.
+    pub kinds: Vec<JobKind>,
+}
+
+/// One of the tool's commands.
+#[derive(Clone, Copy)]
+pub struct JobKind {
+    /// Its name.
+    pub name: &'static str,
+    /// What it answers.
+    pub title: &'static str,
+    /// Arguments for these recordings and this folder for what comes out.
+    pub arguments: fn(&[PathBuf], &Path) -> Vec<OsString>,
+    /// The report in that folder.
+    pub report: &'static str,
+}
+
+/// What a client asks for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Wanted {
+    /// Name of a kind.
+    pub kind: String,
+    /// Names of recordings.
+    pub recordings: Vec<String>,
+}
+
+/// A job as it is told.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Told {
+    pub number: u32,
+    pub kind: &'static str,
+    pub recordings: Vec<String>,
+    pub running: bool,
+    /// The last words of what it said.
+    pub lines: Vec<String>,
+    pub exit_code: Option<i32>,
+    /// Where its report is.
+    pub report: Option<String>,
+}
+
+struct Job {
+    told: Told,
+    secret: String,
+    report: PathBuf,
+    end: Option<oneshot::Sender<()>>,
+}
+
+/// Runs one job at a time: it shares the machine with the session.
+#[derive(Clone)]
+pub(crate) struct Runner {
+    jobs: Arc<Jobs>,
+    folder: Arc<PathBuf>,
+    done: Arc<Mutex<Vec<Job>>>,
+}
+
+impl Runner {
+    pub fn new(jobs: Jobs, folder: PathBuf) -> Self {
+        Self { jobs: Arc::new(jobs), folder: Arc::new(folder), done: Arc::default() }
+    }
+
+    /// Name and title of each kind.
+    pub fn kinds(&self) -> Vec<(&'static str, &'static str)> {
+        self.jobs.kinds.iter().map(|kind| (kind.name, kind.title)).collect()
+    }
+
+    fn all(&self) -> std::sync::MutexGuard<'_, Vec<Job>> {
+        self.done.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Every job so far.
+    pub fn told(&self) -> Vec<Told> {
+        self.all().iter().map(|job| job.told.clone()).collect()
+    }
+
+    /// The report whose address has this secret.
+    pub fn report(&self, secret: &str) -> Option<PathBuf> {
+        self.all().iter().find(|job| job.secret == secret).map(|job| job.report.clone())
+    }
+
+    /// Ends the job that runs.
+    pub fn end(&self) -> bool {
+        let end = self.all().last_mut().filter(|job| job.told.running).and_then(|job| job.end.take());
+        end.is_some_and(|end| end.send(()).is_ok())
+    }
+
+    /// Begins a job.
+    pub fn begin(&self, wanted: &Wanted) -> Result<Told, String> {
+        let kind = *self.jobs.kinds.iter().find(|kind| kind.name == wanted.kind).ok_or("there is no such computation")?;
+        if wanted.recordings.is_empty() {
+            return Err("choose a recording first".to_owned());
+        }
+        let mut paths = Vec::new();
+        for name in &wanted.recordings {
+            paths.push(recording_path(&self.folder, name).ok_or_else(|| format!("there is no recording {name}"))?);
+        }
+        let mut jobs = self.all();
+        if jobs.last().is_some_and(|job| job.told.running) {
+            return Err("a computation runs already; wait for it or end it".to_owned());
+        }
+        let number = u32::try_from(jobs.len()).unwrap_or(u32::MAX).saturating_add(1);
+        // Those of an earlier run stay.
+        let folder = (0u32..).map(|nth| self.folder.join(format!("{}-{}", kind.name, nth + number))).find(|folder| !folder.exists());
+        let folder = folder.ok_or("there are too many results")?;
+        let mut command = Command::new(&self.jobs.program);
+        command
+            .args((kind.arguments)(&paths, &folder))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true);
+        let mut child = command.spawn().map_err(|error| format!("{}: {error}", self.jobs.program.display()))?;
+        let told = Told {
+            number,
+            kind: kind.name,
+            recordings: wanted.recordings.clone(),
+            running: true,
+            lines: Vec::new(),
+            exit_code: None,
+            report: None,
+        };
+        let (end, ended) = oneshot::channel();
+        let secret = secret().map_err(|error| error.to_string())?;
+        jobs.push(Job { told: told.clone(), secret, report: folder.join(kind.report), end: Some(end) });
+        drop(jobs);
+        let at = self.all().len() - 1;
+        for stream in [child.stdout.take().map(boxed), child.stderr.take().map(boxed)].into_iter().flatten() {
+            let runner = self.clone();
+            tokio::spawn(async move { runner.read(at, stream).await });
+        }
+        let runner = self.clone();
+        tokio::spawn(async move {
+            let status = tokio::select! {
+                status = child.wait() => status.ok(),
+                _ = ended => { let _ = child.kill().await; None }
+            };
+            if let Some(job) = runner.all().get_mut(at) {
+                job.told.running = false;
+                job.told.exit_code = status.and_then(|status| status.code());
+                job.told.report = job.report.is_file().then(|| format!("/reports/{}", job.secret));
+            }
+        });
+        Ok(told)
+    }
+
+    /// Keeps what a job says; a carriage return, as progress bars use it, writes over the line before.
+    async fn read(&self, at: usize, stream: Box<dyn AsyncRead + Send + Unpin>) {
+        let mut stream = BufReader::new(stream);
+        let (mut line, mut over) = (Vec::new(), false);
+        while let Ok(byte) = stream.read_u8().await {
+            if !matches!(byte, b'\n' | b'\r') {
+                if line.len() < LONGEST_LINE {
+                    line.push(byte);
+                }
+                continue;
+            }
+            // Control characters are not for a page.
+            let text: String = String::from_utf8_lossy(&line).chars().filter(|letter| !letter.is_control()).collect();
+            line.clear();
+            if let Some(job) = self.all().get_mut(at)
+                && !text.is_empty()
+            {
+                if over {
+                    job.told.lines.pop();
+                }
+                job.told.lines.push(text);
+                if job.told.lines.len() > KEPT_LINES {
+                    job.told.lines.remove(0);
+                }
+            }
+            over = byte == b'\r';
+        }
+    }
+}
+
+fn boxed<T: AsyncRead + Send + Unpin + 'static>(stream: T) -> Box<dyn AsyncRead + Send + Unpin> {
+    Box::new(stream)
+}
+
+/// The file of a recording in the folder; a name that leads elsewhere is none.
+pub(crate) fn recording_path(folder: &Path, name: &str) -> Option<PathBuf> {
+    let sound = !name.starts_with('.') && name.chars().all(|letter| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.'));
+    let path = folder.join(format!("{name}.csv"));
+    (sound && path.is_file()).then_some(path)
+}
