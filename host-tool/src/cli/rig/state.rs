@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use model_export::link::fault::{Blocker, Fault};
-use model_export::link::message::{FaultRecord, Reply, Request, Status};
+use model_export::link::message::{FaultRecord, Reply, Request, RestNoise, Status};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
@@ -112,6 +112,7 @@ struct StatusWritten {
     settings_unsaved: bool,
     supply_v: Option<f32>,
     chip_celsius: Option<f32>,
+    rest_noise: Option<RestNoise>,
 }
 
 impl StatusWritten {
@@ -132,6 +133,7 @@ impl StatusWritten {
             settings_unsaved: status.settings_unsaved,
             supply_v: None,
             chip_celsius: None,
+            rest_noise: None,
         }
     }
 
@@ -153,6 +155,10 @@ impl StatusWritten {
         if let (Some(supply), Some(celsius)) = (self.supply_v, self.chip_celsius) {
             say!("board      analogue supply {supply:.3} V, chip {celsius:.0} degrees");
         }
+        if let Some(noise) = &self.rest_noise {
+            let RestNoise { laser_mm, pressure_bar, .. } = noise;
+            say!("at rest    noise of the laser {laser_mm:.4} mm, of the pressure {pressure_bar:.5} bar (root mean square of a second)");
+        }
         if self.settings_unsaved {
             say!("settings   changed and not saved");
         }
@@ -166,6 +172,10 @@ pub fn status(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     rig.listen(TELEMETRY_WITHIN)?;
     while let Some(sample) = rig.take_telemetry() {
         (written.supply_v, written.chip_celsius) = (sample.supply_v, sample.chip_celsius);
+    }
+    // A device of before this question, or one that never rested, has no answer.
+    if let Ok(Reply::RestNoise(noise)) = rig.request(&Request::RestNoise) {
+        written.rest_noise = Some(noise);
     }
     written.say();
     which.write(&written)?;
