@@ -51,6 +51,7 @@ const WIRE: &[(&str, &str)] = &[
     ("request AdaptationReport", "0e10b424ef9bafcd0819d3028e4200"),
     ("request History", "1010b424ef9bafcd081abc0ffde54bdf00"),
     ("request EnterBootloader", "0e10b424ef9bafcd081bff6380ac00"),
+    ("request RestNoise", "0e10b424ef9bafcd081c5cf6e43200"),
     ("reply Done", "031107059286e4ad00"),
     ("reply Refused Blocked", "04110701064803d2b07f00"),
     ("reply Refused State", "0a1107010104f9eec11900"),
@@ -87,6 +88,7 @@ const WIRE: &[(&str, &str)] = &[
     ("reply AdaptationReport", "0511070902010380be010a903ff0a204681bd6d600"),
     ("reply Models", "0c11070a010203040506070801010101010101057fcc8e5e00"),
     ("reply History", "0711070bd00f180c0102030405060708090a0b010101010101010101010105275fa38a00"),
+    ("reply RestNoise", "0411070c0107c03f0ad7a33b010b10406f12033bfbbae11700"),
     ("telemetry", "0912e807a09c0103040a08a01fb8178eda96010103a03f0108c03f019a99993f02010104d0404d0bc8dc03801001333353400553cb8dc000"),
     ("trace", "0613f0a20405020107ff8061dd2f3300"),
 ];
@@ -143,6 +145,7 @@ fn requests() -> std::vec::Vec<Request> {
         Request::AdaptationReport,
         Request::History { from_row: 1980 },
         Request::EnterBootloader,
+        Request::RestNoise,
     ]
 }
 
@@ -231,6 +234,7 @@ fn replies() -> std::vec::Vec<Reply> {
         Reply::AdaptationReport(AdaptationReport { adapting: Adapting::ZeroOnly, zero_mm: -0.25, gain: 1.125, updates: 70_000 }),
         Reply::Models { active: [1, 2, 3, 4, 5, 6, 7, 8], other: [0; 8] },
         Reply::History(HistoryPiece { rows: 2000, bytes: (0..12).chain([0; 12]).collect() }),
+        Reply::RestNoise(RestNoise { laser_codes: 1.5, laser_mm: 0.005, pressure_codes: 2.25, pressure_bar: 0.002 }),
     ]);
     replies
 }
@@ -368,10 +372,11 @@ fn every_variant_has_an_example() {
         Request::AdaptationReport => 25,
         Request::History { .. } => 26,
         Request::EnterBootloader => 27,
+        Request::RestNoise => 28,
     };
     let mut numbers: std::vec::Vec<_> = requests().iter().map(request_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=27).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=28).collect::<std::vec::Vec<_>>());
     let reply_number = |reply: &Reply| match reply {
         Reply::Done => 0,
         Reply::Refused(_) => 1,
@@ -385,10 +390,11 @@ fn every_variant_has_an_example() {
         Reply::AdaptationReport(_) => 9,
         Reply::Models { .. } => 10,
         Reply::History(_) => 11,
+        Reply::RestNoise(_) => 12,
     };
     let mut numbers: std::vec::Vec<_> = replies().iter().map(reply_number).collect();
     numbers.dedup();
-    assert_eq!(numbers, (0..=11).collect::<std::vec::Vec<_>>());
+    assert_eq!(numbers, (0..=12).collect::<std::vec::Vec<_>>());
 }
 
 #[test]

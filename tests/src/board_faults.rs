@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use host_tool::backend::BOARD_MODEL;
 use host_tool::experiment;
-use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
+use host_tool::link::{BoardModel, BoardModelConfig, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::fault::Fault;
 use model_export::link::message::{Quantity, Reply, Request, Status};
+use model_export::link::profiles::Profile;
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
 
@@ -42,6 +43,8 @@ pub enum Injection {
     ChipWith(&'static str, &'static str),
     /// While there is pressure, in the chip, for so many ms.
     ChipFor(&'static str, u32, &'static str),
+    /// While there is pressure by the drive of the other kind: the pulse width.
+    Pulse(&'static str),
     /// Before the first instruction, in the chip; with the rate of the core's own timer if it is not the usual one.
     Start(&'static str, Option<u64>),
     /// While there is pressure, in the hardware around it.
@@ -230,6 +233,21 @@ pub const ROWS: &[Row] = &[
     vents("analogue-supply-3.8-v", "every pressure off by a sixth", Injection::Chip("analogue 3800"), Fault::ReferenceVoltage),
     vents("drive-pin-stuck-high", "full supply pressure", Injection::Chip("drive-pin 4095"), Fault::OutputMismatch),
     vents("drive-pin-stuck-low", "no pressure", Injection::Chip("drive-pin 0"), Fault::OutputMismatch),
+    Row {
+        name: "pulse-pin-stuck-high",
+        hazard: "full supply pressure",
+        injection: Injection::Pulse("pulse-pin 1"),
+        expected: Expected::Vents(Fault::OutputMismatch, SAFE_WITHIN_MS),
+        residual: "a driver behind the pin: seen by the pressure alone",
+    },
+    vents("pulse-pin-stuck-low", "no pressure", Injection::Pulse("pulse-pin 0"), Fault::OutputMismatch),
+    vents("pulse-pin-stuck-high-unused", "a valve that is wired to both drives", Injection::Chip("pulse-pin 1"), Fault::OutputMismatch),
+    row(
+        "pulse-pin-stuck-high-at-start",
+        "a valve that is wired to both drives",
+        Injection::Start("pulse-pin 1", None),
+        Expected::StaysVented(Fault::OutputMismatch),
+    ),
     vents("dump-pin-stuck-low", "no pressure", Injection::Chip("dump-pin 0"), Fault::OutputMismatch),
     Row {
         name: "dump-pin-stuck-high",
@@ -294,14 +312,26 @@ struct Bench {
 
 impl Bench {
     fn start(flash: &FlashMemory, first: Option<(&str, Option<u64>)>) -> Self {
-        let mut config = config();
+        Self::start_on(config(), flash, first)
+    }
+
+    fn start_on(config: BoardModelConfig, flash: &FlashMemory, first: Option<(&str, Option<u64>)>) -> Self {
+        Self::start_with(config, flash, first, HardwareConfig::default())
+    }
+
+    fn start_with(
+        mut config: BoardModelConfig,
+        flash: &FlashMemory,
+        first: Option<(&str, Option<u64>)>,
+        hardware: HardwareConfig,
+    ) -> Self {
         config.core_hz = first.and_then(|(_, core_hz)| core_hz);
         let mut processor = BoardModel::start(config, flash).unwrap_or_else(|error| panic!("{error}"));
         if let Some((what, _)) = first {
             processor.break_something(what).expect("a fault the board knows");
         }
         let plant = Plant::new(PlantConfig::default()).expect("a plant");
-        let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+        let hardware = Hardware::new(hardware, Box::new(plant.start(0.0)));
         let watch = Watch::default();
         let lockstep = Lockstep::new(processor, hardware, watch.clone(), "the board's model", BOARD_MODEL).expect("a start");
         Self { rig: ModelRig::connect(lockstep).expect("a connection"), watch }
@@ -427,8 +457,61 @@ pub fn held_with_drive(valve_drive: u32) -> (f64, u16) {
     (bench.rig.transport().hardware().pressure_bar(), share)
 }
 
+/// How a profile of a valve or a sensor ends on the image: the safe state before anything is armed, under pressure, and after each fault.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProfileEnd {
+    /// Its name, and what struck.
+    pub name: String,
+    /// Whether the drive was at zero and the dump valve without current before it was armed.
+    pub rests: bool,
+    /// Pressure that was held, bar.
+    pub held_bar: f64,
+    /// Time until the outputs were safe, ms.
+    pub safe_ms: Option<u32>,
+    /// Whether they stayed so, and the drive at zero.
+    pub stays: bool,
+    /// The fault that the device names.
+    pub fault: u8,
+}
+
+/// Puts a profile's settings into the image's flash, holds 1 bar with it, and breaks something.
+///
+/// # Panics
+/// When its settings are not taken, or the pressure is not reached.
+#[must_use]
+pub fn profile_ends(profile: &Profile, breakage: Breakage) -> ProfileEnd {
+    const HELD_BAR: f64 = 1.0;
+    let mut settings = Settings { control_law: 1, ..Settings::default() };
+    profile.apply(&mut settings).expect("settings of a profile");
+    // A valve that gives the held pressure at the profile's drive for it.
+    let span = settings.valve_highest_share - settings.valve_lowest_share;
+    let share = f64::from(settings.valve_lowest_share) + f64::from(span) * HELD_BAR / f64::from(settings.valve_full_scale_bar);
+    let hardware = HardwareConfig { valve_full_scale_bar: HELD_BAR / share, ..HardwareConfig::default() };
+    let flash = FlashMemory::default().with_settings(&settings).expect("settings that fit");
+    let mut bench = Bench::start_with(config(), &flash, None, hardware);
+    experiment::settle(&mut bench.rig).expect("a self-test that ends");
+    let rests = bench.watch.since(0).iter().all(|moment| !moment.energised && moment.valve_share == 0);
+    bench.rig.command(&Request::Arm).expect("an armed rig");
+    bench.rig.command(&Request::Start).expect("a started rig");
+    bench.ask_for(800, |_| HELD_BAR);
+    let held_bar = bench.rig.transport().hardware().pressure_bar();
+    let from = bench.watch.len();
+    bench.rig.transport().hardware().set_breakage(Some(breakage));
+    bench.ask_for(WATCHED_MS, |_| HELD_BAR);
+    let moments = bench.watch.since(from);
+    let safe = moments.iter().position(|moment| !moment.energised);
+    let stays = safe.is_some_and(|safe| moments[safe..].iter().all(|moment| !moment.energised && moment.valve_share == 0));
+    let safe_ms = safe.and_then(|ticks| u32::try_from(ticks).ok());
+    ProfileEnd { name: format!("{}, {breakage:?}", profile.name), rests, held_bar, safe_ms, stays, fault: bench.fault().0 }
+}
+
 fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
     let settings = Settings { control_law: 1, ceiling_bar, ..Settings::default() };
+    FlashMemory::default().with_settings(&settings).expect("settings that fit")
+}
+
+fn pulse_flash() -> FlashMemory {
+    let settings = Settings { control_law: 1, valve_drive: 1, ..Settings::default() };
     FlashMemory::default().with_settings(&settings).expect("settings that fit")
 }
 
@@ -437,6 +520,14 @@ fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
 /// # Panics
 /// As [`measure`].
 pub fn measure_all(rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<Measured> {
+    measure_all_on(&config(), rows, each)
+}
+
+/// The same on this board's image.
+///
+/// # Panics
+/// As [`measure`].
+pub fn measure_all_on(board: &BoardModelConfig, rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<Measured> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<Option<Measured>>> = Mutex::new(vec![None; rows.len()]);
@@ -445,7 +536,7 @@ pub fn measure_all(rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<
             scope.spawn(|| {
                 while let Some((index, row)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, rows.get(index)?)))
                 {
-                    let measured = measure(row);
+                    let measured = measure_on(board, row);
                     each(row, &measured);
                     done.lock().expect("no thread panics while it holds the lock")[index] = Some(measured);
                 }
@@ -461,10 +552,19 @@ pub fn measure_all(rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<
 /// When the rig cannot be brought to where the fault is to strike.
 #[must_use]
 pub fn measure(row: &Row) -> Measured {
+    measure_on(&config(), row)
+}
+
+/// The same on this board's image; its model may not know every fault.
+///
+/// # Panics
+/// As [`measure`].
+#[must_use]
+pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
     let flash = set_point_flash(CEILING_BAR as f32);
     match row.injection {
         Injection::Start(what, core_hz) => {
-            let mut bench = Bench::start(&flash, Some((what, core_hz)));
+            let mut bench = Bench::start_on(board.clone(), &flash, Some((what, core_hz)));
             bench.pass(500);
             let _ = bench.rig.ask(&Request::Arm);
             let _ = bench.rig.ask(&Request::Start);
@@ -472,7 +572,7 @@ pub fn measure(row: &Row) -> Measured {
             bench.measure(0, row.expected)
         }
         Injection::ResetIn(state) => {
-            let mut bench = Bench::start(&flash, None);
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
             match state {
                 State::Running => bench.run_up(),
                 State::Armed => bench.arm(),
@@ -496,17 +596,17 @@ pub fn measure(row: &Row) -> Measured {
         Injection::CutWhileSaving(operation) => cut_while_saving(operation),
         Injection::CutWhileUploading(operation) => more::cut_while_uploading(operation),
         Injection::SlowErase => more::slow_erase(),
-        Injection::OtherSession | Injection::OldFrame => more::strange_frames(row),
+        Injection::OtherSession | Injection::OldFrame => more::strange_frames(board, row),
         Injection::SettingsBits => more::settings_bits(),
         Injection::CutAtEveryOperation => more::cut_at_every_operation(),
         Injection::BabbleBesideTheHost => more::babble_beside_the_host(),
         Injection::ModelBits => more::model_bits(),
         Injection::MemoryBits => more::memory_bits(),
-        Injection::InputsSwapped => more::inputs_swapped(row),
+        Injection::InputsSwapped => more::inputs_swapped(board, row),
         Injection::SupplyRamp(step_mv) => more::supply_ramp(row, step_mv),
-        Injection::Tick(instructions) => more::in_the_tick(row, instructions),
+        Injection::Tick(instructions) => more::in_the_tick(board, row, instructions),
         Injection::SecondStart(what) => {
-            let mut bench = Bench::start(&flash, None);
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
             bench.pass(400);
             bench.break_something("reset");
             bench.pass(400);
@@ -519,9 +619,10 @@ pub fn measure(row: &Row) -> Measured {
             bench.pass(300);
             bench.measure(from, row.expected)
         }
-        Injection::Chip(what) | Injection::ChipWith(_, what) | Injection::ChipFor(what, ..) => {
+        Injection::Chip(what) | Injection::ChipWith(_, what) | Injection::ChipFor(what, ..) | Injection::Pulse(what) => {
             let first = if let Injection::ChipWith(first, _) = row.injection { Some((first, None)) } else { None };
-            let mut bench = Bench::start(&flash, first);
+            let flash = if matches!(row.injection, Injection::Pulse(_)) { pulse_flash() } else { flash };
+            let mut bench = Bench::start_on(board.clone(), &flash, first);
             bench.run_up();
             let from = bench.watch.len();
             bench.break_something(what);
@@ -538,7 +639,7 @@ pub fn measure(row: &Row) -> Measured {
             bench.measure(from, row.expected)
         }
         Injection::Around(breakage) | Injection::AroundMoving(breakage) | Injection::AroundWide(breakage) => {
-            let mut bench = Bench::start(&flash, None);
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
             bench.run_up();
             let from = bench.watch.len();
             bench.rig.transport().hardware().set_breakage(Some(breakage));
@@ -550,7 +651,7 @@ pub fn measure(row: &Row) -> Measured {
             bench.measure(from, row.expected)
         }
         Injection::HostSilent | Injection::HostBabbles => {
-            let mut bench = Bench::start(&flash, None);
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
             bench.run_up();
             let from = bench.watch.len();
             if row.injection == Injection::HostBabbles {

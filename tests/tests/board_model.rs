@@ -1,9 +1,11 @@
 //! The flashable image, byte for byte, on a register-level model of its chip: equal to the library to the bit, no register without a model,
 //! and safe whatever breaks. `cargo xtask test` builds what these tests need.
 
-use host_tool::link::{BoardModel, FlashMemory, Hardware, HardwareConfig, Lockstep};
+use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep};
 use host_tool::plant::{Plant, PlantConfig};
-use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all};
+use model_export::link::fault::Fault;
+use model_export::link::profiles::PROFILES;
+use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all, measure_all_on, profile_ends};
 use rig_tests::board_model::{ModelRig, config, config_of, played, played_on, unmodelled};
 use rig_tests::hybrid;
 
@@ -187,6 +189,98 @@ fn the_second_chip_familys_image_in_closed_loop_is_the_library_to_the_bit() {
     assert!(slice.ticks > 2_000, "{} ticks", slice.ticks);
     assert_eq!(slice.unmodelled, Vec::<String>::new());
     assert!(slice.log.contains("400 MHz from the crystal"), "{}", slice.log);
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn every_profile_holds_pressure_on_the_image_and_ends_in_its_safe_state() {
+    let full_scale = host_tool::link::FACTS.converter;
+    let code_of = |v: f32| (v / full_scale.full_scale_v * f32::from(full_scale.full_scale_code)).round() as u16;
+    for profile in PROFILES {
+        let mut breakages = vec![(Breakage::EmergencyStop, Fault::EmergencyStop)];
+        if profile.is_sensor() {
+            let codes = profile.error_signals.iter().map(|signal| code_of(profile.circuit.pin_v(*signal)));
+            breakages.extend(codes.map(|code| (Breakage::LaserCode(code), Fault::LaserRange)));
+        } else {
+            breakages.push((Breakage::PressureCode(0), Fault::PressureRange));
+        }
+        for (breakage, fault) in breakages {
+            let end = profile_ends(profile, breakage);
+            println!("{end:?}");
+            assert!(end.rests && end.stays, "{end:?}");
+            assert!((end.held_bar - 1.0).abs() < 0.05, "{end:?}");
+            // The figure, in every profile.
+            assert!(end.safe_ms.is_some_and(|ms| ms <= 50), "{end:?}");
+            assert_eq!(end.fault, fault.number(), "{end:?}");
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_noise_at_rest_is_what_the_sensors_have() {
+    use model_export::link::message::{Reply, Request};
+    let mut rig = rig(1, &FlashMemory::default());
+    host_tool::experiment::settle(&mut rig).unwrap();
+    rig.transport().advance_for(2500).unwrap();
+    let Reply::RestNoise(noise) = rig.request(&Request::RestNoise).unwrap() else { panic!("no noise") };
+    println!("{noise:?}");
+    // The simulated sensors have noise of two codes to either side, evenly spread: 1.4 codes. A code is 20 mm or 6 bar of 2.4 V, 8190 of 3.3 V.
+    for codes in [noise.laser_codes, noise.pressure_codes] {
+        assert!((1.0..2.0).contains(&codes), "{noise:?}");
+    }
+    let per_code = 3.3 / 8190.0 / 2.4;
+    assert!((noise.laser_mm / noise.laser_codes - 20.0 * per_code).abs() < 1e-6, "{noise:?}");
+    assert!((noise.pressure_bar / noise.pressure_codes - 6.0 * per_code).abs() < 1e-6, "{noise:?}");
+}
+
+/// What the second chip's model can break. The rest needs parts that it has not: see the book.
+const OF_THE_SECOND_CHIP: [&str; 30] = [
+    "core-hangs",
+    "reset-while-running",
+    "reset-while-armed",
+    "reset-in-self-test",
+    "emergency-stop",
+    "laser-wire-broken",
+    "laser-at-full-scale",
+    "laser-fault-code-in-band",
+    "laser-frozen",
+    "laser-jumps-5-mm",
+    "laser-frozen-with-noise",
+    "pressure-wire-broken",
+    "pressure-at-full-scale",
+    "pressure-frozen",
+    "pressure-jumps-1-bar",
+    "host-silent",
+    "host-babbles",
+    "line-noise-2-percent",
+    "valve-fully-open",
+    "supply-pressure-fails",
+    "muscle-bursts",
+    "drive-pin-stuck-high",
+    "drive-pin-stuck-low",
+    "pulse-pin-stuck-high",
+    "pulse-pin-stuck-low",
+    "dump-pin-stuck-low",
+    "dump-pin-stuck-high",
+    "inputs-swap-under-pressure",
+    "frames-of-another-session",
+    "undefined-instruction",
+];
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_faults_that_the_second_chips_model_knows_end_as_their_rows_say_on_its_image() {
+    let board = config_of("nucleo-h743zi");
+    let rows: Vec<&Row> = ROWS.iter().filter(|row| OF_THE_SECOND_CHIP.contains(&row.name)).collect();
+    assert_eq!(rows.len(), OF_THE_SECOND_CHIP.len(), "every name is a row");
+    let failed: Vec<String> = measure_all_on(&board, &rows, |row, measured| println!("{:26} {measured:?}", row.name))
+        .iter()
+        .zip(&rows)
+        .filter(|(measured, _)| !measured.ok)
+        .map(|(measured, row)| format!("{}: {}", row.name, measured.remark))
+        .collect();
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
 }
 
 #[test]

@@ -56,6 +56,7 @@ pub enum Request {
 /// | `analogue 3000`, `analogue supply` | the analogue supply alone, mV, or as the supply |
 /// | `drive-pin 4095`, `drive-pin free` | the code at PA4, whatever the converter does |
 /// | `dump-pin 0`, `dump-pin 1`, `dump-pin free` | the level at PB1, whatever the port does |
+/// | `pulse-pin 0`, `pulse-pin 1`, `pulse-pin free` | the level at PA6, whatever the timer does |
 /// | `inputs swapped` | the two analogue inputs, exchanged |
 /// | `store 08000200 de00` | 16 bits of RAM or flash: address, what is there from now on (hexadecimal) |
 /// | `reset` | the reset pin |
@@ -82,6 +83,8 @@ pub enum Fault {
     DrivePin(Option<u16>),
     /// The level at PB1.
     DumpPin(Option<bool>),
+    /// The level at PA6.
+    PulsePin(Option<bool>),
     /// The analogue inputs, exchanged.
     Swapped,
     /// 16 bits of memory.
@@ -136,6 +139,9 @@ impl std::str::FromStr for Fault {
             ["dump-pin", "free"] => Self::DumpPin(None),
             ["dump-pin", "0"] => Self::DumpPin(Some(false)),
             ["dump-pin", "1"] => Self::DumpPin(Some(true)),
+            ["pulse-pin", "free"] => Self::PulsePin(None),
+            ["pulse-pin", "0"] => Self::PulsePin(Some(false)),
+            ["pulse-pin", "1"] => Self::PulsePin(Some(true)),
             ["inputs", "swapped"] => Self::Swapped,
             ["store", address, value] => {
                 let value = u16::try_from(hexadecimal(value)?).map_err(|_| format!("`{value}` is too large"))?;

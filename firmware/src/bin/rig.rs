@@ -75,6 +75,7 @@ mod image {
                 use firmware::board::converter::FACTS;
                 use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
                 use firmware::board::log;
+                use firmware::board::pulse_drive::PulseMonitor;
                 use firmware::board::target::crash;
                 use firmware::board::target::memory;
                 use firmware::board::target::models::{BoardModel, Room, Tenant};
@@ -214,8 +215,11 @@ mod image {
                     let mut fault_is_new = false;
                     let mut stack_unused_bytes = memory::stack_unused_bytes();
                     let mut round = 0u32;
+                    let mut pulse = PulseMonitor::default();
                     loop {
                         round = round.wrapping_add(1);
+                        let (expected, reading) = ThisBoard::read_pulse(&EXCHANGE.pulse);
+                        EXCHANGE.report_pulse(pulse.step(&expected, &reading));
                         background.link_mut().serve_history(&crash::LastTicks);
                         if background.link_mut().wants_bootloader() {
                             defmt::warn!("starting the chip's bootloader");

@@ -9,6 +9,7 @@ use model_export::link::message::Telemetry;
 
 use super::exchange::Exchange;
 use super::read_back::ChipThermometer;
+use super::rest_noise::root_mean_square;
 use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkBuffers, Measured};
 use crate::self_test::{ClockCheck, SelfTest};
@@ -145,6 +146,7 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
                 stack_unused_bytes,
                 supply_v: (supply_mv > 0).then(|| f32::from(supply_mv) / 1000.0),
                 chip_celsius: chip.map(|calibration| calibration.celsius(chip_code, supply_mv)).filter(|_| supply_mv > 0 && chip_code > 0),
+                rest_noise_codes: exchange.rest_noise().map(|squares| squares.map(root_mean_square)),
                 noise,
             },
         );

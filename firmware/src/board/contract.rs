@@ -11,6 +11,7 @@ use model_export::link::state::ResetCause;
 use super::background_task::Line;
 use super::clock::{ClockReport, ClockTree};
 use super::exchange::Exchange;
+use super::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use super::read_back::ChipThermometer;
 use super::tick_task::{CycleCounter, Hands, RecordKeeper};
 use super::watchdog::WatchdogTimer;
@@ -80,6 +81,9 @@ pub trait Board: Sized {
 
     /// Begins to sample, and to watch that sampling goes on: from now on there are ticks.
     fn begin(beginning: Self::Beginning, sampling: &mut Self::Sampling);
+
+    /// Looks at the pulse width's pin, with what it should do at that instant.
+    fn read_pulse(expectation: &PulseExpectation) -> (ExpectedPulse, PulseReading);
 
     /// Vents, remembers what struck, and starts again, from wherever it is called.
     fn crash(fault: Fault) -> !;

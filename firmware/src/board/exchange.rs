@@ -7,6 +7,7 @@ use model_export::link::fault::{Fault, FaultSet};
 use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 
+use super::pulse_drive::PulseExpectation;
 use crate::tick::{Answer, Command};
 
 /// Commands on their way to the tick: four, and the queue keeps one place free.
@@ -41,6 +42,9 @@ pub fn has_room<T>(queue: &Producer<'_, T>) -> bool {
     queue.capacity().wrapping_add(1) != 0 && queue.ready()
 }
 
+/// No mean square: one of that size is none that twelve bits can have.
+const NOT_MEASURED: u32 = u32::MAX;
+
 /// The shared words. Every one is independent of the others, so no order between them matters.
 #[derive(Debug, Default)]
 pub struct Exchange {
@@ -58,6 +62,10 @@ pub struct Exchange {
     trace_taken: AtomicU32,
     supply_mv: AtomicU16,
     chip_code: AtomicU16,
+    rest_noise: [AtomicU32; 2],
+    pulse_differs: AtomicBool,
+    /// What the tick expects of the pulse width's pin.
+    pub pulse: PulseExpectation,
 }
 
 impl Exchange {
@@ -78,6 +86,9 @@ impl Exchange {
             trace_taken: AtomicU32::new(0),
             supply_mv: AtomicU16::new(0),
             chip_code: AtomicU16::new(0),
+            rest_noise: [AtomicU32::new(NOT_MEASURED), AtomicU32::new(NOT_MEASURED)],
+            pulse_differs: AtomicBool::new(false),
+            pulse: PulseExpectation::new(),
         }
     }
 
@@ -92,6 +103,25 @@ impl Exchange {
     /// Analogue supply in mV and code of the chip's temperature sensor; zeros before they were measured.
     pub fn measured_self(&self) -> (u16, u16) {
         (self.supply_mv.load(Ordering::Relaxed), self.chip_code.load(Ordering::Relaxed))
+    }
+
+    /// The tick tells the mean squares of laser and pressure at rest ([`super::rest_noise`]).
+    pub fn publish_rest_noise(&self, mean_squares: [u32; 2]) {
+        for (place, square) in self.rest_noise.iter().zip(mean_squares) {
+            place.store(square.min(NOT_MEASURED - 1), Ordering::Relaxed);
+        }
+    }
+
+    /// The same; none before the first second at rest.
+    pub fn rest_noise(&self) -> Option<[u32; 2]> {
+        let [laser, pressure] = &self.rest_noise;
+        let squares = [laser, pressure].map(|place| place.load(Ordering::Relaxed));
+        (!squares.contains(&NOT_MEASURED)).then_some(squares)
+    }
+
+    /// The background tells whether the pulse width's pin does what it should ([`super::pulse_drive`]).
+    pub fn report_pulse(&self, differs: bool) {
+        self.pulse_differs.store(differs, Ordering::Relaxed);
     }
 
     /// Counts bytes that the link has taken out of the trace's queue.
@@ -165,7 +195,8 @@ impl Exchange {
     pub fn output_faults(&self) -> FaultSet {
         let mut faults = FaultSet::EMPTY;
         faults.insert_if(self.reference_is_off.load(Ordering::Relaxed), Fault::ReferenceVoltage);
-        faults.insert_if(self.outputs_differ.load(Ordering::Relaxed), Fault::OutputMismatch);
+        let differs = self.outputs_differ.load(Ordering::Relaxed) || self.pulse_differs.load(Ordering::Relaxed);
+        faults.insert_if(differs, Fault::OutputMismatch);
         faults
     }
 

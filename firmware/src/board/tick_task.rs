@@ -12,6 +12,7 @@ use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
+use super::rest_noise::RestNoise;
 use super::supply::SupplyCorrection;
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::history::{History, HistoryMemory};
@@ -80,6 +81,7 @@ pub struct TickTask<'q, H> {
     monitor: ReadBackMonitor,
     correction: SupplyCorrection,
     history: History,
+    rest_noise: RestNoise,
 }
 
 impl<'q, H> TickTask<'q, H> {
@@ -112,6 +114,7 @@ impl<'q, H> TickTask<'q, H> {
             monitor,
             correction: SupplyCorrection::new(monitor.calibration()),
             history: History::new(),
+            rest_noise: RestNoise::default(),
         }
     }
 
@@ -174,6 +177,7 @@ where
             telemetry_dropped: self.exchange.telemetry_dropped(),
         };
         let taken = TakenIn::from(&inputs);
+        let sample = inputs.sample;
         // What was read is what the last tick put out.
         if let Some(read) = self.hands.source.read_back() {
             if let Some(code) = read.reference_code {
@@ -202,6 +206,9 @@ where
         self.hands.analogue.drive(analogue);
         self.hands.pulse.drive(pulse);
         self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
+        if let Some(mean_squares) = self.rest_noise.step(sample, outputs.vent_verified && !outputs.energised) {
+            self.exchange.publish_rest_noise(mean_squares);
+        }
         let row = self.rig.history_row(taken, &outputs);
         self.history.step(&mut self.hands.keeper, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {

@@ -53,6 +53,8 @@ pub struct Measured {
     pub supply_v: Option<f32>,
     /// Temperature of the chip.
     pub chip_celsius: Option<f32>,
+    /// Root mean squares of laser and pressure about their means, in codes, while the rig was last at rest for a second.
+    pub rest_noise_codes: Option<[f32; 2]>,
     /// A number that nobody can foretell, such as a fast counter's: it tells the sessions of one start from those of another. Zero in lock step,
     /// where equal inputs must give equal outputs.
     pub noise: u32,

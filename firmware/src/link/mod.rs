@@ -256,7 +256,7 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
 
     /// Takes a telemetry sample of the tick, and adds what the board measures about itself; drops it if the line is too slow.
     pub fn telemetry(&mut self, mut sample: Telemetry) {
-        let Measured { longest_tick_cycles, stack_unused_bytes, supply_v, chip_celsius, noise: _ } = self.session.measured;
+        let Measured { longest_tick_cycles, stack_unused_bytes, supply_v, chip_celsius, .. } = self.session.measured;
         sample.longest_tick_cycles = longest_tick_cycles;
         sample.stack_unused_bytes = stack_unused_bytes;
         (sample.supply_v, sample.chip_celsius) = (supply_v, chip_celsius);

@@ -2,7 +2,7 @@
 
 use model_export::link::fault::{Blocker, BlockerSet, Fault, FaultSet};
 use model_export::link::hello::Hello;
-use model_export::link::message::{Baseline, Refusal, Reply, Request};
+use model_export::link::message::{Baseline, Refusal, Reply, Request, RestNoise};
 use model_export::link::settings::{SettingError, Settings};
 use model_export::link::state::State;
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
@@ -168,6 +168,7 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
             Request::FaultRecord => self.send(token, Action::FaultRecord, commands),
             Request::ControlReport => self.send(token, Action::ControlReport, commands),
             Request::AdaptationReport => self.send(token, Action::AdaptationReport, commands),
+            Request::RestNoise => Outcome::Reply(self.rest_noise().map_or(Reply::Refused(Refusal::NoRecord), Reply::RestNoise)),
             Request::History { .. } if !self.identity.has_history => Outcome::Done(Err(Refusal::NoRecord)),
             Request::History { from_row } => {
                 self.history_wanted = Some((token, *from_row));
@@ -243,6 +244,15 @@ impl<S: Flash, M: Flash> SessionState<S, M> {
                 Outcome::Reply(Reply::Models { active: self.active_model().unwrap_or([0; 8]), other: other.unwrap_or([0; 8]) })
             }
         }
+    }
+
+    /// The noise at rest in the settings' units.
+    fn rest_noise(&self) -> Option<RestNoise> {
+        let [laser_codes, pressure_codes] = self.measured.rest_noise_codes?;
+        let config = TickConfig { settings: &self.settings, facts: self.config.facts };
+        let laser_mm = laser_codes * config.laser_calibration().ok()?.resolution();
+        let pressure_bar = pressure_codes * config.pressure_calibration().ok()?.resolution();
+        Some(RestNoise { laser_codes, laser_mm, pressure_codes, pressure_bar })
     }
 
     /// Sends a command to the tick, which answers it.

@@ -6,7 +6,7 @@ use model_export::link::fault::AdaptationCondition;
 use model_export::link::settings::Settings;
 
 use crate::adaptation::{Adaptation, AdaptationConfig};
-use crate::calibration::{CalibrationConfig, ConverterConfig};
+use crate::calibration::{Calibration, CalibrationConfig, ConverterConfig, NotAMap};
 use crate::certificate::{ClosedLoop, certify};
 use crate::control::{
     Controller, FeedForward, FeedbackSensor, ObserverConfig, OutsideDomain, PidConfig, PlaybackConfig, PressureSetPoint, TrackingConfig,
@@ -78,28 +78,46 @@ pub struct Tick {
 }
 
 impl TickConfig<'_> {
-    /// Builds the tick.
+    /// The laser's calibration, by the settings.
     ///
     /// # Errors
-    /// [`Inconsistent`] names the first setting that contradicts another, or the condition of adaptation's certificate that fails.
-    pub fn build(&self) -> Result<Tick, Inconsistent> {
+    /// [`NotAMap`] if its points do not make one.
+    pub fn laser_calibration(&self) -> Result<Calibration, NotAMap> {
         let settings = self.settings;
-        let laser_calibration = CalibrationConfig {
+        CalibrationConfig {
             low_v: settings.laser_low_v,
             low_value: settings.laser_low_mm,
             high_v: settings.laser_high_v,
             high_value: settings.laser_high_mm,
             fault_below_v: settings.laser_fault_below_v,
             fault_above_v: settings.laser_fault_above_v,
-        };
-        let pressure_calibration = CalibrationConfig {
+        }
+        .build(&self.facts.converter)
+    }
+
+    /// The measured pressure's.
+    ///
+    /// # Errors
+    /// As [`Self::laser_calibration`].
+    pub fn pressure_calibration(&self) -> Result<Calibration, NotAMap> {
+        let settings = self.settings;
+        CalibrationConfig {
             low_v: settings.pressure_low_v,
             low_value: settings.pressure_low_bar,
             high_v: settings.pressure_high_v,
             high_value: settings.pressure_high_bar,
             fault_below_v: settings.pressure_fault_below_v,
             fault_above_v: settings.pressure_fault_above_v,
-        };
+        }
+        .build(&self.facts.converter)
+    }
+
+    /// Builds the tick.
+    ///
+    /// # Errors
+    /// [`Inconsistent`] names the first setting that contradicts another, or the condition of adaptation's certificate that fails.
+    pub fn build(&self) -> Result<Tick, Inconsistent> {
+        let settings = self.settings;
         let stuck_command = MicroBar::from_bar(settings.stuck_command_bar).ok_or(Inconsistent::Setting(32))?;
         let sensor = |calibration, maximum_rate_per_s| {
             SensorConfig {
@@ -113,9 +131,8 @@ impl TickConfig<'_> {
             }
             .build()
         };
-        let converter = &self.facts.converter;
-        let laser = laser_calibration.build(converter).map_err(|_| Inconsistent::Setting(10))?;
-        let pressure = pressure_calibration.build(converter).map_err(|_| Inconsistent::Setting(20))?;
+        let laser = self.laser_calibration().map_err(|_| Inconsistent::Setting(10))?;
+        let pressure = self.pressure_calibration().map_err(|_| Inconsistent::Setting(20))?;
         let limiter = LimiterConfig {
             ceiling_bar: settings.ceiling_bar,
             slew_up_bar_per_s: settings.slew_up_bar_per_s,

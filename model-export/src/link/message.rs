@@ -14,6 +14,7 @@ use super::frame::{self, FrameError, Wire};
 use super::history::HistoryPiece;
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
+pub use super::telemetry::{RestNoise, Telemetry};
 
 /// Most points of a playback chunk.
 pub const MAX_CHUNK_POINTS: usize = 32;
@@ -152,6 +153,8 @@ pub enum Request {
     },
     /// Start again in the chip's own bootloader, which takes a new program over this line; refused unless vented. The answer comes before.
     EnterBootloader,
+    /// How much the measured channels scatter while the rig is vented.
+    RestNoise,
 }
 
 impl Request {
@@ -168,6 +171,7 @@ impl Request {
                 | Self::AdaptationReport
                 | Self::Models
                 | Self::History { .. }
+                | Self::RestNoise
         )
     }
 
@@ -399,6 +403,8 @@ pub enum Reply {
     },
     /// Answer to [`Request::History`].
     History(HistoryPiece),
+    /// Answer to [`Request::RestNoise`].
+    RestNoise(RestNoise),
 }
 
 /// A reply with its request's token.
@@ -408,52 +414,6 @@ pub struct ReplyFrame {
     pub token: u32,
     /// The answer.
     pub reply: Reply,
-}
-
-/// One sample of what the rig does. Best effort: a full queue drops samples, and the sequence numbers and the count show it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Telemetry {
-    /// Counts samples made, dropped ones included.
-    pub sequence: u32,
-    /// Device time of the sample, ms since the start.
-    pub time_ms: u64,
-    /// Samples dropped since the start.
-    pub dropped: u32,
-    /// State.
-    pub state: State,
-    /// Number of the first fault, 0 without one.
-    pub first_fault: u8,
-    /// What is limited or degraded.
-    pub notices: NoticeSet,
-    /// Laser code as sampled.
-    pub laser_code: u16,
-    /// Pressure code as sampled.
-    pub pressure_code: u16,
-    /// What goes to the valve at this moment.
-    pub output_ubar: i32,
-    /// What went to the valve, filtered like the measured channels.
-    pub command_bar: f32,
-    /// Set-point in force, in the control law's quantity.
-    pub set_point: f32,
-    /// Filtered measured pressure; `None` while not plausible.
-    pub pressure_bar: Option<f32>,
-    /// Filtered displacement; `None` while not plausible.
-    pub displacement_mm: Option<f32>,
-    /// The model's estimate; `None` without one.
-    pub estimate_mm: Option<f32>,
-    /// Index of the playback point in force.
-    pub playback_index: u32,
-    /// Ticks that came late or were lost since the start: missed deadlines.
-    pub late_ticks: u32,
-    /// Longest tick since the start, in processor cycles; 0 if not measured.
-    pub longest_tick_cycles: u32,
-    /// Bytes of stack never used since the start; 0 if not measured.
-    pub stack_unused_bytes: u32,
-    /// Analogue supply by the chip's reference voltage; `None` where it is not measured.
-    pub supply_v: Option<f32>,
-    /// Temperature of the chip; `None` where it is not measured.
-    pub chip_celsius: Option<f32>,
 }
 
 /// Why a payload could not be read.

@@ -22,6 +22,7 @@ pub mod message;
 pub mod profiles;
 pub mod settings;
 pub mod state;
+pub mod telemetry;
 pub mod trace;
 
 /// Version of all postcard messages; raised whenever an existing message changes its bytes.
@@ -32,7 +33,7 @@ pub const PROTOCOL: u16 = 3;
 pub const LINE_BAUD: u32 = 921_600;
 
 /// CRC-32 over one example frame of every message, in the order of `tests/link_wire.rs`, which recomputes it.
-pub const SCHEMA_HASH: u32 = 0x0da0_649a;
+pub const SCHEMA_HASH: u32 = 0x93bb_2f5b;
 
 /// First byte of every payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use firmware::storage::HEADER_BYTES;
 use host_tool::experiment;
-use host_tool::link::{FlashMemory, Transport};
+use host_tool::link::{BoardModelConfig, FlashMemory, Transport};
 use model_export::link::fault::Fault;
 use model_export::link::message::{Message, Quantity, Request, RequestFrame};
 use model_export::link::settings::{SettingValue, Settings, by_name};
@@ -232,8 +232,8 @@ pub(super) fn memory_bits() -> Measured {
 }
 
 /// Instructions in place of the tick's.
-pub(super) fn in_the_tick(row: &Row, instructions: &[u16]) -> Measured {
-    let mut bench = Bench::start(&set_point_flash(CEILING_BAR as f32), None);
+pub(super) fn in_the_tick(board: &BoardModelConfig, row: &Row, instructions: &[u16]) -> Measured {
+    let mut bench = Bench::start_on(board.clone(), &set_point_flash(CEILING_BAR as f32), None);
     bench.run_up();
     let read = |bench: &mut Bench, address| bench.rig.transport().processor().read(address, 4).expect("memory");
     let entry = read(&mut bench, TICK_VECTOR);
@@ -278,8 +278,8 @@ pub(super) fn supply_ramp(row: &Row, step_mv: u32) -> Measured {
 }
 
 /// Laser and pressure exchanged by whoever wired the rig.
-pub(super) fn inputs_swapped(row: &Row) -> Measured {
-    let mut bench = Bench::start(&set_point_flash(CEILING_BAR as f32), Some(("inputs swapped", None)));
+pub(super) fn inputs_swapped(board: &BoardModelConfig, row: &Row) -> Measured {
+    let mut bench = Bench::start_on(board.clone(), &set_point_flash(CEILING_BAR as f32), Some(("inputs swapped", None)));
     experiment::settle(&mut bench.rig).ok();
     let from = bench.watch.len();
     let _ = bench.rig.ask(&Request::Arm);
@@ -291,8 +291,8 @@ pub(super) fn inputs_swapped(row: &Row) -> Measured {
 }
 
 /// Frames that are not this host's, or not new.
-pub(super) fn strange_frames(row: &Row) -> Measured {
-    let mut bench = Bench::start(&set_point_flash(CEILING_BAR as f32), None);
+pub(super) fn strange_frames(board: &BoardModelConfig, row: &Row) -> Measured {
+    let mut bench = Bench::start_on(board.clone(), &set_point_flash(CEILING_BAR as f32), None);
     bench.run_up();
     let session = bench.rig.hello().session;
     let more = Request::SetPoint { quantity: Quantity::Pressure, value: 2.5 };

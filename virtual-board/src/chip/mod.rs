@@ -20,6 +20,7 @@ pub mod capture;
 pub mod crystal;
 pub mod dac;
 pub mod flash;
+pub mod held;
 pub mod lines;
 pub mod part;
 pub mod sampling;

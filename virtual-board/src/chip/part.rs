@@ -16,7 +16,7 @@ use rigless::soc::stm32f427::peripherals::gpio::{Gpio, Pin};
 use rigless::soc::stm32f427::peripherals::iwdg::Iwdg;
 use rigless::soc::stm32f427::peripherals::pwr::Pwr;
 use rigless::soc::stm32f427::peripherals::rcc::{Apb, HSI_HZ, Rcc};
-use rigless::soc::stm32f427::peripherals::tim::{Counter, General, Tim};
+use rigless::soc::stm32f427::peripherals::tim::{self as timer, Counter, General, Tim};
 use rigless::soc::stm32f427::peripherals::usart::{self, Kind, Usart};
 use rigless::soc::{self, Bus, Cpu, Endian, EraseBlocks, Error, Gate, Peripheral, Region, WriteModify};
 use rigless::time::VirtualNanos;
@@ -28,6 +28,7 @@ use super::capture::{Capture, Rates};
 use super::crystal::Oscillators;
 use super::dac::Dac;
 use super::flash::{Change, Flash, Speed};
+use super::held::{Held, pulse_on_pin};
 use super::lines::{Lines, MonitorOutput};
 use super::sampling::{InjectedGroup, TriggerOutput};
 use crate::boards::stm32f405::wiring::{self, DRIVE, PULSE, Wiring};
@@ -258,6 +259,8 @@ pub struct Pins {
     pub drive_stuck: Option<u16>,
     /// The level at the dump valve's pin whatever the port does there.
     pub dump_stuck: Option<bool>,
+    /// The level at the pulse width's pin whatever the timer does there.
+    pub pulse_stuck: Option<bool>,
     /// Whether the two analogue inputs are exchanged.
     pub swapped: bool,
     /// The option bytes, as OPTCR shows them after a reset (3.9.6).
@@ -280,32 +283,11 @@ impl Pins {
             analogue_mv: None,
             drive_stuck: None,
             dump_stuck: None,
+            pulse_stuck: None,
             swapped: false,
             option_bytes: OPTIONS_OF_THE_FACTORY,
             stop_pressed: false,
             flash: Speed::Typical,
-        }
-    }
-}
-
-/// Pins that something outside holds, stronger than the port's own outputs: a short to ground or to the supply. IDR shows it (8.4.5).
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Held {
-    pins: Option<u64>,
-    high: bool,
-}
-
-impl Beside<Gpio> for Held {
-    fn answer(&self, register: gpioa::Register, value: u64) -> u64 {
-        match self.pins {
-            Some(pins) if register == gpioa::Register::Idr => {
-                if self.high {
-                    value | pins
-                } else {
-                    value & !pins
-                }
-            }
-            _ => value,
         }
     }
 }
@@ -411,6 +393,7 @@ impl Stm32f405 {
         self.set_supply(pins.supply_mv, at);
         self.press_stop(pins.stop_pressed, at);
         self.hold_dump_pin(pins.dump_stuck);
+        self.hold_pulse_pin(pins.pulse_stuck);
         // The option bytes come with the reset (3.7.1).
         let slot = self.slot(Model::Flash);
         self.bus.slot_mut(slot).registers_mut().set(flash_registers::Register::Optcr, pins.option_bytes);
@@ -463,7 +446,13 @@ impl Stm32f405 {
     pub fn hold_dump_pin(&mut self, level: Option<bool>) {
         self.pins.dump_stuck = level;
         let dump = self.pins.wiring.dump_valve;
-        self.ports[dump.port as usize].beside = Held { pins: level.map(|_| 1 << dump.number), high: level == Some(true) };
+        self.ports[dump.port as usize].beside.force(dump, level);
+    }
+
+    /// Holds the pulse width's pin at a level, or lets it go.
+    pub fn hold_pulse_pin(&mut self, level: Option<bool>) {
+        self.pins.pulse_stuck = level;
+        self.ports[PULSE.port as usize].beside.force(PULSE, level);
     }
 
     /// Supply below which the part is held in reset, and above which it comes out again, mV: the option bytes' brown-out level, typical
@@ -545,6 +534,7 @@ impl Stm32f405 {
         let dump = self.pins.wiring.dump_valve;
         let driven = self.mode(dump) == OUTPUT;
         let high = registers(Model::Port(dump.port as usize)).get(gpioa::Register::Odr) >> dump.number & 1 != 0;
+        let pulse = pulse_on_pin(pulse, self.pins.pulse_stuck);
         Outputs { drive_code, pulse, dump_valve: self.pins.dump_stuck.unwrap_or(driven && high) }
     }
 
@@ -621,6 +611,13 @@ impl Mcu for Stm32f405 {
                 timer_hz: self.clocks.model.timer_clock(registers, Apb::Two),
                 input_hz: if swings && divider > 1 { self.pins.crystal_hz / divider } else { 0 },
             };
+        }
+        if model == Model::Port(PULSE.port as usize) {
+            // A pin that a timer has shows the timer's output (8.3.11).
+            let registers = self.bus.slots()[self.slot(Model::Timer(0))].registers();
+            let level = timer::Channel::new(1).and_then(|channel| self.timers[0].output(channel, registers));
+            let level = level.filter(|_| self.has_function(PULSE, AF_TIM3));
+            self.ports[PULSE.port as usize].beside.drive(PULSE, level);
         }
         if model == Model::Converter {
             let Wiring { laser, pressure, .. } = self.pins.wiring;
@@ -711,6 +708,7 @@ impl RigPart for Stm32f405 {
             Fault::Analogue(millivolts) => self.set_analogue_supply(millivolts),
             Fault::DrivePin(code) => self.pins.drive_stuck = code,
             Fault::DumpPin(level) => self.hold_dump_pin(level),
+            Fault::PulsePin(level) => self.hold_pulse_pin(level),
             Fault::Swapped => self.pins.swapped = true,
             Fault::LateFlash => {
                 self.pins.flash = Speed::Slowest;

@@ -17,7 +17,7 @@ use rigless::soc::stm32h743::peripherals::flash::Flash;
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, PORTS, Pin};
 use rigless::soc::stm32h743::peripherals::pwr::Pwr;
 use rigless::soc::stm32h743::peripherals::rcc::{Rcc, TimerBus};
-use rigless::soc::stm32h743::peripherals::tim::{General, TIMERS, Tim};
+use rigless::soc::stm32h743::peripherals::tim::{self as timer, General, TIMERS, Tim};
 use rigless::soc::stm32h743::peripherals::usart::Usart;
 use rigless::soc::{self, Bus, Error};
 use rigless::time::VirtualNanos;
@@ -30,6 +30,7 @@ use crate::boards::stm32f405::wiring::Pin as BoardPin;
 use crate::boards::stm32h743::wiring::{DRIVE, PULSE, RECEIVE, TRANSMIT, Wiring, channel};
 use crate::chip::beside::With;
 use crate::chip::capture::{Capture, Rates};
+use crate::chip::held::{Held, pulse_on_pin};
 use crate::chip::sampling::TriggerOutput;
 use crate::core::with_nmi;
 use crate::part::{Outputs, RigPart};
@@ -83,12 +84,20 @@ pub struct Pins {
     pub wiring: Wiring,
     /// Whether the emergency stop's contact is open.
     pub stop_pressed: bool,
+    /// The code at the drive's pin whatever the converter does there.
+    pub drive_stuck: Option<u16>,
+    /// The level at the dump valve's pin whatever the port does there.
+    pub dump_stuck: Option<bool>,
+    /// The level at the pulse width's pin whatever the timer does there.
+    pub pulse_stuck: Option<bool>,
+    /// Whether the two analogue inputs are exchanged.
+    pub swapped: bool,
 }
 
 impl Pins {
     /// A board as it should be.
     pub fn of(wiring: Wiring) -> Self {
-        Self { wiring, stop_pressed: false }
+        Self { wiring, stop_pressed: false, drive_stuck: None, dump_stuck: None, pulse_stuck: None, swapped: false }
     }
 }
 
@@ -102,7 +111,7 @@ pub struct Stm32h743 {
     supply: Pwr,
     flash: Flash,
     lines: Exti,
-    ports: [Gpio; PORTS.len()],
+    ports: [With<Gpio, Held>; PORTS.len()],
     line: Usart,
     converter: With<Adc, TriggeredGroup>,
     drive_converter: Adc,
@@ -156,7 +165,7 @@ impl Stm32h743 {
             supply: Pwr::new(),
             flash: Flash::new(),
             lines: Exti::new(generated::SYSCFG.base),
-            ports: std::array::from_fn(|_| Gpio::default()),
+            ports: std::array::from_fn(|_| With { model: Gpio::default(), beside: Held::default() }),
             line: Usart::new(),
             converter: With { model: Adc::new(Converter::Adc1, 0), beside: TriggeredGroup::on([channel(laser), channel(pressure)]) },
             drive_converter: Adc::new(Converter::Adc2, 0),
@@ -187,6 +196,14 @@ impl Stm32h743 {
         self.reference_converter.set_reference(SUPPLY_MV);
         let pressed = self.pins.stop_pressed;
         self.drive_stop(pressed, at);
+        self.hold_pins();
+    }
+
+    /// Puts what something outside holds on the digital pins.
+    fn hold_pins(&mut self) {
+        let Pins { wiring, dump_stuck, pulse_stuck, .. } = self.pins;
+        self.ports[wiring.dump_valve.port as usize].beside.force(wiring.dump_valve, dump_stuck);
+        self.ports[PULSE.port as usize].beside.force(PULSE, pulse_stuck);
     }
 
     fn slot(&self, model: Model) -> usize {
@@ -201,7 +218,7 @@ impl Stm32h743 {
         let slot = self.slot(Model::Port(port));
         let (registers, mut context) = self.bus.drive(at, slot);
         if let Some(pin) = u8::try_from(stop.number).ok().and_then(Pin::new) {
-            self.ports[port].drive(pin, Some(Level::from(pressed)), registers, &mut context);
+            self.ports[port].model.drive(pin, Some(Level::from(pressed)), registers, &mut context);
         }
     }
 
@@ -279,9 +296,16 @@ impl Mcu for Stm32h743 {
             }
             Model::DriveConverter => {
                 if let Some(channel) = channel(DRIVE).and_then(Channel::new) {
-                    let code = u32::from(self.driven_code().unwrap_or(0));
+                    let code = u32::from(self.pins.drive_stuck.or_else(|| self.driven_code()).unwrap_or(0));
                     self.drive_converter.set_input(channel, code * 1000 + 500);
                 }
+            }
+            Model::Port(port) if port == PULSE.port as usize => {
+                // A pin that a timer has shows the timer's output (RM0433 section 11.3.12).
+                let registers = self.bus.slots()[self.slot(Model::Timer(0))].registers();
+                let level = timer::Channel::new(1).and_then(|channel| self.timers[0].output(channel, registers));
+                let level = level.filter(|_| self.has_function(PULSE, AF_TIM3));
+                self.ports[port].beside.drive(PULSE, level);
             }
             _ => {}
         }
@@ -349,7 +373,8 @@ impl RigPart for Stm32h743 {
     }
 
     fn set_codes(&mut self, codes: [[u16; 2]; 2]) {
-        self.converter.beside.codes = codes;
+        let [laser, pressure] = codes;
+        self.converter.beside.codes = if self.pins.swapped { [pressure, laser] } else { codes };
     }
 
     fn press_stop(&mut self, pressed: bool, at: VirtualNanos) {
@@ -367,7 +392,11 @@ impl RigPart for Stm32h743 {
         let pulse = (on && self.has_function(PULSE, AF_TIM3)).then(|| (number(Register::Ccr1), number(Register::Arr)));
         let dump = self.pins.wiring.dump_valve;
         let high = registers(Model::Port(dump.port as usize)).get(gpioa::Register::Odr) >> dump.number & 1 != 0;
-        Outputs { drive_code: self.driven_code(), pulse, dump_valve: self.mode(dump) == OUTPUT && high }
+        Outputs {
+            drive_code: self.pins.drive_stuck.or_else(|| self.driven_code()),
+            pulse: pulse_on_pin(pulse, self.pins.pulse_stuck),
+            dump_valve: self.pins.dump_stuck.unwrap_or(self.mode(dump) == OUTPUT && high),
+        }
     }
 
     fn groups(&self) -> u64 {
@@ -380,12 +409,15 @@ impl RigPart for Stm32h743 {
 
     fn break_something(&mut self, fault: Fault, _at: VirtualNanos) -> Result<bool, String> {
         match fault {
-            Fault::Noise(words) => {
-                self.line.errors_mut().noise = Rate { name: "line-noise", per_million: words };
-                Ok(false)
-            }
-            other => Err(format!("{other:?} is in no model of the {}", Self::NAME)),
+            Fault::Noise(words) => self.line.errors_mut().noise = Rate { name: "line-noise", per_million: words },
+            Fault::DrivePin(code) => self.pins.drive_stuck = code,
+            Fault::DumpPin(level) => self.pins.dump_stuck = level,
+            Fault::PulsePin(level) => self.pins.pulse_stuck = level,
+            Fault::Swapped => self.pins.swapped = true,
+            other => return Err(format!("{other:?} is in no model of the {}", Self::NAME)),
         }
+        self.hold_pins();
+        Ok(false)
     }
 
     fn set_supply(&mut self, millivolts: u32, _at: VirtualNanos) {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use model_export::link::fault::Fault;
-use model_export::link::message::{FaultRecord, Reply, Request, Status};
+use model_export::link::message::{FaultRecord, Reply, Request, RestNoise, Status};
 use model_export::link::state::{ResetCause, State};
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
@@ -108,6 +108,7 @@ struct StatusWritten {
     settings_unsaved: bool,
     supply_v: Option<f32>,
     chip_celsius: Option<f32>,
+    rest_noise: Option<RestNoise>,
     #[serde(flatten)]
     reading: Option<ReadingWritten>,
 }
@@ -137,6 +138,7 @@ impl StatusWritten {
             settings_unsaved: status.settings_unsaved,
             supply_v: None,
             chip_celsius: None,
+            rest_noise: None,
             reading: None,
         }
     }
@@ -161,6 +163,10 @@ impl StatusWritten {
         if let Some(ReadingWritten { reading, set_point_unit }) = &self.reading {
             reading.lines(set_point_unit).iter().for_each(|line| say!("{line}"));
         }
+        if let Some(noise) = &self.rest_noise {
+            let RestNoise { laser_mm, pressure_bar, .. } = noise;
+            say!("at rest    noise of the laser {laser_mm:.4} mm, of the pressure {pressure_bar:.5} bar (root mean square of a second)");
+        }
         if self.settings_unsaved {
             say!("settings   changed and not saved");
         }
@@ -175,6 +181,10 @@ pub fn status(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
         let reading = Reading::new(&sample, rig.transport());
         (written.supply_v, written.chip_celsius) = (reading.supply_v, reading.chip_celsius);
         written.reading = Some(ReadingWritten { reading, set_point_unit: reading::quantity(rig)? });
+    }
+    // A device of before this question, or one that never rested, has no answer.
+    if let Ok(Reply::RestNoise(noise)) = rig.request(&Request::RestNoise) {
+        written.rest_noise = Some(noise);
     }
     written.say();
     which.write(&written)?;

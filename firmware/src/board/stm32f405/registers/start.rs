@@ -4,7 +4,7 @@ use cortex_m::peripheral::{SCB, SYST};
 use model_export::link::fault::{Fault, FaultSet};
 
 use super::clock::Registers;
-use super::drives::{AnalogueDrive, PulseDrive};
+use super::drives::{self, AnalogueDrive, PulseDrive};
 use super::flash::Controller;
 use super::sampling::{self, Milliseconds, Sampler};
 use super::{bootloader, identity, pac, pins, serial, supply, watchdog};
@@ -12,6 +12,7 @@ use crate::board::clock::{self, Source};
 use crate::board::contract::{Board, Started};
 use crate::board::exchange::Exchange;
 use crate::board::log::Logged;
+use crate::board::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::facts::{self, MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
@@ -20,7 +21,6 @@ use crate::board::stm32f405::{brown_out, reset_cause};
 use crate::board::target::cycles::Cycles;
 use crate::board::target::{crash, protection};
 use crate::board::tick_task::Hands;
-use crate::seam::PwmValve;
 use crate::storage::Sectors;
 
 /// The board that this build is for, on its chip.
@@ -45,7 +45,7 @@ impl Board for ThisBoard {
     type Clock<'a> = Registers<'a>;
     type Sampling = Sampler;
     type AnalogueDrive = AnalogueDrive;
-    type PulseDrive = PwmValve<PulseDrive>;
+    type PulseDrive = PulseDrive;
     type DumpPin = pins::DumpPin;
     type StopPin = pins::StopPin;
     type Watchdog = watchdog::Timer;
@@ -80,7 +80,7 @@ impl Board for ThisBoard {
         // Outputs, all of them at rest.
         let (dump_valve, emergency_stop) = pins::set_up(rcc);
         let analogue = AnalogueDrive::new(rcc, device.DAC);
-        let pulse = PulseDrive::new(rcc, device.TIM3, rates);
+        let pulse = drives::pulse_drive(rcc, device.TIM3, rates, exchange);
         let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
         let mut standing = clock.faults;
         standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
@@ -126,6 +126,10 @@ impl Board for ThisBoard {
     fn begin((mut tick_monitor, rates): (SYST, Rates), sampling: &mut Sampler) {
         sampling.begin();
         sampling::start_guard(&mut tick_monitor, sampling, rates);
+    }
+
+    fn read_pulse(expectation: &PulseExpectation) -> (ExpectedPulse, PulseReading) {
+        drives::read_pulse(expectation)
     }
 
     fn crash(fault: Fault) -> ! {

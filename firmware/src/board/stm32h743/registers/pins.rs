@@ -84,6 +84,11 @@ pub fn dump_is_high() -> bool {
     port(WIRING.dump_valve).idr().read().bits() & (1 << WIRING.dump_valve.number) != 0
 }
 
+/// Whether the pulse width's pin is high, as it is outside: the timer has it, and it is an input all the same.
+pub fn pulse_is_high() -> bool {
+    port(PULSE).idr().read().bits() & (1 << PULSE.number) != 0
+}
+
 /// Releases the dump valve, whoever has it. The other way there is only [`DumpValve::obey`].
 pub fn release_dump_valve() {
     write(1 << (16 + WIRING.dump_valve.number));
