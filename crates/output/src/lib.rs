@@ -1,7 +1,9 @@
 //! What commands leave behind: files written whole or not at all, JSON results, lines on standard output, progress.
 
 mod input;
+mod lock;
 mod plain;
+pub mod provenance;
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
@@ -12,6 +14,7 @@ use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub use input::{MOST_BYTES, open, read, read_text};
+pub use lock::{Locked, lock};
 pub use plain::plain;
 
 /// Prints a line on standard output like `println!`, but a reader that left early (`catheter inspect M.blob | head`) is no error: the
@@ -81,9 +84,74 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     let folder = folder_of(path);
     std::fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be created", folder.display()))?;
     let mut file = new_temporary(folder).with_context(|| format!("{}: no file can be written in this folder", folder.display()))?;
-    file.write_all(bytes).with_context(|| format!("{}: cannot be written; is the disk full?", path.display()))?;
+    refuse_another_kind(path, bytes)?;
+    let full = || format!("{}: cannot be written; is the disk full?", path.display());
+    file.write_all(bytes).with_context(full)?;
+    // Before the name changes hands: after a loss of power the name must not point to a file whose bytes never arrived.
+    file.as_file().sync_all().with_context(full)?;
     file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
+    // The name itself; a file system that cannot do that has kept its old promise.
+    if let Ok(folder) = std::fs::File::open(folder) {
+        let _ = folder.sync_all();
+    }
     Ok(())
+}
+
+/// Keeps a result from replacing a file of another kind: a model over a recording is a slip of the finger.
+fn refuse_another_kind(path: &Path, bytes: &[u8]) -> Result<()> {
+    use std::io::Read as _;
+    let mut there = Vec::new();
+    let Ok(file) = std::fs::File::open(path) else { return Ok(()) };
+    if file.take(512).read_to_end(&mut there).is_err() || there.is_empty() {
+        return Ok(());
+    }
+    let (old, new) = (kind(&there), kind(bytes));
+    if old != new && old != UNKNOWN {
+        bail!("{}: is {old}, and {new} would replace it; choose another name, or remove the file first", path.display());
+    }
+    Ok(())
+}
+
+/// What is not recognised.
+const UNKNOWN: &str = "a file of another kind";
+
+/// What bytes are, as far as their beginning tells.
+fn kind(bytes: &[u8]) -> &'static str {
+    let starts = |magic: &[u8]| bytes.starts_with(magic);
+    match bytes {
+        _ if starts(b"CATHBLOB") => "a blob",
+        _ if starts(b"CATHJRNL") => "a journal",
+        _ if starts(b"\x1f\x8b") => "a compressed file",
+        _ if starts(b"PK") => "an archive",
+        _ if starts(b"\x89MCAP") => "an MCAP file",
+        _ if starts(b"MATLAB") => "a MAT file",
+        _ if starts(b"\x7fELF") => "a program",
+        _ if bytes.get(8) == Some(&b'{') && bytes[..8].contains(&0) => "a network in safetensors",
+        _ if bytes.contains(&0) => UNKNOWN,
+        _ => text_kind(bytes),
+    }
+}
+
+/// What a text is: HTML, JSON, TOML or a table.
+fn text_kind(bytes: &[u8]) -> &'static str {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(512)]).into_owned();
+    let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let first = lines.next().unwrap_or_default();
+    if first.get(..9).is_some_and(|begin| begin.eq_ignore_ascii_case("<!doctype")) || first.starts_with("<html") {
+        return "a page in HTML";
+    }
+    let names = first.split(',').collect::<Vec<_>>();
+    let is_header = names.len() >= 2 && names.iter().all(|name| !name.is_empty() && !name.contains(['=', '{', '[', '"', ' ']));
+    if is_header && first.contains("time") {
+        return "a recording";
+    }
+    let is_key =
+        first.split_once(" = ").is_some_and(|(key, _)| key.chars().all(|letter| letter.is_ascii_alphanumeric() || "_-.".contains(letter)));
+    match first.chars().next() {
+        Some('{') => "a result in JSON",
+        _ if is_key || (first.starts_with('[') && first.ends_with(']') && first.len() > 2 && !first.contains(',')) => "a file in TOML",
+        _ => UNKNOWN,
+    }
 }
 
 /// Writes `value` as indented JSON, atomically.
@@ -94,6 +162,22 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     let mut bytes = serde_json::to_vec_pretty(value).context("cannot encode the JSON result")?;
     bytes.push(b'\n');
     write_atomic(path, &bytes)
+}
+
+/// Writes the result of a command as indented JSON, atomically; an object gets a last field `provenance`: command, version, seed, and the
+/// hashes of the recordings.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_result(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+    let mut text = serde_json::to_string_pretty(value).context("cannot encode the JSON result")?;
+    // Spliced in as text: the fields keep the order that the result has.
+    if let (Some(provenance), Some(fields)) = (provenance::json(), text.strip_suffix("\n}")) {
+        let provenance = serde_json::to_string_pretty(&provenance).context("cannot encode the JSON result")?.replace('\n', "\n  ");
+        text = format!("{fields},\n  \"provenance\": {provenance}\n}}");
+    }
+    text.push('\n');
+    write_atomic(path, text.as_bytes())
 }
 
 /// Checks, before any work is done, that a file can be written at `path`: it is no folder, and the nearest folder that exists takes
@@ -117,6 +201,20 @@ pub fn check_file(path: &Path) -> Result<(), String> {
 /// As [`check_file`].
 pub fn check_folder(path: &Path) -> Result<(), String> {
     check_writable(path)
+}
+
+/// The folder itself while it is absent or empty, else the first free one of `name-2`, `name-3` and so on.
+#[must_use]
+pub fn free_folder(path: &Path) -> PathBuf {
+    let is_free = |path: &Path| match std::fs::read_dir(path) {
+        Ok(mut entries) => entries.next().is_none(),
+        Err(_) => !path.exists(),
+    };
+    if path.is_file() || is_free(path) {
+        return path.to_path_buf();
+    }
+    let name = path.file_name().map_or_else(|| "out".to_owned(), |name| name.to_string_lossy().into_owned());
+    (2_u64..).map(|number| path.with_file_name(format!("{name}-{number}"))).find(|path| is_free(path)).unwrap_or_else(|| path.to_path_buf())
 }
 
 /// Checks the nearest folder that exists at or above `folder`.
@@ -232,6 +330,54 @@ mod tests {
         write_json(&path, &[3])?;
         assert_eq!(std::fs::read_to_string(&path)?, "[\n  3\n]\n");
         assert_eq!(std::fs::read_dir(folder.path().join("a/b"))?.count(), 1);
+        Ok(())
+    }
+
+    #[test]
+    fn a_result_does_not_replace_a_file_of_another_kind() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("run");
+        let kinds: [(&str, &[u8]); 6] = [
+            ("a recording", b"time_s,pressure_bar,displacement_mm\n0,1,2\n"),
+            ("a result in JSON", b"{\n  \"rmse\": 1\n}\n"),
+            ("a file in TOML", b"# a remark\nformat_version = 1\n"),
+            ("a page in HTML", b"<!DOCTYPE html><html></html>"),
+            ("a blob", b"CATHBLOB\x02\0\0\0"),
+            ("a network in safetensors", b"\x08\0\0\0\0\0\0\0{\"a\":1}"),
+        ];
+        for (old_name, old) in kinds {
+            for (new_name, new) in kinds {
+                std::fs::write(&path, old)?;
+                let written = write_atomic(&path, new);
+                assert_eq!(written.is_ok(), old_name == new_name, "{new_name} over {old_name}");
+                if let Err(error) = written {
+                    assert!(error.to_string().contains(&format!("is {old_name}, and {new_name} would replace it")), "{error}");
+                    assert_eq!(std::fs::read(&path)?, old);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_leaves_the_old_file() -> Result<()> {
+        // A limit on the length of files fails a write as a full disk does; it is the child's alone.
+        if let Ok(path) = std::env::var("OUTPUT_TEST_FULL") {
+            let error = write_atomic(Path::new(&path), &vec![b'x'; 1 << 20]).expect_err("no room");
+            assert!(format!("{error:#}").contains("is the disk full?"), "{error:#}");
+            return Ok(());
+        }
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("result");
+        std::fs::write(&path, b"old")?;
+        let test = std::env::current_exe()?;
+        let script =
+            format!("trap '' XFSZ; ulimit -f 16; exec '{}' --exact tests::a_full_disk_leaves_the_old_file --nocapture", test.display());
+        let child = std::process::Command::new("bash").args(["-c", &script]).env("OUTPUT_TEST_FULL", &path).output()?;
+        assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stderr));
+        assert_eq!(std::fs::read(&path)?, b"old");
+        assert_eq!(std::fs::read_dir(folder.path())?.count(), 1, "no half file is left");
         Ok(())
     }
 

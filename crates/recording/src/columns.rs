@@ -52,6 +52,8 @@ pub struct ColumnMap {
 pub(super) const OPTIONAL: [&str; 7] =
     ["pressure_measured_bar", "sequence", "temperature_c", "session_time_s", "reference_mm", "estimate_mm", "limited"];
 
+/// A longer map is none.
+const LONGEST_MAP: usize = 2000;
 /// The roles that a column can play.
 const ROLES: &str = "time, input, input2 to input9, output, measured, temperature, session, recording and group";
 
@@ -94,6 +96,11 @@ impl ColumnMap {
     /// When a role is missing, unknown or given twice, or a name has no unit.
     pub fn parse(text: &str) -> Result<Self, RecordingError> {
         let problem = |problem: String| RecordingError::Columns { text: text.to_owned(), problem };
+        if text.len() > LONGEST_MAP {
+            let begin = text.chars().take(40).collect();
+            let problem = format!("it goes on for {} bytes, {LONGEST_MAP} are enough for all roles", text.len());
+            return Err(RecordingError::Columns { text: begin, problem });
+        }
         let mut roles: Vec<(&str, &str)> = Vec::new();
         for part in text.split(',') {
             let (role, header) = part.split_once('=').ok_or_else(|| problem(format!("`{part}` has no `=`")))?;

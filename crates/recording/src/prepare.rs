@@ -26,7 +26,7 @@ pub fn prepare(recordings: Vec<Recording>, wanted: &Prepare) -> Result<Vec<Recor
             recording = skipped(recording, wanted.skip_s)?;
         }
         if let Some(tare_s) = wanted.tare_s {
-            tare(&mut recording, tare_s);
+            tare(&mut recording, 0.0, tare_s);
         }
         Ok(recording)
     };
@@ -51,12 +51,14 @@ fn skipped(mut recording: Recording, skip_s: f64) -> Result<Recording, Recording
     Ok(recording)
 }
 
-/// Moves the output so that the mean over its first seconds is zero.
-fn tare(recording: &mut Recording, tare_s: f64) {
-    let count = recording.time_s.partition_point(|&time_s| time_s < recording.time_s[0] + tare_s).max(1);
-    let zero = recording.output[..count].iter().sum::<f64>() / count as f64;
+/// Moves the output so that its mean over `tare_s` is zero, from `from_s` after the start on; over one sample at least.
+pub fn tare(recording: &mut Recording, from_s: f64, tare_s: f64) {
+    let begin_s = recording.time_s[0] + from_s;
+    let first = recording.time_s.partition_point(|&time_s| time_s < begin_s).min(recording.len() - 1);
+    let count = recording.time_s[first..].partition_point(|&time_s| time_s < begin_s + tare_s).max(1);
+    let zero = recording.output[first..first + count].iter().sum::<f64>() / count as f64;
     recording.output.iter_mut().for_each(|value| *value -= zero);
     let unit = &recording.output_signal.unit;
-    let text = format!("The output is told from its mean over the first {count} sample(s), {} {unit}.", short(zero));
+    let text = format!("The output is told from its mean over the first {count} sample(s) that count, {} {unit}.", short(zero));
     recording.notes.push(Note::new(Subject::Prepared, text));
 }

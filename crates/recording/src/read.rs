@@ -183,6 +183,7 @@ fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<
         }
     };
     let sha256 = stream.finish().map_err(open)?;
+    output::provenance::read(path, &sha256);
     recordings_of(path, read, map, &sha256)
 }
 

@@ -99,7 +99,7 @@ fn start_and_zero_are_taken_off_as_asked_and_said() {
     assert!((found.output[0] - (7.50 - 7.52)).abs() < 1e-12, "{}", found.output[0]);
     let notes: Vec<&str> = found.notes.iter().map(|note| note.text.as_str()).collect();
     assert!(notes.iter().any(|text| text.contains("The first 1 s, 50 samples, are left out")), "{notes:?}");
-    assert!(notes.iter().any(|text| text.contains("mean over the first 5 sample(s), 7.52 mm")), "{notes:?}");
+    assert!(notes.iter().any(|text| text.contains("mean over the first 5 sample(s) that count, 7.52 mm")), "{notes:?}");
     let found = &load(Prepare { resample: Some(Resample::Period(0.04)), ..Prepare::default() }).expect("read")[0];
     assert_eq!((found.len(), found.sample_period_s), (100, 0.04));
     assert!(load(Prepare { skip_s: 4.0, ..Prepare::default() }).expect_err("nothing left").to_string().contains("skip less"));

@@ -38,13 +38,29 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::refuse_overwriting(&inputs, &outputs)?;
     let check = check(&recordings);
     print(&check, &recordings);
+    tell_limits(&recordings, super::lab::find()?.and_then(|lab| lab.limits.maximum_pressure_bar));
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &check)?;
+        output::write_result(path, &check)?;
     }
     if let Some(path) = &arguments.html {
         output::write_atomic(path, report::check::page(&check, &recordings).as_bytes())?;
     }
     Ok(Outcome::Success)
+}
+
+/// Names the recordings whose input exceeds the lab's limit.
+pub(super) fn tell_limits(recordings: &[Recording], maximum_bar: Option<f64>) {
+    let Some(maximum_bar) = maximum_bar else { return };
+    for recording in recordings.iter().filter(|recording| recording.input_signal.unit == "bar") {
+        let most = recording.input.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if most > maximum_bar {
+            say!(
+                "{}: the {} reaches {most} bar, above the lab's {maximum_bar} bar",
+                recording.path.display(),
+                recording.input_signal.quantity
+            );
+        }
+    }
 }
 
 fn print(check: &Check, recordings: &[Recording]) {

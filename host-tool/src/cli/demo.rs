@@ -11,7 +11,8 @@ use crate::output;
 /// From nothing to a verified blob and a report.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder of everything it leaves: recordings, models, blobs, demo.json and report.html.
+    /// Folder of everything it leaves: recordings, models, blobs, demo.json and report.html. Where it holds something already, a number is
+    /// added to its name.
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
     out: PathBuf,
     /// A fraction of the data and of the training, in seconds: shows that everything works, not how well.
@@ -26,17 +27,19 @@ pub struct Arguments {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    output::check_folder(&arguments.out).map_err(|problem| anyhow!("{}: {problem}", arguments.out.display()))?;
+    // Typed twice, the second leaves the first as it is.
+    let out = output::free_folder(&arguments.out);
+    output::check_folder(&out).map_err(|problem| anyhow!("{}: {problem}", out.display()))?;
     let config = DemoConfig {
-        folder: arguments.out.clone(),
+        folder: out.clone(),
         seed: arguments.common.seed,
         threads: arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         quick: arguments.quick,
     };
     let demo = demo::run(&config)?;
-    demo::print_summary(&demo, &arguments.out);
+    demo::print_summary(&demo, &out);
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &demo)?;
+        output::write_result(path, &demo)?;
     }
     Ok(if demo.passed { Outcome::Success } else { Outcome::CheckFailed })
 }

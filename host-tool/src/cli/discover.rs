@@ -46,7 +46,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let outputs = folder::FILES.map(|name| arguments.out.join(name));
     let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
     let recordings = arguments.data.load()?;
-    let kept = if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options())? };
+    let kept =
+        if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options()?)? };
     let mut read: Vec<PathBuf> = recordings.iter().chain(&kept).map(Recording::file).collect();
     read.extend(arguments.model.clone());
     read.extend(arguments.effects.clone());
@@ -68,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let discovery = &finding.discovery;
     let Written { model, for_the_board } = folder::write(&finding, &recordings, &arguments.out)?;
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, discovery)?;
+        output::write_result(path, discovery)?;
     }
     tell(discovery, &model, arguments);
     match for_the_board {

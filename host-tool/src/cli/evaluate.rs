@@ -26,19 +26,10 @@ pub struct Arguments {
     model: PathBuf,
     #[command(flatten)]
     data: Data,
-    /// Seconds at the start of each recording that the model sees and that do not count.
-    #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = seconds)]
-    skip_s: f64,
-    /// Shift each prediction by a constant so that it meets the first sample that counts (sensors without a fixed zero).
-    #[arg(long)]
-    tare: bool,
     /// Judge twice, side by side: as it is, and with the zero set over so many seconds at the start of each recording, which do not count
     /// in either. Without it a model of `fit` is judged with the seconds that its file states, which count in the first.
-    #[arg(long, value_name = "S", value_parser = seconds, conflicts_with = "tare")]
+    #[arg(long, value_name = "S", value_parser = super::reading::seconds, conflicts_with = "tare")]
     calibrate_s: Option<f64>,
-    /// Interpolate recordings of another sample period than the model's instead of refusing them.
-    #[arg(long)]
-    resample: bool,
     /// Behind a gap in a recording: start afresh, or carry the memory on.
     #[arg(long, default_value = "reset", value_name = "HOW")]
     gaps: Gaps,
@@ -109,11 +100,6 @@ struct Calibrated {
     pooled_rmse: f64,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|value: &f64| value.is_finite() && *value >= 0.0);
-    value.ok_or_else(|| "zero or a positive number of seconds is wanted".to_owned())
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -126,14 +112,19 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::refuse_overwriting(&inputs, &outputs)?;
     let model = model::load(&arguments.model)?;
     let reference = arguments.reference.as_deref().map(model::load).transpose()?;
-    let recordings = arguments.data.load()?;
+    let reading = arguments.data.reading.or_lab()?;
+    let (skip_s, tare) = (reading.skip_s.unwrap_or(0.0), reading.tare.is_some());
+    anyhow::ensure!(
+        reading.tare.is_none_or(|tare_s| tare_s == 0.0),
+        "--tare: the prediction is shifted by one sample here; for a mean over some seconds say --calibrate-s"
+    );
+    let recordings = arguments.data.reading.load_whole(&arguments.data.data)?;
     // A recording that is read is not overwritten either when a folder was named.
     let paths: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     output::refuse_overwriting(&paths, &outputs)?;
-    let fit = model::Fit { resample: arguments.resample, gaps: arguments.gaps, start_up_s: 0.0 };
+    let fit = model::Fit { resample: reading.resample.is_some(), gaps: arguments.gaps, start_up_s: 0.0 };
     // Both ways are judged on the same samples where the start-up was asked for.
-    let judging =
-        Judging { fit, skip_s: arguments.skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare: arguments.tare, calibrate_s: 0.0 };
+    let judging = Judging { fit, skip_s: skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
     let judged = judge(&*model, &recordings, judging, threads)?;
@@ -145,7 +136,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     // The start-up that the model's own promise is for, where recordings are long enough for it.
     let stated = promise.calibrate_s;
     let long_enough = |&calibrate_s: &f64| recordings.iter().all(|one| first_behind(one, calibrate_s) < one.len());
-    let calibrate_s = arguments.calibrate_s.or_else(|| stated.filter(|_| !arguments.tare).filter(long_enough));
+    let calibrate_s = arguments.calibrate_s.or_else(|| stated.filter(|_| !tare).filter(long_enough));
     let calibrated = match calibrate_s {
         Some(calibrate_s) if calibrate_s > 0.0 => {
             let judged = judge(&*model, &recordings, Judging { calibrate_s, ..judging }, threads)?;
@@ -217,8 +208,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             unit: &model.description().output.unit,
             families: &families,
             description: model.description(),
-            skip_s: arguments.skip_s,
-            tare: arguments.tare,
+            skip_s,
+            tare,
             calibrated,
             expected,
             beyond_range: &beyond,
@@ -226,7 +217,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             ladder: ladder.as_ref(),
             suite: suite.as_ref(),
         };
-        output::write_json(path, &written)?;
+        output::write_result(path, &written)?;
     }
     if let Some(path) = &arguments.html {
         let examples = report::examples("model", &recordings, &judged);
@@ -240,8 +231,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 /// The simple rungs, then the model and those to compare with it in order of their cost.
 fn climb(arguments: &Arguments, model: &dyn Predictor, recordings: &[Recording], judging: Judging, threads: usize) -> Result<Ladder> {
-    let training = recording::load_with(&arguments.ladder_train, &arguments.data.options())?;
-    let mut entries = ladder::simple_rungs(&training, arguments.skip_s)?;
+    let training = arguments.data.reading.load_whole(&arguments.ladder_train)?;
+    let mut entries = ladder::simple_rungs(&training, judging.skip_s)?;
     let mut others: Vec<Entry> = Vec::new();
     for path in std::iter::once(&arguments.model).chain(&arguments.compare) {
         let name = path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());

@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         }
     }
     if let Some(path) = &arguments.json {
-        if arguments.identifier.is_some() { output::write_json(path, &entries[0])? } else { output::write_json(path, &entries)? }
+        if arguments.identifier.is_some() { output::write_result(path, &entries[0])? } else { output::write_result(path, &entries)? }
     }
     Ok(Outcome::Success)
 }

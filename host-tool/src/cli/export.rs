@@ -40,12 +40,8 @@ pub struct Arguments {
     /// is calibrated already.
     #[arg(long, num_args = 1.., value_name = "PATH")]
     calibration: Vec<PathBuf>,
-    /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
-    #[arg(long, value_name = "MAP")]
-    columns: Option<String>,
-    /// Sampling rate of calibration files without a time column.
-    #[arg(long, value_name = "HZ")]
-    rate_hz: Option<f64>,
+    #[command(flatten)]
+    reading: super::Reading,
     /// A blob of `catheter tune`: what the controllers need of the actuator is copied from it, so that an inverse has something to fall
     /// back to.
     #[arg(long, value_name = "FILE.blob")]
@@ -71,8 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if arguments.calibration.is_empty() {
         bail!("--calibration is missing: recordings like those that {} will meet", arguments.model.display());
     }
-    let options = recording::ReadOptions { columns: arguments.columns.clone(), rate_hz: arguments.rate_hz };
-    let mut recordings = recording::load_with(&arguments.calibration, &options)?;
+    let mut recordings = arguments.reading.load(&arguments.calibration)?;
     recordings = export::as_the_model_sees(&model, recordings)?;
     let compensation = match &arguments.compensation {
         Some(path) => Some(compensation(path)?),
@@ -94,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     print(&model, &export, recordings.len());
     if let Some(path) = &arguments.common.json {
         let summary = Summary::of(&model, &export, c.map(CFiles::into_paths).unwrap_or_default());
-        output::write_json(path, &summary)?;
+        output::write_result(path, &summary)?;
     }
     Ok(Outcome::Success)
 }
@@ -107,14 +102,18 @@ fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
     let Some(c) = c else {
         bail!("{}: already a blob; `catheter inspect` shows what is in it, and --c FILE.c writes it as C", path.display());
     };
-    if arguments.out.is_some() || !arguments.calibration.is_empty() || arguments.columns.is_some() || arguments.compensation.is_some() {
+    if arguments.out.is_some()
+        || !arguments.calibration.is_empty()
+        || arguments.reading.columns.is_some()
+        || arguments.compensation.is_some()
+    {
         bail!("{}: a blob is written as it is; leave --out, --calibration, --columns and --compensation away", path.display());
     }
     refuse_overwriting(arguments, Some(c), std::slice::from_ref(path))?;
     write_c(c, &blob).with_context(|| format!("cannot export {}", path.display()))?;
     if let Some(json) = &arguments.common.json {
         let summary = Summary::of_blob(&bytes, &blob, vec![c.source.clone(), c.header.clone()]);
-        output::write_json(json, &summary)?;
+        output::write_result(json, &summary)?;
     }
     Ok(Outcome::Success)
 }

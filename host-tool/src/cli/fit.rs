@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         arguments.calibrate_s.is_none_or(|calibrate_s| calibrate_s > 0.0 && calibrate_s.is_finite()),
         "--calibrate-s: a positive number of seconds is wanted"
     );
-    let recordings = recording::load_with(&arguments.data.data, &arguments.data.options())?;
+    let recordings = arguments.data.load()?;
     let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.file()).collect();
     let model_path = arguments.out.join("model");
     let written = folder::files(&arguments.out);
@@ -155,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             notes: &fitted.notes,
             seconds: clock.elapsed().as_secs_f64(),
         };
-        output::write_json(path, &summary)?;
+        output::write_result(path, &summary)?;
     }
     Ok(Outcome::Success)
 }

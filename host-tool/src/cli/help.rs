@@ -24,6 +24,24 @@ Exit codes:
   1  the command ran, and a check it makes failed (a limit of `evaluate --suite`, a golden vector, a replay that differs)
   2  usage or input: the message says which file, which line and what to do; nothing was half-written";
 
+/// Below the help of `init`.
+pub const INIT: &str = "\
+Every command that reads recordings looks for `catheter.toml` here and in the folders above. Options on the command line come first.
+
+Examples:
+  catheter init --recordings runs --columns time=t_ms,input=P:kPa,output=laser:mA@4..20=0..50mm
+  catheter init --skip-s 2 --maximum-pressure-bar 2.5 --force";
+
+/// Below the help of `convert`.
+pub const CONVERT: &str = "\
+Times, values and units keep every bit. What is written has our column names where the recording has our quantities: it is read again without
+--columns. PlotJuggler and Foxglove open MCAP.
+
+Examples:
+  catheter convert run.mat --columns time=t:s,input=P:kPa,output=x:um --out run.csv
+  catheter convert run.csv --out run.mcap
+  catheter convert runs --to npz --out converted";
+
 /// Below the help of `check`.
 pub const CHECK: &str = "\
 Nothing is changed and nothing is fitted. Exit code 0 whatever was found, 2 when a file cannot be read.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{Common, Data, Outcome};
 use crate::identify::choose::Judged;
 use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
-use crate::recording::{Recording, Timing};
+use crate::recording::{self, Recording, Timing};
 use crate::{output, say};
 
 /// Fit a physics model to recordings.
@@ -47,9 +47,6 @@ pub struct Arguments {
     /// Input at which the actuator rested before the recordings; 0 for pressure, else where the recordings start.
     #[arg(long, value_name = "VALUE", allow_negative_numbers = true)]
     rest_input: Option<f64>,
-    /// Leave the first seconds of each recording out of the fit (start-up transients, unknown history).
-    #[arg(long, default_value_t = 0.0, value_name = "S")]
-    skip_s: f64,
     /// Fit a constant for each recording (a sensor set to zero anew); the model gets their mean.
     #[arg(long)]
     offset_per_recording: bool,
@@ -129,6 +126,7 @@ struct FileSummary<'a> {
 /// # Errors
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    let skip_s = arguments.data.reading.skipped_s()?;
     let config = FitConfig {
         kind: match arguments.model {
             ModelKind::Auto | ModelKind::Pi => Kind::PrandtlIshlinskii,
@@ -145,13 +143,16 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             OperatorType::Stop => Some(Family::Stop),
         },
         rest_input: arguments.rest_input,
-        skip_s: arguments.skip_s,
+        skip_s,
         offsets: arguments.offset_per_recording,
         dead_time_s: arguments.dead_time_s.unwrap_or(Choice::Given(0.0)),
         lag_time_constant_s: arguments.lag_s.unwrap_or(Choice::Given(0.0)),
         curve_segments: arguments.curve_segments,
     };
-    let recordings = arguments.data.load()?;
+    let mut recordings = arguments.data.reading.load_whole(&arguments.data.data)?;
+    if let Some(tare_s) = arguments.data.reading.or_lab()?.tare {
+        recordings.iter_mut().for_each(|recording| recording::prepare::tare(recording, skip_s, tare_s));
+    }
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![arguments.out.as_path()];
     outputs.extend(arguments.common.json.as_deref());
@@ -175,7 +176,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let fit = identify::fit(&recordings, &config)?;
     fit.model.write(&arguments.out)?;
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &summary(&fit, &recordings, &kinds, chosen))?;
+        output::write_result(path, &summary(&fit, &recordings, &kinds, chosen))?;
     }
     print(&fit, &recordings, arguments);
     print_kinds(&kinds, chosen, &fit.model.output.unit);

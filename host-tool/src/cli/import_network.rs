@@ -225,7 +225,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             tolerance_of_range: PARITY,
             notes: &found.notes,
         };
-        output::write_json(path, &summary)?;
+        output::write_result(path, &summary)?;
     }
     Ok(if passed { Outcome::Success } else { Outcome::CheckFailed })
 }

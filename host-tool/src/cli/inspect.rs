@@ -163,7 +163,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             cost,
             golden_check,
         };
-        output::write_json(json, &summary)?;
+        output::write_result(json, &summary)?;
     }
     Ok(outcome)
 }

@@ -3,6 +3,7 @@
 mod bench;
 mod check;
 mod completions;
+mod convert;
 mod dashboard;
 mod demo;
 mod discover;
@@ -14,9 +15,12 @@ mod help;
 mod hide;
 mod identify;
 mod import_network;
+mod init;
 mod inspect;
+mod lab;
 mod pil;
 mod plan_experiment;
+mod reading;
 mod replay;
 mod rig;
 mod simulate;
@@ -28,10 +32,11 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+
+pub use reading::{Data, Reading};
 
 use crate::output;
-use crate::recording::{self, ReadOptions, Recording, RecordingError};
 
 /// How a command ended; the exit code is a contract.
 pub enum Outcome {
@@ -53,7 +58,11 @@ struct Cli {
 enum Command {
     Simulate(simulate::Arguments),
     Fit(fit::Arguments),
+    #[command(after_long_help = help::INIT)]
+    Init(init::Arguments),
     Check(check::Arguments),
+    #[command(after_long_help = help::CONVERT)]
+    Convert(convert::Arguments),
     Identify(identify::Arguments),
     #[command(after_long_help = help::TRAIN)]
     Train(train::Arguments),
@@ -103,36 +112,6 @@ pub struct Common {
     pub threads: Option<usize>,
 }
 
-/// Recordings on the command line: files or folders of CSVs, and what their columns mean.
-#[derive(Args, Clone, Debug)]
-pub struct Data {
-    /// A CSV file or a folder of CSV files; may be repeated.
-    #[arg(long = "data", required = true, num_args = 1.., value_name = "PATH")]
-    pub data: Vec<PathBuf>,
-    /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`.
-    #[arg(long, value_name = "MAP")]
-    pub columns: Option<String>,
-    /// Sampling rate of files without a time column.
-    #[arg(long, value_name = "HZ")]
-    pub rate_hz: Option<f64>,
-}
-
-impl Data {
-    /// How the recordings are to be read.
-    #[must_use]
-    pub fn options(&self) -> ReadOptions {
-        ReadOptions { columns: self.columns.clone(), rate_hz: self.rate_hz }
-    }
-
-    /// Reads the recordings.
-    ///
-    /// # Errors
-    /// The first problem of the first bad file.
-    pub fn load(&self) -> Result<Vec<Recording>, RecordingError> {
-        recording::load_with(&self.data, &self.options())
-    }
-}
-
 /// More threads than this is a slip of the finger.
 const MOST_THREADS: usize = 1024;
 
@@ -146,11 +125,16 @@ fn thread_count(text: &str) -> Result<usize, String> {
 /// Runs the command line and turns the outcome into the exit code: 0 done, 1 a check failed, 2 usage or input.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = Cli::command().get_matches();
+    let seed = matches.subcommand().and_then(|(_, words)| words.try_get_one::<u64>("seed").ok().flatten().copied());
+    output::provenance::begin(env!("CARGO_PKG_VERSION"), seed);
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let result = match cli.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Init(arguments) => init::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

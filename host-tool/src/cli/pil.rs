@@ -175,7 +175,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         );
     }
     if let Some(path) = &arguments.json {
-        output::write_json(path, &written)?;
+        output::write_result(path, &written)?;
     }
     Ok(if written.identical && written.fault.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }

@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let best = &plans[0];
     output::write_atomic(&arguments.out, excitation::to_toml(&best.excitation).as_bytes())?;
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &serde_json::json!({ "best": best.name, "noise": noise, "plans": plans }))?;
+        output::write_result(path, &serde_json::json!({ "best": best.name, "noise": noise, "plans": plans }))?;
     }
     let unit = &first.output.unit;
     let width = plans.iter().map(|plan| plan.name.len()).max().unwrap_or(0);

@@ -49,6 +49,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let path = if is_recording { arguments.journal.with_extension("journal") } else { arguments.journal.clone() };
     let journal = Journal::read(&path)?;
+    if is_recording && arguments.journal.exists() {
+        journal.check_recording(&arguments.journal)?;
+    }
     let told = story(&journal, arguments.at)?;
     ensure!(
         arguments.at.is_none_or(|at| at.is_finite() && (0.0..=told.duration_s).contains(&at)),
@@ -86,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         say!("  model {}", moment.estimate_mm.map_or("none".to_owned(), |value| format!("{value:.4} mm")));
     }
     if let Some(path) = &arguments.json {
-        output::write_json(
+        output::write_result(
             path,
             &Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told },
         )?;
@@ -128,6 +131,6 @@ fn dump(rows: &[DumpRow], arguments: &Arguments) -> Result<Outcome> {
         );
     }
     let written = DumpWritten { rows: rows.len(), duration_s, ends_in_a_fault: history::ends_in_a_fault(rows), events: &events, at };
-    arguments.json.as_deref().map_or(Ok(()), |path| output::write_json(path, &written))?;
+    arguments.json.as_deref().map_or(Ok(()), |path| output::write_result(path, &written))?;
     Ok(Outcome::Success)
 }

@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             .collect(),
     };
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &summary)?;
+        output::write_result(path, &summary)?;
     }
     let samples: usize = summary.files.iter().map(|file| file.n).sum();
     let peak = summary.files.iter().map(|file| file.peak_pressure_bar).fold(f64::NEG_INFINITY, f64::max);

@@ -214,7 +214,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let name = reference.name;
     print(&name, &runs);
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect(), beyond_range: &beyond })?;
+        output::write_result(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect(), beyond_range: &beyond })?;
     }
     if let Some(folder) = &arguments.csv {
         for run in &runs {

@@ -192,7 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             threads,
             model: arguments.out.display().to_string(),
         };
-        output::write_json(path, &result)?;
+        output::write_result(path, &result)?;
     }
     Ok(Outcome::Success)
 }

@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     print(&tuned);
     say!("settings for {} -> {}, model -> {}", chosen.name, settings_path.display(), blob_path.display());
     if let Some(path) = &arguments.common.json {
-        output::write_json(path, &summary(&tuned, chosen.name, settings))?;
+        output::write_result(path, &summary(&tuned, chosen.name, settings))?;
     }
     Ok(Outcome::Success)
 }

@@ -41,7 +41,7 @@ use crate::output;
 
 const MAGIC: &[u8; 8] = b"CATHJRNL";
 /// Version of the format.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 const HEADER_BYTES: usize = 16;
 
 /// What the device started from, and who wrote the journal.
@@ -90,6 +90,11 @@ pub enum Event {
     Traced(TracedTick),
     /// What follows did not arrive.
     Cut(Cut),
+    /// The recording that was written beside the journal; new in version 3.
+    Recording {
+        /// SHA-256 of its file.
+        sha256: [u8; 32],
+    },
 }
 
 /// A tick's inputs and outputs.
@@ -279,6 +284,39 @@ impl Journal {
     pub fn write(&self, path: &Path) -> Result<()> {
         output::write_atomic(path, &self.to_bytes()?)
     }
+
+    /// Writes a file beside a recording that was written before, with the recording's hash.
+    ///
+    /// # Errors
+    /// When the recording cannot be read or the file cannot be written.
+    pub fn write_beside(&self, path: &Path, recording: &Path) -> Result<()> {
+        let mut journal = self.clone();
+        journal.events.retain(|event| !matches!(event, Event::Recording { .. }));
+        journal.events.push(Event::Recording { sha256: hash(recording)? });
+        journal.write(path)
+    }
+
+    /// Refuses a recording that the journal does not belong to; journals before version 3 know none.
+    ///
+    /// # Errors
+    /// When it is another one, or cannot be read.
+    pub fn check_recording(&self, recording: &Path) -> Result<()> {
+        let known = self.events.iter().find_map(|event| if let Event::Recording { sha256 } = event { Some(sha256) } else { None });
+        let Some(known) = known else { return Ok(()) };
+        ensure!(
+            hash(recording)? == *known,
+            "the journal beside {} belongs to another recording; name the journal itself to replay it, or record again",
+            recording.display()
+        );
+        Ok(())
+    }
+}
+
+/// SHA-256 of a file.
+fn hash(path: &Path) -> Result<[u8; 32]> {
+    use sha2::{Digest, Sha256};
+    let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    Ok(Sha256::digest(&bytes).into())
 }
 
 /// Writes a journal while a simulated rig runs.

@@ -129,6 +129,7 @@ pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> R
                 show(time_ms, Step::Tick { from_host: &tick.from_host, outputs: &outputs, rig: rig.rig() });
             }
             Event::Cut(cut) => replay.cut = Some(*cut),
+            Event::Recording { .. } => {}
         }
     }
     Ok(replay)

@@ -4,9 +4,8 @@
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
-use mcap::io::MessageReader;
-use mcap::records::{MessageHeader, Metadata};
-use mcap::sans_io::LinearReaderOptions;
+use mcap::records::{MessageHeader, Metadata, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Compression, WriteOptions};
 use serde_json::Value;
 
@@ -72,41 +71,113 @@ fn numbers(value: &Value, name: &str, found: &mut Vec<(String, f64)>) {
     }
 }
 
-/// Reads the topic that has all wanted columns; of several topics, or of none, the first with numbers.
-pub(super) fn read(bytes: &[u8], is_wanted: &dyn Fn(&[String]) -> bool) -> Result<Arrays, String> {
-    let damaged = |error: mcap::McapError| format!("is a damaged MCAP file ({error}); `mcap recover` may save the rest");
-    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD);
-    let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
-    let mut others: BTreeMap<String, String> = BTreeMap::new();
-    let mut values = 0;
-    for message in MessageReader::new_with_options(Cursor::new(bytes), options) {
-        let message = message.map_err(damaged)?;
-        let (topic, encoding) = (&message.channel.topic, &message.channel.message_encoding);
-        if topics.len() + others.len() >= MOST_NAMES {
+/// The chunks' names of compression; the reader makes room for as long a name as a chunk claims to have, so this is looked at first.
+fn check_chunks(bytes: &[u8]) -> Result<(), String> {
+    let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
+    while let Some((head, body)) = rest.split_at_checked(9) {
+        let length = word(&head[1..]);
+        let record = usize::try_from(length).ok().and_then(|length| body.get(..length)).unwrap_or(body);
+        // Two times, a length and a checksum stand before the name.
+        let name = record.get(28..32).map(word);
+        if head[0] == op::CHUNK && name.is_none_or(|length| length > 64) {
+            return Err("is a damaged MCAP file: a chunk's compression has no name; `mcap recover` may save the rest".to_owned());
+        }
+        rest = &body[record.len()..];
+    }
+    Ok(())
+}
+
+/// An integer of up to eight bytes.
+fn word(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
+}
+
+/// Text with its length before it, and what follows.
+fn text(bytes: &[u8]) -> Option<(String, &[u8])> {
+    let (length, rest) = bytes.split_at_checked(4)?;
+    let (text, rest) = rest.split_at_checked(usize::try_from(word(length)).ok()?)?;
+    Some((String::from_utf8(text.to_vec()).ok()?, rest))
+}
+
+/// What is gathered while reading.
+#[derive(Default)]
+struct Gathered {
+    /// Topic and encoding of each channel.
+    channels: BTreeMap<u16, (String, String)>,
+    topics: BTreeMap<String, Topic>,
+    /// Topics in other encodings.
+    others: BTreeMap<String, String>,
+    values: usize,
+}
+
+impl Gathered {
+    /// Takes in a record of a channel: its number, that of its schema, its topic, its encoding.
+    fn channel(&mut self, record: &[u8]) -> Option<()> {
+        let (numbers, rest) = record.split_at_checked(4)?;
+        let (topic, rest) = text(rest)?;
+        let (encoding, _) = text(rest)?;
+        let number = u16::from_le_bytes([numbers[0], numbers[1]]);
+        self.channels.insert(number, (topic, encoding));
+        Some(())
+    }
+
+    /// Takes in a message: its channel, a sequence number, two times, its data.
+    fn message(&mut self, record: &[u8]) -> Result<(), String> {
+        let damaged = || "is a damaged MCAP file: a message belongs to no channel; `mcap recover` may save the rest".to_owned();
+        let (head, data) = record.split_at_checked(22).ok_or_else(damaged)?;
+        let (topic, encoding) = self.channels.get(&u16::from_le_bytes([head[0], head[1]])).ok_or_else(damaged)?;
+        if self.topics.len() + self.others.len() >= MOST_NAMES {
             return Err(format!("holds more than {MOST_NAMES} topics"));
         }
         if encoding != "json" {
-            others.entry(topic.clone()).or_insert_with(|| encoding.clone());
-            continue;
+            self.others.entry(topic.clone()).or_insert_with(|| encoding.clone());
+            return Ok(());
         }
-        let value: Value = serde_json::from_slice(&message.data)
+        let value: Value = serde_json::from_slice(data)
             .map_err(|error| format!("a message of the topic `{topic}` is no JSON ({error}), though its channel says so"))?;
         let mut found = Vec::new();
         numbers(&value, "", &mut found);
         if found.is_empty() {
-            continue;
+            return Ok(());
         }
-        values += found.len() + 1;
-        if values > MOST_VALUES {
+        self.values += found.len() + 1;
+        if self.values > MOST_VALUES {
             return Err("holds more than 50 million numbers; split the recording".to_owned());
         }
-        if !topics.contains_key(topic) {
-            topics.insert(topic.clone(), Topic::default());
+        if !self.topics.contains_key(topic) {
+            self.topics.insert(topic.clone(), Topic::default());
         }
-        if let Some(topic) = topics.get_mut(topic) {
-            topic.take(found, message.log_time);
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.take(found, word(&head[6..14]));
+        }
+        Ok(())
+    }
+}
+
+/// Reads the topic that has all wanted columns; of several topics, or of none, the first with numbers.
+pub(super) fn read(bytes: &[u8], is_wanted: &dyn Fn(&[String]) -> bool) -> Result<Arrays, String> {
+    let damaged = |error: mcap::McapError| format!("is a damaged MCAP file ({error}); `mcap recover` may save the rest");
+    check_chunks(bytes)?;
+    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_validate_chunk_crcs(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut rest = bytes;
+    let mut gathered = Gathered::default();
+    while let Some(event) = reader.next_event() {
+        match event.map_err(damaged)? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let (piece, after) = rest.split_at(wanted.min(rest.len()));
+                reader.insert(piece.len())[..piece.len()].copy_from_slice(piece);
+                reader.notify_read(piece.len());
+                rest = after;
+            }
+            LinearReadEvent::Record { data, opcode: op::CHANNEL } => {
+                gathered.channel(data).ok_or("is a damaged MCAP file: a channel ends early; `mcap recover` may save the rest")?;
+            }
+            LinearReadEvent::Record { data, opcode: op::MESSAGE } => gathered.message(data)?,
+            LinearReadEvent::Record { .. } => {}
         }
     }
+    let Gathered { mut topics, others, .. } = gathered;
     let with_clock = |topic: &Topic| topic.names.iter().cloned().chain(["log_time_s".to_owned()]).collect::<Vec<_>>();
     let chosen = topics.iter().find(|(_, topic)| is_wanted(&with_clock(topic))).or_else(|| topics.first_key_value());
     let Some(chosen) = chosen.map(|(name, _)| name.clone()) else {

@@ -120,6 +120,9 @@ enum Command {
     Record(record::Arguments),
 }
 
+/// How long a command waits for another one on the same flash file.
+const PATIENCE: std::time::Duration = std::time::Duration::from_secs(30);
+
 /// Runs the command.
 ///
 /// # Errors
@@ -139,6 +142,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Command::Firmware(firmware::Command::Update(update)) = &arguments.command {
         return firmware::update(update, which);
     }
+    // Read, changed and written back: what another command writes meanwhile would be lost.
+    let _locked = which.flash.as_deref().map(|path| output::lock(path, PATIENCE)).transpose()?;
     let rig = open(which)?;
     if let Command::Hello = arguments.command {
         return state::hello(rig, which);

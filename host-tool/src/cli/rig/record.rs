@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
     recording::write(&arguments.out, &recording)?;
     let journal = arguments.out.with_extension("journal");
     let from_simulation = rig.transport().journal().filter(|_| !arguments.no_journal);
-    let kept = outcome.journal.as_ref().or(from_simulation).map(|kept| kept.write(&journal)).transpose()?.is_some();
+    let kept = outcome.journal.as_ref().or(from_simulation).map(|kept| kept.write_beside(&journal, &arguments.out)).transpose()?.is_some();
     let id = rig.hello().model_id;
     let written = Written {
         recording: &arguments.out,

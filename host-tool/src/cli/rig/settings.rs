@@ -295,7 +295,10 @@ fn difference(baseline: Baseline, rig: &mut Client<Rig>, which: &Which) -> Resul
             break;
         }
         // A device that never gets to the end would be asked for ever.
-        anyhow::ensure!(next_number > from_number, "the device repeats settings it has told already; is this program made for its firmware?");
+        anyhow::ensure!(
+            next_number > from_number,
+            "the device repeats settings it has told already; is this program made for its firmware?"
+        );
         from_number = next_number;
     }
     if written.is_empty() {
