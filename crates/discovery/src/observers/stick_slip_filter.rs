@@ -303,8 +303,7 @@ impl Hypothesis {
     /// and by having held where a quasi-static response that reaches as far would have taken it along.
     fn tells(&self, measured: f64, noise: f64, motion: &Motion) -> Vec<PseudoMeasurement> {
         if self.moving != 0.0 {
-            let (quasi_static, variance) =
-                (measured + self.moving * motion.behind, noise * noise + motion.follows * motion.follows);
+            let (quasi_static, variance) = (measured + self.moving * motion.behind, noise * noise + motion.follows * motion.follows);
             return vec![PseudoMeasurement { sample: motion.sample, direction: self.moving, quasi_static, variance }];
         }
         let mut pseudo_measurements: Vec<PseudoMeasurement> = self
