@@ -298,3 +298,80 @@ fn simplest(set: &[Scored]) -> Vec<Scored> {
     }
     simplest
 }
+
+#[cfg(test)]
+mod tests {
+    use virtual_rig::{self as rig, CaseConfig};
+
+    use super::*;
+    use crate::effects::{dead_time, pneumatic_lag};
+    use crate::model::initial_state::InitialState;
+
+    fn scored(names: &[&'static str], densities: Vec<f64>) -> Scored {
+        Scored { names: names.to_vec(), densities, p_value: 1.0 }
+    }
+
+    /// Deviations without a mean, the same every time.
+    fn scatter(seed: u64, size: f64, count: usize) -> Vec<f64> {
+        let mut deviate = crate::data::closed_form::deviates(seed);
+        (0..count).map(|_| size * deviate()).collect()
+    }
+
+    #[test]
+    fn what_is_better_in_every_recording_is_alone_in_the_set_and_equals_stay_together() {
+        let level = scatter(3, 0.5, 20);
+        let plus = |by: f64, seed: u64| -> Vec<f64> { level.iter().zip(scatter(seed, 0.05, 20)).map(|(x, y)| x + y + by).collect() };
+        let all = |better: f64| vec![scored(&[], plus(0.0, 5)), scored(&["creep"], plus(better, 6)), scored(&["resonance"], plus(0.0, 7))];
+        let names = |set: Vec<Scored>| -> Vec<String> { set.iter().map(|one| one.names.join("+")).collect() };
+        assert_eq!(names(confidence_set(all(0.2), 1)), ["creep"]);
+        let mut equal = names(confidence_set(all(0.0), 1));
+        equal.sort_unstable();
+        assert_eq!(equal, ["", "creep", "resonance"]);
+    }
+
+    #[test]
+    fn a_gain_that_differs_by_orders_of_magnitude_between_recordings_is_seen_and_one_recording_alone_decides_nothing() {
+        let bare = scatter(8, 0.1, 16);
+        let with = |gains: &dyn Fn(usize) -> f64| bare.iter().enumerate().map(|(at, value)| value + gains(at)).collect::<Vec<f64>>();
+        let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], 1).len();
+        assert_eq!(set(with(&|at| 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
+        assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { if at % 2 == 0 { 1e-3 } else { -1.1e-3 } })), 2);
+    }
+
+    #[test]
+    fn false_alarms_are_as_rare_as_the_level_says() {
+        let alarms = (0..200_u64)
+            .filter(|seed| {
+                let one = |name: &'static [&'static str], offset: u64| scored(name, scatter(1 + 7 * seed + offset, 0.1, 12));
+                let set = confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], 1);
+                !set.iter().any(|member| member.names.is_empty())
+            })
+            .count();
+        // The bare model is one of four that may leave: at most a tenth of the time, two standard deviations allowed.
+        assert!(alarms <= 200 / 10 + 9, "{alarms} of 200");
+    }
+
+    #[test]
+    fn a_member_with_more_effects_than_another_is_not_among_the_simplest() {
+        let set = [scored(&["creep", "leakage"], vec![1.0]), scored(&["creep"], vec![0.9]), scored(&["resonance"], vec![0.8])];
+        let simple: Vec<String> = simplest(&set).iter().map(|one| one.names.join("+")).collect();
+        assert_eq!(simple, ["creep", "resonance"]);
+    }
+
+    #[test]
+    fn the_hidden_effect_is_alone_in_the_set_and_nothing_hidden_leaves_the_bare_model_in_it() {
+        for (hidden, delay_s) in [(vec!["dead-time".to_owned()], 0.1), (Vec::new(), 0.01)] {
+            let case = rig::hide(&CaseConfig { effects: hidden.clone(), seed: 585, ..CaseConfig::default() }).expect("a case");
+            let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+            let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+            let delayed = bare.with(dead_time::FORMS[0], vec![delay_s]);
+            let lagging = bare.with(pneumatic_lag::FORMS[0], vec![delay_s]);
+            let compared = Comparison::new(&session, &bare, &delayed, &[&lagging], 1, 2).expect("three models");
+            let names: Vec<&[&str]> = compared.set.iter().map(|member| &member.names[..]).collect();
+            match hidden.first() {
+                Some(_) => assert_eq!(names, [["dead-time"]], "{:?}", compared.set),
+                None => assert!(compared.holds_the_bare(), "{:?}", compared.set),
+            }
+        }
+    }
+}
