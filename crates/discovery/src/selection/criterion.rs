@@ -21,7 +21,7 @@ use crate::observers::law::{Seen, SlipLaw};
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
 use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_selection::without_jumps;
+use crate::selection::switching_refits::without_jumps;
 
 /// Probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;

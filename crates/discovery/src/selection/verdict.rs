@@ -16,7 +16,6 @@ use crate::selection::found::{Found, Support};
 use crate::selection::leaves::{Leaves, Left, worked};
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_selection;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
@@ -161,7 +160,7 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
     let in_a_gap = in_a_gap(session, after);
     let residual = after.residuals(session);
-    let smooth = switching_selection::without_jumps(after);
+    let smooth = switching_refits::without_jumps(after);
     let floor = noise::floor(session, &residual);
     let missed = QuasiStatic::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
