@@ -25,7 +25,9 @@ use crate::selection::switching_refits::without_jumps;
 
 /// Probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;
-/// Samples of the bootstrap.
+/// Difference, nats per sample, that nobody cares about: innovations whose standard deviations differ by one percent.
+const MATERIAL: f64 = 0.01;
+/// Draws of signs.
 const RESAMPLES: usize = 2000;
 /// Fewest recordings of which whole halves are left out; of fewer each is left out in turn.
 const FEWEST_FOR_HALVES: usize = 6;
@@ -272,15 +274,14 @@ fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
     scored
 }
 
-/// Wilcoxon's signed ranks of the differences, over the norm of the ranks: a few recordings in which much happens do not hide all others.
+/// Wilcoxon's signed ranks of the differences beyond [`MATERIAL`], over the norm of the ranks: a few recordings in which much happens do not hide all others.
 fn signed_ranks(better: &[f64], worse: &[f64]) -> Vec<f64> {
-    let differences: Vec<f64> = better.iter().zip(worse).map(|(better, worse)| better - worse).collect();
+    let differences: Vec<f64> = better.iter().zip(worse).map(|(better, worse)| better - worse - MATERIAL).collect();
     let mut order: Vec<usize> = (0..differences.len()).collect();
     order.sort_by(|&x, &y| differences[x].abs().total_cmp(&differences[y].abs()));
     let mut ranks = vec![0.0; differences.len()];
     for (rank, &at) in order.iter().enumerate() {
-        // Less than a hundred-thousandth of a nat is rounding.
-        ranks[at] = if differences[at].abs() < 1e-5 { 0.0 } else { (rank + 1) as f64 * differences[at].signum() };
+        ranks[at] = (rank + 1) as f64 * differences[at].signum();
     }
     let norm = ranks.iter().map(|rank| rank * rank).sum::<f64>().sqrt().max(1e-12);
     ranks.iter().map(|rank| rank / norm).collect()
@@ -334,8 +335,8 @@ mod tests {
         let bare = scatter(8, 0.1, 16);
         let with = |gains: &dyn Fn(usize) -> f64| bare.iter().enumerate().map(|(at, value)| value + gains(at)).collect::<Vec<f64>>();
         let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], 1).len();
-        assert_eq!(set(with(&|at| 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
-        assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { if at % 2 == 0 { 1e-3 } else { -1.1e-3 } })), 2);
+        assert_eq!(set(with(&|at| MATERIAL + 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
+        assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { 1e-3 * (at % 3) as f64 })), 2);
     }
 
     #[test]

@@ -16,6 +16,7 @@ use crate::selection::found::{Found, Support};
 use crate::selection::leaves::{Leaves, Left, worked};
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
+use crate::selection::switching_refits;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
@@ -112,6 +113,18 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
 
 /// Most confidence in an effect of whose parameters one could lie anywhere in its range.
 const UNDETERMINED: f64 = 0.5;
+
+/// Fewest recordings between which a law can be seen.
+const FEWEST_TO_SEE_A_LAW_BETWEEN: usize = 6;
+
+/// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
+/// of its own in each.
+fn is_confounded(session: &Session, slot: &Slot) -> bool {
+    let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
+    sources.sort_unstable();
+    sources.dedup();
+    slot.form.is_between_recordings() && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
+}
 
 /// Most confidence in an effect by the confidence set.
 fn supported_confidence(support: &Support, name: &str) -> f64 {
@@ -245,7 +258,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             confidence: ((1.0 - unexplained)
                 * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
             .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
-            .min(supported_confidence(&found.support, name)),
+            .min(supported_confidence(&found.support, name))
+            .min(if is_confounded(session, slot) { UNDETERMINED } else { 1.0 }),
             parameters,
             intervals,
         });
@@ -271,7 +285,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if alike || twins || matches!(found.support, Support::Partial(_)) {
+    } else if alike || twins || after.slots.iter().any(|slot| is_confounded(session, slot)) || matches!(found.support, Support::Partial(_))
+    {
         Verdict::Ambiguous
     } else {
         Verdict::Named
