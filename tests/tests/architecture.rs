@@ -266,6 +266,12 @@ fn no_file_of_the_firmware_needs_one_that_needs_it() {
 }
 
 #[test]
+fn no_file_of_discovery_needs_one_that_needs_it() {
+    let lines = circles_of("crates/discovery");
+    assert!(lines.is_empty(), "{}", lines.join("\n"));
+}
+
+#[test]
 fn the_rule_finds_a_circle() {
     let mut package = Package::default();
     let mut file = |module: &str, text: &str| {

@@ -81,6 +81,7 @@ pub fn discover_from(
         model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
     }
     let owned = model.slots.len();
+    let base = model.clone();
     let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
     watch("figures");
     let mut after = search.model;
@@ -92,7 +93,8 @@ pub fn discover_from(
     after.fit_all(&session);
     after.anchor(&session);
     before.fit_all(&session);
-    let compared = compare(&session, &before, &after, &search.second, &search.met, &search.tried, config);
+    let others: Vec<&Model> = search.second.iter().chain(&search.met).chain(search.tried.iter().take(MOST_SINGLE)).collect();
+    let compared = criterion::Comparison::new(&session, &base, &after, &others, config.seed, config.threads);
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
     before.fit_all(&session);
@@ -100,6 +102,9 @@ pub fn discover_from(
     let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
     let residual_before = residuals(&session, &simulate(&session));
     let mut found = search.found;
+    if let Some(compared) = &compared {
+        after = verdict::supported(&session, after, &base, compared, &mut found);
+    }
     let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     // What makes selecting recordings worse is no part of an explanation.
     while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
@@ -123,9 +128,9 @@ pub fn discover_from(
     let is = counted.simulate(&with_effects, calibrate_s)?;
     verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
-    if let Some((criterion, set)) = compared {
-        discovery.criterion = Some(criterion);
-        discovery.confidence_set = set;
+    if let Some(compared) = &compared {
+        discovery.criterion = Some(compared.found.mean() - compared.bare.mean());
+        discovery.confidence_set = compared.set.iter().map(|member| member_of(member, &compared.bare)).collect();
     }
     discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);
     discovery.summary =
@@ -145,36 +150,14 @@ pub fn discover_from(
 
 /// Explanations of one effect that are compared, the best first.
 const MOST_SINGLE: usize = 6;
-/// Explanations that are compared in all.
-const MOST_COMPARED: usize = 14;
 
-/// Compares what was found with all that came near it: how much better it predicts than the model without effects, and the simplest members of
-/// the confidence set.
-fn compare(
-    session: &Session,
-    before: &Model,
-    after: &Model,
-    second: &Option<Model>,
-    met: &[Model],
-    tried: &[Model],
-    config: &DiscoverConfig,
-) -> Option<(f64, Vec<Member>)> {
-    let mut models = vec![before.clone(), after.clone()];
-    let others = second.iter().chain(met).chain(tried.iter().take(MOST_SINGLE));
-    for model in others {
-        if models.len() < MOST_COMPARED && models.iter().all(|other| other.forms() != model.forms()) {
-            models.push(model.clone());
-        }
+/// A member of the confidence set for the result.
+fn member_of(member: &criterion::Scored, bare: &criterion::Scored) -> Member {
+    Member {
+        effects: member.names.iter().map(|name| (*name).to_owned()).collect(),
+        criterion: member.mean() - bare.mean(),
+        p_value: member.p_value,
     }
-    let scored = criterion::compare(session, &models, config.threads);
-    let (bare, ours) = (scored.first()?.mean(), scored.get(1)?.mean());
-    let set = criterion::confidence_set(scored, config.seed);
-    let member = |one: criterion::Scored| Member {
-        effects: one.names.iter().map(|name| (*name).to_owned()).collect(),
-        criterion: one.mean() - bare,
-        p_value: one.p_value,
-    };
-    Some((ours - bare, criterion::simplest(&set).into_iter().map(member).collect()))
 }
 
 /// Measured minus simulated.

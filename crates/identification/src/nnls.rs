@@ -136,7 +136,8 @@ pub fn solve_definite(gram: &[f64], right: &[f64], non_negative: &[bool], start:
                 .fold(1.0, f64::min);
             let blocked = (0..chosen.len()).any(leaves);
             for (index, &column) in chosen.iter().enumerate() {
-                x[column] += step * (trial[index] - x[column]);
+                // Without rounding where nothing blocks: the solution is then the same wherever the search began.
+                x[column] = if blocked { x[column] + step * (trial[index] - x[column]) } else { trial[index] };
                 if leaves(index) && x[column] <= 1e-14 * trial[index].abs() {
                     (x[column], used[column]) = (0.0, false);
                 }

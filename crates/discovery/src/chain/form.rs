@@ -235,6 +235,10 @@ pub trait Form: Sync {
     fn reads_output(&self) -> bool {
         false
     }
+    /// Whether what it does differs between recordings rather than within them: with few recordings it has as many values as there are recordings.
+    fn is_between_recordings(&self) -> bool {
+        false
+    }
     /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
     /// nothing is read.
     fn start_up_s(&self, _parameters: &[f64]) -> f64 {

@@ -5,7 +5,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use crate::chain::form::Form;
+pub use crate::chain::columns::Columns;
+pub use crate::chain::form::{Drive, Form, LAW_PARAMETERS, OperatorLaw, Parameter, Place, Quantity, ThresholdLaw};
 use crate::effects::{
     activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift,
     leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, setup_change, slew_limit,

@@ -39,6 +39,9 @@ impl Form for WarmUp {
     fn needs_sum(&self) -> bool {
         true
     }
+    fn is_between_recordings(&self) -> bool {
+        true
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| -sum[sample] * (-run.session_s[sample] / parameters[0]).exp_m1());
     }
@@ -107,6 +110,9 @@ impl Form for Own {
         if of_gains > LEAST_OF_GAINS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
     }
     fn needs_sum(&self) -> bool {
+        true
+    }
+    fn is_between_recordings(&self) -> bool {
         true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {

@@ -42,6 +42,9 @@ impl Form for WarmUp {
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
     }
+    fn is_between_recordings(&self) -> bool {
+        true
+    }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| -(-run.session_s[sample] / parameters[0]).exp_m1());
     }
@@ -106,6 +109,9 @@ impl Form for Own {
         if of_zeros > LEAST_OF_ZEROS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
     }
     fn needs_sum(&self) -> bool {
+        true
+    }
+    fn is_between_recordings(&self) -> bool {
         true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {

@@ -52,6 +52,9 @@ impl Form for SessionCurve {
     fn needs_sum(&self) -> bool {
         self.drifts == Drifts::Gain
     }
+    fn is_between_recordings(&self) -> bool {
+        true
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let of_what = |sample: usize| if self.drifts == Drifts::Gain { sum[sample] } else { 1.0 };
         for part in 0..self.weights() {

@@ -47,6 +47,9 @@ impl Form for Step {
     fn needs_sum(&self) -> bool {
         true
     }
+    fn is_between_recordings(&self) -> bool {
+        true
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let after = if run.index as f64 > parameters[0] { 1.0 } else { 0.0 };
         columns.push(true, |_| after);
@@ -93,6 +96,9 @@ impl Form for Twice {
         parameters
     }
     fn needs_sum(&self) -> bool {
+        true
+    }
+    fn is_between_recordings(&self) -> bool {
         true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {

@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use identification::nnls;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::{Rows, SIDE};
@@ -82,115 +83,14 @@ impl Gram {
             })
             .collect();
         let right: Vec<f64> = (0..n).map(|i| self.target[i] * scale[i]).collect();
-        let mut weights = Bounded { gram: &gram, right: &right, free }.solve(last);
+        let bounded: Vec<bool> = free.iter().map(|free| !free).collect();
+        let begin: Vec<bool> = (0..n).map(|at| last.get(at).is_some_and(|weight| *weight != 0.0)).collect();
+        let mut weights = nnls::solve_definite(&gram, &right, &bounded, &begin).unwrap_or_else(|| nnls::solve(&gram, &right, &bounded));
         for (weight, scale) in weights.iter_mut().zip(&scale) {
             *weight *= scale;
         }
         weights
     }
-}
-
-/// Normal equations with a definite matrix and a diagonal of about one; some unknowns may not be negative.
-struct Bounded<'a> {
-    gram: &'a [f64],
-    right: &'a [f64],
-    free: &'a [bool],
-}
-
-/// Quasi-static response on a weight that is zero, as a share of the largest, below which it is rounding.
-const NO_PULL: f64 = 1e-12;
-
-impl Bounded<'_> {
-    fn solve(&self, last: &[f64]) -> Vec<f64> {
-        let n = self.right.len();
-        let mut chosen: Vec<usize> = (0..n).filter(|&at| self.free[at] || last.get(at).is_some_and(|weight| *weight != 0.0)).collect();
-        let mut weights = vec![0.0; n];
-        loop {
-            let trial = self.of(&chosen);
-            let count = chosen.len();
-            let mut values = trial.iter();
-            chosen.retain(|&at| values.next().is_some_and(|value| self.free[at] || *value > 0.0));
-            if chosen.len() == count {
-                chosen.iter().zip(trial).for_each(|(&at, value)| weights[at] = value);
-                break;
-            }
-        }
-        let least = NO_PULL * self.right.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        let mut barred = vec![false; n];
-        // Each round adds an unknown; the bound only guards against a cycle by rounding.
-        for _ in 0..3 * n {
-            let quasi_static = |at: usize| self.right[at] - dot(&self.gram[at * n..(at + 1) * n], &weights);
-            let outside = (0..n).filter(|at| !barred[*at] && chosen.binary_search(at).is_err());
-            let best = outside.map(|at| (quasi_static(at), at)).max_by(|one, other| one.0.total_cmp(&other.0));
-            let Some((_, enters)) = best.filter(|(quasi_static, _)| *quasi_static > least) else { break };
-            chosen.insert(chosen.partition_point(|&at| at < enters), enters);
-            loop {
-                let trial = self.of(&chosen);
-                let negative = |index: usize| !self.free[chosen[index]] && trial[index] <= 0.0;
-                // Go towards the trial until the first weight reaches zero; that one leaves.
-                let step = (0..chosen.len())
-                    .filter(|&index| negative(index))
-                    .map(|index| weights[chosen[index]] / (weights[chosen[index]] - trial[index]).max(f64::MIN_POSITIVE))
-                    .reduce(f64::min);
-                let Some(step) = step else {
-                    chosen.iter().zip(&trial).for_each(|(&at, value)| weights[at] = *value);
-                    break;
-                };
-                let mut stay = Vec::with_capacity(chosen.len());
-                for (index, &at) in chosen.iter().enumerate() {
-                    weights[at] += step * (trial[index] - weights[at]);
-                    if negative(index) && weights[at] <= 1e-14 * trial[index].abs() {
-                        weights[at] = 0.0;
-                        // One that leaves at once would be chosen again for ever.
-                        barred[at] = step == 0.0;
-                    } else {
-                        stay.push(at);
-                    }
-                }
-                chosen = stay;
-            }
-        }
-        weights
-    }
-
-    /// The solution in the chosen unknowns alone, by Cholesky's factors.
-    fn of(&self, chosen: &[usize]) -> Vec<f64> {
-        let n = self.right.len();
-        let count = chosen.len();
-        let mut factor = vec![0.0; count * count];
-        let mut solution: Vec<f64> = Vec::with_capacity(count);
-        for row in 0..count {
-            let (above, own) = factor.split_at_mut(row * count);
-            let line = &self.gram[chosen[row] * n..(chosen[row] + 1) * n];
-            for column in 0..row {
-                let other = &above[column * count..(column + 1) * count];
-                own[column] = (line[chosen[column]] - dot(&own[..column], &other[..column])) / other[column];
-            }
-            own[row] = (line[chosen[row]] - dot(&own[..row], &own[..row])).max(f64::MIN_POSITIVE).sqrt();
-            solution.push((self.right[chosen[row]] - dot(&own[..row], &solution)) / own[row]);
-        }
-        for row in (0..count).rev() {
-            let value = solution[row] / factor[row * count + row];
-            solution[row] = value;
-            for (left, factor) in solution[..row].iter_mut().zip(&factor[row * count..]) {
-                *left -= factor * value;
-            }
-        }
-        solution
-    }
-}
-
-/// Sum of products, of four neighbours at a time.
-fn dot(one: &[f64], other: &[f64]) -> f64 {
-    let (ones, others) = (one.chunks_exact(4), other.chunks_exact(4));
-    let rest: f64 = ones.remainder().iter().zip(others.remainder()).map(|(x, y)| x * y).sum();
-    let mut lanes = [0.0; 4];
-    for (one, other) in ones.zip(others) {
-        for lane in 0..4 {
-            lanes[lane] += one[lane] * other[lane];
-        }
-    }
-    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + rest
 }
 
 /// Rows that are multiplied with as many of the other factor at a time.
@@ -419,12 +319,12 @@ mod tests {
             assert_eq!(cold, gram.solve(&free, &far), "seed {seed}");
             let held = cold[1..].iter().filter(|weight| **weight == 0.0).count();
             assert!(cold[1..].iter().all(|weight| *weight >= 0.0) && (1..11).contains(&held), "seed {seed}: {held} weights are held");
-            // Kuhn and Tucker: no quasi-static response on what is in use, none upwards on what is not.
+            // Kuhn and Tucker: no gradient in what is in use, none upwards on what is not.
             for at in 0..n {
-                let quasi_static = gram.target[at] - dot(&gram.products[at * n..(at + 1) * n], &cold);
+                let gradient = gram.target[at] - gram.products[at * n..(at + 1) * n].iter().zip(&cold).map(|(x, y)| x * y).sum::<f64>();
                 assert!(
-                    quasi_static < 1e-6 && (cold[at] == 0.0 || quasi_static.abs() < 1e-6),
-                    "seed {seed}: a pull of {quasi_static} on weight {at}"
+                    gradient < 1e-6 && (cold[at] == 0.0 || gradient.abs() < 1e-6),
+                    "seed {seed}: a gradient of {gradient} at weight {at}"
                 );
             }
         }

@@ -170,7 +170,14 @@ impl SlipLaw {
         let share = self.break_away / break_away;
         let overshoot = (1.0 + self.overshoot) * share - 1.0;
         let behind = ((self.kinetic_friction * self.break_away + by) / break_away).min(MOST_KINETIC_FRICTION);
-        Self { break_away, overshoot, kinetic_friction: behind, scatter: self.scatter * share, rate_weakening: self.rate_weakening * share, ..*self }
+        Self {
+            break_away,
+            overshoot,
+            kinetic_friction: behind,
+            scatter: self.scatter * share,
+            rate_weakening: self.rate_weakening * share,
+            ..*self
+        }
     }
 
     /// The law with its slip overshoot moved by this: a share of a tip's travel, and of a valve's break-away distance.

@@ -4,9 +4,9 @@
 //! varying model error (an Ornstein-Uhlenbeck process) and a share of samples from anywhere in the range. Its three numbers are those of the
 //! greatest likelihood on the recordings of the fit. What sticks and slips is predicted by its switching filter under the same noise.
 //!
-//! Explanations are compared recording by recording. The *confidence set* holds those that no other is significantly better than (Hansen,
-//! Lunde and Nason 2011): the one furthest below the mean leaves as long as a bootstrap over recordings gives a mean that far above it
-//! a probability below [`LEVEL`].
+//! Explanations are compared recording by recording, two by two, with Wilcoxon's signed ranks. The *confidence set* holds those that no other is
+//! significantly better than (Hansen, Lunde and Nason 2011): the loser of the clearest pair leaves as long as a pair as clear has a probability
+//! below [`LEVEL`] when chance decides for each recording which way it speaks. Of fewer than six recordings, stretches are compared.
 
 use std::collections::BTreeMap;
 
@@ -21,16 +21,22 @@ use crate::observers::law::{Seen, SlipLaw};
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
 use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_selection::without_jumps;
+use crate::selection::switching_refits::without_jumps;
 
 /// Probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;
-/// Samples of the bootstrap.
+/// Difference, nats per sample, that nobody cares about: innovations whose standard deviations differ by one percent.
+const MATERIAL: f64 = 0.01;
+/// Draws of signs.
 const RESAMPLES: usize = 2000;
 /// Fewest recordings of which whole halves are left out; of fewer each is left out in turn.
 const FEWEST_FOR_HALVES: usize = 6;
+/// Stretches of a recording that are compared where recordings are few.
+const STRETCHES: usize = 12;
 /// Evaluations for each parameter when a model is fitted to the recordings of a fold.
 const EVALUATIONS: usize = 8;
+/// Explanations that are compared in all.
+const MOST_COMPARED: usize = 14;
 /// White noise that is tried, in units of the noise at rest.
 const NOISES: [f64; 7] = [1.0, 1.25, 1.6, 2.2, 3.5, 7.0, 20.0];
 
@@ -61,11 +67,17 @@ fn names(model: &Model) -> Vec<&'static str> {
     names
 }
 
-/// The session once for each fold: what is predicted has the role to select.
-fn folds(session: &Session) -> Vec<Session> {
+/// The recordings that are worked with.
+fn sources(session: &Session) -> Vec<usize> {
     let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
     sources.sort_unstable();
     sources.dedup();
+    sources
+}
+
+/// The session once for each fold: what is predicted has the role to select.
+fn folds(session: &Session) -> Vec<Session> {
+    let sources = sources(session);
     if sources.len() == 1 || sources.len() >= FEWEST_FOR_HALVES {
         let mut swapped = session.clone();
         for role in swapped.runs.iter_mut().flat_map(|run| &mut run.role) {
@@ -90,15 +102,15 @@ fn folds(session: &Session) -> Vec<Session> {
     sources.iter().map(leaving).collect()
 }
 
-/// Which recording a sample belongs to, or which stretch of the only one.
-fn cluster(run: &Run, alone: bool, sample: usize) -> (usize, usize) {
-    if alone { (run.source.0, run.part * 100 + sample * 12 / run.input.len()) } else { (run.source.0, 0) }
+/// Which recording a sample belongs to; of few recordings, which stretch of it.
+fn cluster(run: &Run, few: bool, sample: usize) -> (usize, usize) {
+    (run.source.0, if few { run.part * STRETCHES + sample * STRETCHES / run.input.len() } else { 0 })
 }
 
 /// Scores one explanation: mean log density of each recording that it predicts, in the order of the recordings. What comes before `start_up_s` does
 /// not count.
 fn score(model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Scored {
-    let alone = is_alone(&folds[0]);
+    let few = sources(&folds[0]).len() < FEWEST_FOR_HALVES;
     let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
     for session in folds {
         let mut fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
@@ -107,7 +119,7 @@ fn score(model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Score
         for (run, densities) in session.runs.iter().zip(densities) {
             for (sample, density) in densities.iter().enumerate().filter(|(sample, _)| run.time_s[*sample] >= start_up_s) {
                 if run.role[sample] == Role::Select && run.keep[sample] {
-                    let sum = sums.entry(cluster(run, alone, sample)).or_insert((0.0, 0.0));
+                    let sum = sums.entry(cluster(run, few, sample)).or_insert((0.0, 0.0));
                     sum.0 += density;
                     sum.1 += 1.0;
                 }
@@ -115,12 +127,6 @@ fn score(model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Score
         }
     }
     Scored { names: names(model), densities: sums.into_values().map(|(sum, count)| sum / count).collect(), p_value: 1.0 }
-}
-
-/// Whether there is but one recording to work with.
-fn is_alone(session: &Session) -> bool {
-    let first = session.worked().next().map(|run| run.source.0);
-    session.worked().all(|run| Some(run.source.0) == first)
 }
 
 /// Log predictive density of every sample of every recording, by a fitted model.
@@ -193,49 +199,73 @@ fn most<T>(items: impl IntoIterator<Item = T>, value: impl Fn(&T) -> f64) -> T {
     valued.swap_remove(0).1
 }
 
-/// Scores explanations; the first is the baseline.
-#[must_use]
-pub fn compare(session: &Session, models: &[Model], threads: usize) -> Vec<Scored> {
-    let folds = folds(session);
-    let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
-    let start_up_s = models.iter().map(Model::start_up_s).fold(0.0, f64::max);
-    in_parallel(models, threads, |model| score(model, &folds, floor, start_up_s))
+/// Explanations compared.
+pub struct Comparison {
+    /// The model without effects.
+    pub bare: Scored,
+    /// The model that was found.
+    pub found: Scored,
+    /// The simplest members of the confidence set, best first.
+    pub set: Vec<Scored>,
+}
+
+impl Comparison {
+    /// Compares the model that was found with the one without effects and with `others`, most of which came near it.
+    #[must_use]
+    pub fn new(session: &Session, bare: &Model, found: &Model, others: &[&Model], seed: u64, threads: usize) -> Option<Self> {
+        let parts: Vec<Model> = (0..found.slots.len()).map(|slot| found.without(slot)).collect();
+        let mut models: Vec<&Model> = vec![bare, found];
+        for model in parts.iter().chain(others.iter().copied()) {
+            if models.len() < MOST_COMPARED && models.iter().all(|other| other.forms() != model.forms()) {
+                models.push(model);
+            }
+        }
+        let folds = folds(session);
+        let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
+        let start_up_s = models.iter().map(|model| model.start_up_s()).fold(0.0, f64::max);
+        let scored = in_parallel(&models, threads, |model| score(model, &folds, floor, start_up_s));
+        let [bare, found, ..] = &scored[..] else { return None };
+        let (bare, found) = (bare.clone(), found.clone());
+        Some(Self { bare, found, set: simplest(&confidence_set(scored, seed)) })
+    }
+
+    /// Whether no explanation is significantly better than none.
+    #[must_use]
+    pub fn holds_the_bare(&self) -> bool {
+        self.set.iter().any(|member| member.names == self.bare.names)
+    }
+
+    /// Names of the effects that all members have.
+    #[must_use]
+    pub fn common(&self) -> Vec<&'static str> {
+        let in_all = |name: &&'static str| self.set.iter().all(|member| member.names.contains(name));
+        self.found.names.iter().copied().filter(|name| in_all(name)).collect()
+    }
 }
 
 /// The confidence set at [`LEVEL`], best first, each member with its probability.
-#[must_use]
-pub fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
+fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let recordings = scored.first().map_or(0, |one| one.densities.len());
-    if recordings < 2 {
-        return scored;
-    }
-    let draws: Vec<Vec<usize>> = (0..RESAMPLES).map(|_| (0..recordings).map(|_| generator.random_range(0..recordings)).collect()).collect();
-    let mut least_sure: f64 = 0.0;
+    // Were two explanations as good, each recording could as well have spoken for the other: the same recordings for all pairs.
+    let draw = |_| (0..recordings).map(|_| if generator.random_bool(0.5) { 1.0 } else { -1.0 }).collect::<Vec<f64>>();
+    let signs: Vec<Vec<f64>> = (0..RESAMPLES).map(draw).collect();
+    let mut surest: f64 = 0.0;
     while scored.len() > 1 {
-        let count = scored.len() as f64;
-        let mean: Vec<f64> = (0..recordings).map(|at| scored.iter().map(|one| one.densities[at]).sum::<f64>() / count).collect();
-        // How far each lies below the mean of all, by recording.
-        let below: Vec<Vec<f64>> =
-            scored.iter().map(|one| mean.iter().zip(&one.densities).map(|(mean, own)| mean - own).collect()).collect();
-        let average = |values: &[f64]| values.iter().sum::<f64>() / recordings as f64;
-        let averages: Vec<f64> = below.iter().map(|values| average(values)).collect();
-        let drawn: Vec<Vec<f64>> = below
-            .iter()
-            .zip(&averages)
-            .map(|(values, centre)| {
-                draws.iter().map(|draw| draw.iter().map(|&at| values[at]).sum::<f64>() / recordings as f64 - centre).collect()
-            })
+        let pairs: Vec<(usize, Vec<f64>)> = (0..scored.len())
+            .flat_map(|worse| (0..scored.len()).filter(move |better| *better != worse).map(move |better| (worse, better)))
+            .map(|(worse, better)| (worse, signed_ranks(&scored[better].densities, &scored[worse].densities)))
             .collect();
-        let scatter: Vec<f64> =
-            drawn.iter().map(|of| (of.iter().map(|value| value * value).sum::<f64>() / RESAMPLES as f64).sqrt().max(1e-12)).collect();
-        let (worst, most) =
-            (0..scored.len()).map(|at| (at, averages[at] / scatter[at])).max_by(|x, y| x.1.total_cmp(&y.1)).unwrap_or((0, 0.0));
-        let beyond = (0..RESAMPLES).filter(|&draw| (0..scored.len()).any(|at| drawn[at][draw] / scatter[at] >= most)).count();
-        let p_value = beyond as f64 / RESAMPLES as f64;
-        least_sure = least_sure.max(p_value);
-        if least_sure >= LEVEL {
-            scored[worst].p_value = least_sure;
+        let sum = |ranks: &[f64]| ranks.iter().sum::<f64>();
+        let Some((worst, most)) = pairs.iter().map(|(worse, ranks)| (*worse, sum(ranks))).max_by(|x, y| x.1.total_cmp(&y.1)) else {
+            break;
+        };
+        let reaches = |signs: &&Vec<f64>| {
+            pairs.iter().any(|(_, ranks)| ranks.iter().zip(*signs).map(|(rank, sign)| rank * sign).sum::<f64>() >= most - 1e-9)
+        };
+        surest = surest.max(signs.iter().filter(reaches).count() as f64 / RESAMPLES as f64);
+        if surest >= LEVEL {
+            scored[worst].p_value = surest;
             break;
         }
         scored.remove(worst);
@@ -244,9 +274,21 @@ pub fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
     scored
 }
 
+/// Wilcoxon's signed ranks of the differences beyond [`MATERIAL`], over the norm of the ranks: a few recordings in which much happens do not hide all others.
+fn signed_ranks(better: &[f64], worse: &[f64]) -> Vec<f64> {
+    let differences: Vec<f64> = better.iter().zip(worse).map(|(better, worse)| better - worse - MATERIAL).collect();
+    let mut order: Vec<usize> = (0..differences.len()).collect();
+    order.sort_by(|&x, &y| differences[x].abs().total_cmp(&differences[y].abs()));
+    let mut ranks = vec![0.0; differences.len()];
+    for (rank, &at) in order.iter().enumerate() {
+        ranks[at] = (rank + 1) as f64 * differences[at].signum();
+    }
+    let norm = ranks.iter().map(|rank| rank * rank).sum::<f64>().sqrt().max(1e-12);
+    ranks.iter().map(|rank| rank / norm).collect()
+}
+
 /// The members of a confidence set without those that have all effects of another member and more.
-#[must_use]
-pub fn simplest(set: &[Scored]) -> Vec<Scored> {
+fn simplest(set: &[Scored]) -> Vec<Scored> {
     let more =
         |one: &Scored, other: &Scored| one.names.len() > other.names.len() && other.names.iter().all(|name| one.names.contains(name));
     let mut simplest: Vec<Scored> = Vec::new();
@@ -256,4 +298,81 @@ pub fn simplest(set: &[Scored]) -> Vec<Scored> {
         }
     }
     simplest
+}
+
+#[cfg(test)]
+mod tests {
+    use virtual_rig::{self as rig, CaseConfig};
+
+    use super::*;
+    use crate::effects::{dead_time, pneumatic_lag};
+    use crate::model::initial_state::InitialState;
+
+    fn scored(names: &[&'static str], densities: Vec<f64>) -> Scored {
+        Scored { names: names.to_vec(), densities, p_value: 1.0 }
+    }
+
+    /// Deviations without a mean, the same every time.
+    fn scatter(seed: u64, size: f64, count: usize) -> Vec<f64> {
+        let mut deviate = crate::data::closed_form::deviates(seed);
+        (0..count).map(|_| size * deviate()).collect()
+    }
+
+    #[test]
+    fn what_is_better_in_every_recording_is_alone_in_the_set_and_equals_stay_together() {
+        let level = scatter(3, 0.5, 20);
+        let plus = |by: f64, seed: u64| -> Vec<f64> { level.iter().zip(scatter(seed, 0.05, 20)).map(|(x, y)| x + y + by).collect() };
+        let all = |better: f64| vec![scored(&[], plus(0.0, 5)), scored(&["creep"], plus(better, 6)), scored(&["resonance"], plus(0.0, 7))];
+        let names = |set: Vec<Scored>| -> Vec<String> { set.iter().map(|one| one.names.join("+")).collect() };
+        assert_eq!(names(confidence_set(all(0.2), 1)), ["creep"]);
+        let mut equal = names(confidence_set(all(0.0), 1));
+        equal.sort_unstable();
+        assert_eq!(equal, ["", "creep", "resonance"]);
+    }
+
+    #[test]
+    fn a_gain_that_differs_by_orders_of_magnitude_between_recordings_is_seen_and_one_recording_alone_decides_nothing() {
+        let bare = scatter(8, 0.1, 16);
+        let with = |gains: &dyn Fn(usize) -> f64| bare.iter().enumerate().map(|(at, value)| value + gains(at)).collect::<Vec<f64>>();
+        let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], 1).len();
+        assert_eq!(set(with(&|at| MATERIAL + 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
+        assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { 1e-3 * (at % 3) as f64 })), 2);
+    }
+
+    #[test]
+    fn false_alarms_are_as_rare_as_the_level_says() {
+        let alarms = (0..200_u64)
+            .filter(|seed| {
+                let one = |name: &'static [&'static str], offset: u64| scored(name, scatter(1 + 7 * seed + offset, 0.1, 12));
+                let set = confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], 1);
+                !set.iter().any(|member| member.names.is_empty())
+            })
+            .count();
+        // The bare model is one of four that may leave: at most a tenth of the time, two standard deviations allowed.
+        assert!(alarms <= 200 / 10 + 9, "{alarms} of 200");
+    }
+
+    #[test]
+    fn a_member_with_more_effects_than_another_is_not_among_the_simplest() {
+        let set = [scored(&["creep", "leakage"], vec![1.0]), scored(&["creep"], vec![0.9]), scored(&["resonance"], vec![0.8])];
+        let simple: Vec<String> = simplest(&set).iter().map(|one| one.names.join("+")).collect();
+        assert_eq!(simple, ["creep", "resonance"]);
+    }
+
+    #[test]
+    fn the_hidden_effect_is_alone_in_the_set_and_nothing_hidden_leaves_the_bare_model_in_it() {
+        for (hidden, delay_s) in [(vec!["dead-time".to_owned()], 0.1), (Vec::new(), 0.01)] {
+            let case = rig::hide(&CaseConfig { effects: hidden.clone(), seed: 585, ..CaseConfig::default() }).expect("a case");
+            let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+            let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+            let delayed = bare.with(dead_time::FORMS[0], vec![delay_s]);
+            let lagging = bare.with(pneumatic_lag::FORMS[0], vec![delay_s]);
+            let compared = Comparison::new(&session, &bare, &delayed, &[&lagging], 1, 2).expect("three models");
+            let names: Vec<&[&str]> = compared.set.iter().map(|member| &member.names[..]).collect();
+            match hidden.first() {
+                Some(_) => assert_eq!(names, [["dead-time"]], "{:?}", compared.set),
+                None => assert!(compared.holds_the_bare(), "{:?}", compared.set),
+            }
+        }
+    }
 }

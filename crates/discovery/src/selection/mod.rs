@@ -8,5 +8,6 @@ pub mod leaves;
 pub mod pairs;
 pub mod rounds;
 pub mod switching_likelihood;
+pub mod switching_refits;
 pub mod switching_selection;
 pub mod verdict;

@@ -9,8 +9,7 @@ use crate::chain::form::{Drive, Form};
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
-use crate::effects::sticking::inferred_quasi_static;
-use crate::effects::{offset_drift, pneumatic_lag, sticking};
+use crate::effects::offset_drift;
 use crate::model::structure::{Model, Scope};
 use crate::observers::law::SlipLaw;
 use crate::result::{Candidate, RunnerUp};
@@ -18,6 +17,7 @@ use crate::search::parallel;
 use crate::selection::found::Outcome;
 use crate::selection::rounds::Bench;
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
+use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 use crate::selection::{leaves, rounds};
 
 /// Blocked deviations by which jumps must beat everything smooth. Smooth laws that the catalogue lacks come near what holds and moves, so
@@ -107,36 +107,6 @@ const VALVE: &str = "valve-dead-band";
 /// Smooth explanations that jumps are tried on.
 const MOST_EXPLANATIONS: usize = 13;
 
-/// What moves follows with a lag of one pole: the form that leads the operators by it.
-fn lag_of(drive: Drive) -> &'static dyn Form {
-    match drive {
-        Drive::QuasiStatic => pneumatic_lag::FORMS[0],
-        Drive::Command => sticking::LAG_WITHOUT_DEAD_BAND,
-    }
-}
-
-/// The model behind a lag of what moves; a form of jumps has that lag of its own.
-fn with_lag(model: &Model, drive: Drive, lag_s: f64) -> Model {
-    if lag_s > 0.0 { model.with(lag_of(drive), vec![lag_s]) } else { model.clone() }
-}
-
-/// The model with the weights that it has behind this lag, and the mean square of the fitted samples.
-fn fitted_behind(session: &Session, model: &Model, drive: Drive, lag_s: f64) -> (Model, f64) {
-    let mut lagging = with_lag(model, drive, lag_s);
-    let (fit, _) = lagging.fit(session, Scope::Both);
-    if lag_s > 0.0 {
-        lagging.slots.remove(model.slots.partition_point(|slot| slot.form.place() <= lag_of(drive).place()));
-    }
-    (lagging, fit)
-}
-
-/// The lag of what moves, of these, by the mean, whatever its stick positions, and the model behind it.
-fn lagged(session: &Session, model: &Model, drive: Drive, lags: &[f64]) -> (Model, f64) {
-    let of = |&lag_s: &f64| (fitted_behind(session, model, drive, lag_s), lag_s);
-    let best = lags.iter().map(of).min_by(|x, y| x.0.1.total_cmp(&y.0.1));
-    best.map_or_else(|| (model.clone(), 0.0), |((model, _), lag_s)| (model, lag_s))
-}
-
 /// The best jumps of one form on every smooth explanation, those on the leading ones and on the first fitted in full.
 fn jumps(
     session: &Session,
@@ -185,137 +155,11 @@ fn jumps(
     judged
 }
 
-/// The model with its weights fitted beside the jumps, and the law of these found again on it, as often as `refits` says at most, and only as
-/// long as it helps. The weights were fitted as if what jumps were noise; what it is expected to depart by is known now.
-fn refitted(
-    session: &Session,
-    form: &'static dyn Form,
-    noise: f64,
-    model: Model,
-    law: SlipLaw,
-    refits: &Refits,
-    threads: usize,
-) -> (Model, SlipLaw) {
-    let (drive, lag_s) = (law.drive, law.lag_s);
-    let on = |model: &Model| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
-    let value = on(&model).fitting(&law);
-    if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
-        let led = SlipLaw { overshoot: 0.0, ..law };
-        let begun = without_mean_error(&model.regrown(), law.overshoot * law.break_away);
-        let led = refits_of(&on, form, noise, (begun, led, f64::MIN), refits);
-        if led.2 > value {
-            return (led.0.pruned(), led.1);
-        }
-    }
-    let is_told = drive == Drive::QuasiStatic && refits.whole;
-    let begun = if is_told { pseudo_measurements(&on, form, noise, &model, law) } else { None };
-    let (model, law, _) = refits_of(&on, form, noise, begun.unwrap_or((model, law, value)), refits);
-    let law = if is_told { on(&model).tuned_to_miss_least(law, &LAST_STEPS, true) } else { law };
-    (model, law)
-}
-
-/// Steps of the last look for a tip's law, by what it misses: recordings that are kept out are judged by that.
-const LAST_STEPS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
-
-/// How far short of the quasi-static response a tip may land, in break-away distances: with its mean error taken for hysteresis any of these looks the same.
-const SHORT: [f64; 3] = [0.0, 0.15, 0.35];
-
-/// The model as the slips of a tip tell its quasi-static response, the law on it and the log-likelihood for them.
-fn pseudo_measurements<'a>(
-    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
-    form: &'static dyn Form,
-    noise: f64,
-    model: &Model,
-    law: SlipLaw,
-) -> Option<(Model, SlipLaw, f64)> {
-    let session = on(model).session();
-    let travel = (1.0 + law.overshoot) * law.break_away;
-    let overshoot = SHORT.map(|short| {
-        let farther = travel / (1.0 - short) - law.break_away;
-        let mut pseudo_measurements = to_be_inferred(model, form, noise, law, farther);
-        pseudo_measurements.fit_once(session, Scope::Both);
-        let model = without_jumps(&pseudo_measurements).pruned();
-        let quasi_static = on(&model);
-        let law = quasi_static.tuned(quasi_static.with_own_begin(law.of_a_response_farther(farther)), &FIRST_STEPS_INFERRED, true);
-        let value = quasi_static.fitting(&law);
-        (model, law, value)
-    });
-    overshoot.into_iter().filter(|(_, _, value)| value.is_finite()).max_by(|x, y| x.2.total_cmp(&y.2))
-}
-
-/// The model on the whole grid, to be fitted to the quasi-static response that a tip tells, this much farther from the stick position.
-fn to_be_inferred(model: &Model, form: &'static dyn Form, noise: f64, law: SlipLaw, farther: f64) -> Model {
-    model.regrown().with(inferred_quasi_static(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
-}
-
-/// The model without what jumps in it.
-pub(crate) fn without_jumps(model: &Model) -> Model {
-    model.without(model.slots.iter().position(|slot| slot.form.jumps().is_some()).unwrap_or(0))
-}
-
-/// As [`refitted`], from a model, a law and the log-likelihood for them on; with the last log-likelihood.
-fn refits_of<'a>(
-    on: &dyn Fn(&Model) -> QuasiStatic<'a>,
-    form: &'static dyn Form,
-    noise: f64,
-    (mut model, mut law, mut value): (Model, SlipLaw, f64),
-    refits: &Refits,
-) -> (Model, SlipLaw, f64) {
-    for _ in 0..refits.times {
-        let is_told = law.drive == Drive::QuasiStatic && refits.whole;
-        let mut with = if is_told { to_be_inferred(&model, form, noise, law, 0.0) } else { model.with(form, law.as_parameters(noise)) };
-        with.fit(on(&model).session(), Scope::Both);
-        let without = without_jumps(&with);
-        let without = if is_told { without.pruned() } else { without };
-        let quasi_static = on(&without);
-        let begun = if is_told { quasi_static.with_own_begin(law) } else { law };
-        let again = quasi_static.tuned(begun, refits.steps, refits.whole);
-        let better = quasi_static.fitting(&again);
-        if better <= value {
-            break;
-        }
-        (model, law, value) = (without, again, better);
-    }
-    (model, law, value)
-}
-
-/// The model with its thresholds smaller by the mean error of a valve that they have taken for hysteresis, on the same grid.
-fn without_mean_error(model: &Model, mean_error: f64) -> Model {
-    let mut nearer = model.clone();
-    nearer.base[1..].fill(0.0);
-    for (&threshold, &weight) in model.thresholds.iter().zip(&model.base[1..]) {
-        let wanted = (threshold - mean_error).max(0.0);
-        let above = model.thresholds.partition_point(|other| *other <= wanted).min(model.thresholds.len() - 1).max(1);
-        let (low, high) = (model.thresholds[above - 1], model.thresholds[above]);
-        let share = ((wanted - low) / (high - low)).clamp(0.0, 1.0);
-        nearer.base[above] += (1.0 - share) * weight;
-        nearer.base[above + 1] += share * weight;
-    }
-    nearer
-}
-
 /// Log-likelihood per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
 const AT_FIRST_SIGHT: f64 = 0.03;
 
 /// Share of what a simulation leaves above the noise that an observer may leave to take its place.
 const LEFT_BY_AN_OBSERVER: f64 = 0.5;
-
-/// How often weights are fitted again beside the jumps, and how their law is found again.
-struct Refits {
-    times: usize,
-    steps: &'static [f64],
-    /// Whether a tip's law is found with all of its parameters.
-    whole: bool,
-}
-
-/// Those by which jumps are compared.
-const FIRST_REFITS: Refits = Refits { times: 2, steps: &[0.1], whole: false };
-
-/// Those of the jumps that are named.
-const LAST_REFITS: Refits = Refits { times: 5, steps: &[0.1, 0.03, 0.01, 0.003], whole: true };
-
-/// Those by which quasi-static responses that a tip tells are compared.
-const FIRST_STEPS_INFERRED: [f64; 2] = [0.1, 0.03];
 
 /// The effect that moves a sensor within the time that a stick position holds.
 const PERIODIC: &str = "periodic-disturbance";
@@ -539,129 +383,4 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
 }
 
 #[cfg(test)]
-mod tests {
-    use crate::data::closed_form::deviates;
-    use crate::discover;
-    use crate::result::{DiscoverConfig, Discovery, Verdict};
-    use recording::{Recording, Signal};
-    use std::collections::BTreeMap;
-    use std::path::Path;
-    use virtual_rig as rig;
-    use virtual_rig::{CaseConfig, Excitation, Generator};
-
-    /// Twelve decaying sines of a closed-form rig: three play operators, and a tip on a stick band of 0.5 mm that jumps by 0.35 mm. The full
-    /// stroke is about 8 mm and the noise 0.5 % of it.
-    fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
-        const STEPS: usize = 40;
-        let mut noise = deviates(0x2545_F491_4F6C_DD1D);
-        let command = |frequency_hz: f64, decay_per_s: f64, time_s: f64| {
-            let time_s = (time_s - 2.0_f64).max(0.0);
-            1.4 * (-decay_per_s * time_s).exp() * (1.0 - (std::f64::consts::TAU * frequency_hz * time_s).cos())
-        };
-        let mut record = |index: u32| {
-            let (frequency_hz, decay_per_s) = ([0.15, 0.3, 0.5, 0.7][(index % 4) as usize], [0.02, 0.06, 0.12][(index / 4) as usize]);
-            let mut plays = [(0.1, 1.2, 0.0), (0.35, 0.9, 0.0), (0.8, 0.9, 0.0)];
-            let mut place_mm: f64 = 0.0;
-            let (mut times, mut inputs, mut outputs) = (Vec::new(), Vec::new(), Vec::new());
-            for step in 0..1100 * STEPS {
-                let time_s = step as f64 * 0.02 / STEPS as f64;
-                let input = command(frequency_hz, decay_per_s, time_s);
-                let pull_mm: f64 = plays
-                    .iter_mut()
-                    .map(|(threshold, weight, state)| {
-                        *state = f64::max(*state, input - *threshold).min(input + *threshold);
-                        *weight * *state
-                    })
-                    .sum();
-                let stretch_mm = pull_mm - place_mm;
-                if band_mm > 0.0 && stretch_mm.abs() > band_mm {
-                    place_mm = pull_mm - stretch_mm.signum() * (band_mm - travel_mm);
-                } else if band_mm <= 0.0 {
-                    place_mm = pull_mm;
-                }
-                if step % STEPS == 0 {
-                    times.push(time_s);
-                    inputs.push(input);
-                    outputs.push(place_mm + 0.035 * noise());
-                }
-            }
-            let path = format!("run{index:02}.csv");
-            Recording::new(Path::new(&path), Signal::pressure_bar(), Signal::displacement_mm(), times, inputs, outputs)
-                .expect("a recording")
-        };
-        (0..12).map(&mut record).collect()
-    }
-
-    fn found(recordings: &[Recording]) -> Discovery {
-        discover(recordings, &[], &DiscoverConfig { most_effects: 1, ..DiscoverConfig::default() }).expect("a finding").discovery
-    }
-
-    #[test]
-    fn a_stick_band_in_closed_form_is_named_with_its_travel() {
-        let (band_mm, travel_mm) = (0.5, 0.35);
-        let discovery = found(&stick_band(band_mm, travel_mm));
-        assert_eq!(discovery.verdict, Verdict::Named, "{:?}", discovery.effects);
-        assert_eq!(discovery.effects[0].name, "stick-slip");
-        let parameters: &BTreeMap<String, f64> = &discovery.effects[0].parameters;
-        let found_mm = parameters["travel_mm"];
-        assert!((found_mm / travel_mm - 1.0).abs() < 0.05, "{found_mm} instead of {travel_mm}; {parameters:?}");
-        let closed = discovery.gap_closed_one_step.expect("figures of the observers");
-        assert!(closed > 0.5, "{closed}");
-    }
-
-    #[test]
-    fn without_a_band_the_same_rig_has_no_jumps() {
-        let discovery = found(&stick_band(0.0, 0.0));
-        assert_eq!(discovery.verdict, Verdict::None, "{:?}", discovery.effects);
-    }
-
-    #[test]
-    fn what_jumps_is_named_beside_what_does_not() {
-        // A large smooth effect beside which the jumps are a twelfth of the energy, one that the quasi-static response alone shows, and a heart behind the tip.
-        let cases = [
-            (Generator::Rival, "slew-limit", 343),
-            (Generator::Physics, "setup-change", 326),
-            (Generator::Physics, "periodic-disturbance", 325),
-        ];
-        for (generator, beside, seed) in cases {
-            let effects = vec!["stick-slip".to_owned(), beside.to_owned()];
-            let case = rig::hide(&CaseConfig { effects, seed, generator, ..CaseConfig::default() }).expect("a case");
-            let discovery = found(&case.recordings);
-            let mut names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
-            names.sort_unstable();
-            assert_eq!(names, [beside, "stick-slip"], "{generator:?}: {discovery:?}");
-            assert_eq!(discovery.verdict, Verdict::Named, "{generator:?}, {beside}: {discovery:?}");
-        }
-    }
-
-    #[test]
-    fn a_tip_is_named_through_steps_of_many_leaps_and_fast_strokes() {
-        for (generator, seed) in [(Generator::Physics, 572), (Generator::Rival, 575)] {
-            let effects = vec!["stick-slip".to_owned()];
-            let case = CaseConfig { effects, seed, generator, excitation: Excitation::Rich, ..CaseConfig::default() };
-            let discovery = found(&rig::hide(&case).expect("a case").recordings);
-            let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
-            assert_eq!(names, ["stick-slip"], "{generator:?}: {discovery:?}");
-            assert_ne!(discovery.verdict, Verdict::Unknown, "{generator:?}: {discovery:?}");
-            assert!(discovery.gap_closed_one_step.is_some_and(|closed| closed > 0.6), "{generator:?}: {discovery:?}");
-        }
-    }
-
-    #[test]
-    fn what_jumps_in_either_virtual_rig_is_named() {
-        let cases = [
-            (Generator::Physics, "stick-slip", 531),
-            (Generator::Physics, "valve-dead-band", 530),
-            (Generator::Rival, "stick-slip", 530),
-            (Generator::Rival, "valve-dead-band", 530),
-        ];
-        for (generator, effect, seed) in cases {
-            let case =
-                rig::hide(&CaseConfig { effects: vec![effect.to_owned()], seed, generator, ..CaseConfig::default() }).expect("a case");
-            let discovery = found(&case.recordings);
-            let name = discovery.effects.first().map(|effect| effect.name.as_str());
-            assert_eq!(name, Some(effect), "{generator:?}: {discovery:?}");
-            assert_ne!(discovery.verdict, Verdict::Unknown, "{generator:?}, {effect}: {discovery:?}");
-        }
-    }
-}
+mod tests;

@@ -11,11 +11,12 @@ use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Scope, Slot};
 use crate::result::{Discovery, Effect, Verdict};
 use crate::search::forms;
-use crate::selection::found::Found;
-use crate::selection::leaves::{Left, worked};
+use crate::selection::criterion::Comparison;
+use crate::selection::found::{Found, Support};
+use crate::selection::leaves::{Leaves, Left, worked};
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_selection;
+use crate::selection::switching_refits;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
 /// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
@@ -35,12 +36,6 @@ const MOST_UNEXPLAINED_KEPT_OUT: f64 = 0.5;
 /// Root mean square over the noise from which on something stands out on test recordings.
 const STANDS_OUT_KEPT_OUT: f64 = 1.06;
 
-/// Whether an explanation fails on test recordings, from the root mean squares there before and after and from the noise.
-fn fails_kept_out(before: f64, after: f64, floor: f64) -> bool {
-    let excess = |rmse: f64| rmse * rmse - floor * floor;
-    after > STANDS_OUT_KEPT_OUT * floor && excess(after) > MOST_UNEXPLAINED_KEPT_OUT * excess(before)
-}
-
 /// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
 /// samples count if `all`.
 fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], all: bool) -> f64 {
@@ -58,6 +53,41 @@ fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], a
         }
     }
     (sum / count.max(1.0)).sqrt()
+}
+
+/// The model with those of its effects alone that every member of the confidence set has, if they leave no more than beside a named effect; else the
+/// model as it is. `found` then tells what the confidence set says.
+pub fn supported(session: &Session, model: Model, base: &Model, compared: &Comparison, found: &mut Found) -> Model {
+    if found.order.is_empty() {
+        return model;
+    }
+    if compared.holds_the_bare() {
+        found.support = Support::Missing;
+        return model;
+    }
+    let common = compared.common();
+    if found.order.iter().all(|name| common.contains(name)) {
+        found.support = Support::Full;
+        return model;
+    }
+    found.support = Support::Partial(common.clone());
+    let mut slots = model.slots.clone();
+    slots.retain(|slot| common.contains(&slot.form.name()));
+    let jumps = |slots: &[Slot]| slots.iter().any(|slot| slot.form.jumps().is_some());
+    if slots.len() == base.slots.len() || jumps(&model.slots) {
+        return model;
+    }
+    let coarse = Model { slots, ..Model::baseline(model.initial_state, model.stops) };
+    let mut fewer = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
+    fewer.fit_all(session);
+    fewer.anchor(session);
+    if Leaves::new(session, base, &fewer).more_than(MOST_UNEXPLAINED) {
+        return model;
+    }
+    found.order.retain(|name| common.contains(name));
+    found.support = Support::Full;
+    found.twins = false;
+    fewer.pruned()
 }
 
 /// `model` without the effect that is missed least of those found, which `found` then no longer tells; the others' parameters are fitted
@@ -83,6 +113,27 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
 
 /// Most confidence in an effect of whose parameters one could lie anywhere in its range.
 const UNDETERMINED: f64 = 0.5;
+
+/// Fewest recordings between which a law can be seen.
+const FEWEST_TO_SEE_A_LAW_BETWEEN: usize = 6;
+
+/// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
+/// of its own in each.
+fn is_confounded(session: &Session, slot: &Slot) -> bool {
+    let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
+    sources.sort_unstable();
+    sources.dedup();
+    slot.form.is_between_recordings() && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
+}
+
+/// Most confidence in an effect by the confidence set.
+fn supported_confidence(support: &Support, name: &str) -> f64 {
+    match support {
+        Support::Untested | Support::Full => 1.0,
+        Support::Partial(common) if common.contains(&name) => 1.0,
+        Support::Partial(_) | Support::Missing => UNDETERMINED,
+    }
+}
 
 /// Share of a parameter's range next to a limit that counts as the limit.
 const AT_A_LIMIT: f64 = 1e-3;
@@ -122,7 +173,7 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
     let in_a_gap = in_a_gap(session, after);
     let residual = after.residuals(session);
-    let smooth = switching_selection::without_jumps(after);
+    let smooth = switching_refits::without_jumps(after);
     let floor = noise::floor(session, &residual);
     let missed = QuasiStatic::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
@@ -206,7 +257,9 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             // The first must also have beaten the second.
             confidence: ((1.0 - unexplained)
                 * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
-            .min(determined(slot, &half_widths[before..before + slot.parameters.len()])),
+            .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
+            .min(supported_confidence(&found.support, name))
+            .min(if is_confounded(session, slot) { UNDETERMINED } else { 1.0 }),
             parameters,
             intervals,
         });
@@ -227,12 +280,13 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
     let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let fails = !effects.is_empty() && !jumps && fails_kept_out(rmse_before, rmse_after, floor);
-    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || fails || (disagrees && effects.is_empty()) {
+    let unsupported = !effects.is_empty() && found.support == Support::Missing;
+    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || unsupported || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if alike || twins {
+    } else if alike || twins || after.slots.iter().any(|slot| is_confounded(session, slot)) || matches!(found.support, Support::Partial(_))
+    {
         Verdict::Ambiguous
     } else {
         Verdict::Named
@@ -266,19 +320,5 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         excluded_samples: excluded,
         kept_out,
         side_unknown,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::selection::verdict::fails_kept_out;
-
-    #[test]
-    fn what_leaves_most_of_unseen_recordings_unexplained_fails_and_what_reaches_the_noise_does_not() {
-        assert!(fails_kept_out(2.0, 1.6, 1.0));
-        assert!(!fails_kept_out(2.0, 1.4, 1.0));
-        // A small effect, closed down to what scatters anyway.
-        assert!(!fails_kept_out(1.1, 1.05, 1.0));
-        assert!(fails_kept_out(1.3, 1.4, 1.0));
     }
 }
