@@ -69,6 +69,11 @@ pub struct Reading {
     pub pins: Option<Pins>,
 }
 
+/// What rounds to zero is zero, without a sign.
+fn unsigned_zero(value: f32) -> f32 {
+    if value.abs() < 0.000_5 { 0.0 } else { value }
+}
+
 impl Reading {
     /// Of a sample.
     pub fn new(sample: &Telemetry, rig: &mut Rig) -> Self {
@@ -95,7 +100,10 @@ impl Reading {
     /// One line, for a rig that is watched.
     pub fn line(&self) -> String {
         let value = |value: Option<f32>, digits: usize, unit: &str| {
-            value.map_or_else(|| format!("{:>1$}", "-", digits + 4 + unit.len()), |value| format!("{value:>width$.digits$} {unit}", width = digits + 3))
+            value.map_or_else(
+                || format!("{:>1$}", "-", digits + 4 + unit.len()),
+                |value| format!("{:>width$.digits$} {unit}", unsigned_zero(value), width = digits + 3),
+            )
         };
         let mut line = format!(
             "{:>9.3} s  {:<7}  output {:.3} bar  pressure {}  laser {}  estimate {}",
@@ -121,12 +129,12 @@ impl Reading {
     /// Several lines, for a status.
     pub fn lines(&self, quantity: &str) -> Vec<String> {
         let value = |value: Option<f32>, unit: &str, without: &str| {
-            value.map_or_else(|| without.to_owned(), |value| format!("{value:.3} {unit}"))
+            value.map_or_else(|| without.to_owned(), |value| format!("{:.3} {unit}", unsigned_zero(value)))
         };
         let mut lines = vec![
             format!(
-                "pressure   {} measured (code {}), {:.3} bar to the valve",
-                value(self.pressure_bar, "bar", "not plausible"),
+                "pressure   {} (code {}), {:.3} bar to the valve",
+                value(self.pressure_bar, "bar measured", "not plausible"),
                 self.pressure_code,
                 self.output_bar
             ),
