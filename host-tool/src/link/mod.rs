@@ -6,6 +6,7 @@
 //! passes only while somebody waits for bytes, one tick of 1 ms after the other. Code written against [`Client`] cannot tell them apart.
 
 mod board_model;
+mod breakage;
 mod client;
 mod error;
 mod find;
@@ -26,11 +27,12 @@ mod tests;
 use std::time::Duration;
 
 pub use board_model::{BOARD_MODEL_BUILD, BoardModel, BoardModelConfig, BoardPins};
+pub use breakage::Breakage;
 pub use client::{Account, Client, Gap, version};
 pub use error::LinkError;
 pub use find::find_board;
 pub use flash::{FlashMemory, SlotPair};
-pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle, SensorError, ValveError};
+pub use hardware::{Hardware, HardwareConfig, Muscle, SensorError, ValveError};
 pub(crate) use in_process::device_outputs;
 pub use in_process::{FACTS, FIRMWARE, Heap, HostDevice, InProcess};
 pub use inject::{INJECTIONS, Injection};

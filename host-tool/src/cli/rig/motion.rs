@@ -13,7 +13,7 @@ use model_export::link::state::State;
 use serde::Serialize;
 
 use super::Which;
-use super::reading::Reading;
+use super::reading::{Reading, latest};
 use super::state::RecordWritten;
 use crate::backend::Rig;
 use crate::cli::Outcome;
@@ -219,23 +219,6 @@ pub fn move_to(arguments: MoveArguments, rig: &mut Client<Rig>, which: &Which) -
         Next::Hold(begin_mm + gone_mm.copysign(way_mm))
     };
     run(rig, which, time, &[("control.law", SettingValue::Integer(2))], (Quantity::Displacement, begin_mm), &ramp)
-}
-
-/// The newest sample, or the next one.
-pub(super) fn latest(rig: &mut Client<Rig>) -> Result<Telemetry> {
-    let SettingValue::Integer(period_ms) = experiment::setting(rig, "telemetry.period_ms")? else {
-        bail!("telemetry.period_ms is no time")
-    };
-    // What waited was heard before; one period, and one for the way.
-    let until = rig.elapsed() + Duration::from_millis(u64::from(period_ms)) * 2 + Duration::from_millis(200);
-    let mut newest = None;
-    while newest.is_none() && rig.elapsed() < until {
-        rig.listen(Duration::from_millis(20))?;
-        while let Some(sample) = rig.take_telemetry() {
-            newest = Some(sample);
-        }
-    }
-    newest.context("no telemetry comes; `settings get telemetry.period_ms` says how often it should")
 }
 
 /// Runs with a set-point that depends on the sample and the time since the start, s, then vents and sets the settings back.

@@ -1,5 +1,8 @@
 //! What a rig reads now, as text and JSON: pressures, laser, estimate, set-point, codes, supply, and the pins of a simulated board.
 
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
 use model_export::link::message::Telemetry;
 use model_export::link::settings::SettingValue;
 use serde::Serialize;
@@ -163,6 +166,23 @@ impl Reading {
 }
 
 /// The unit of the set-point in force.
-pub fn quantity(rig: &mut Client<Rig>) -> anyhow::Result<&'static str> {
+pub fn quantity(rig: &mut Client<Rig>) -> Result<&'static str> {
     Ok(if experiment::setting(rig, "control.law")? == SettingValue::Integer(2) { "mm" } else { "bar" })
+}
+
+/// The newest sample, or the next one.
+pub(super) fn latest(rig: &mut Client<Rig>) -> Result<Telemetry> {
+    let SettingValue::Integer(period_ms) = experiment::setting(rig, "telemetry.period_ms")? else {
+        bail!("telemetry.period_ms is no time")
+    };
+    // What waited was heard before; one period, and one for the way.
+    let until = rig.elapsed() + Duration::from_millis(u64::from(period_ms)) * 2 + Duration::from_millis(200);
+    let mut newest = None;
+    while newest.is_none() && rig.elapsed() < until {
+        rig.listen(Duration::from_millis(20))?;
+        while let Some(sample) = rig.take_telemetry() {
+            newest = Some(sample);
+        }
+    }
+    newest.context("no telemetry comes; `settings get telemetry.period_ms` says how often it should")
 }
