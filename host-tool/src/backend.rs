@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
-    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, Injection, LinkError, Lockstep, Muscle, Processor, Qemu,
-    QemuConfig, Serial, Transport, find_board,
+    BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, Injection, LinkError, Lockstep, Muscle, Processor,
+    Qemu, QemuConfig, Serial, Transport, find_board,
 };
 use crate::plant::Plant;
 

@@ -169,7 +169,10 @@ mod tests {
         let path = folder.path().join("settings.toml");
         std::fs::write(&path, file("of a test\nrig", &all)).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.contains("\"control.feed_forward\" = \"pi-inverse\"") && text.contains("\"limits.ceiling_bar\" = 0.8 # bar:"), "{text}");
+        assert!(
+            text.contains("\"control.feed_forward\" = \"pi-inverse\"") && text.contains("\"limits.ceiling_bar\" = 0.8 # bar:"),
+            "{text}"
+        );
         let read: BTreeMap<u16, SettingValue> = read(&path).unwrap().into_iter().map(|(info, value)| (info.number, value)).collect();
         assert_eq!(read, all);
     }

@@ -48,10 +48,8 @@ impl<const N: usize> Fit<N> {
         let inverse = invert(normal).ok_or(CalibrationError::Degenerate("the unknowns"))?;
         let coefficients: [f64; N] = std::array::from_fn(|row| inverse[row].iter().zip(&right).map(|(a, b)| a * b).sum());
         let degrees = rows.len() - N;
-        let squares: f64 = rows
-            .iter()
-            .map(|(columns, value)| (value - columns.iter().zip(&coefficients).map(|(a, b)| a * b).sum::<f64>()).powi(2))
-            .sum();
+        let squares: f64 =
+            rows.iter().map(|(columns, value)| (value - columns.iter().zip(&coefficients).map(|(a, b)| a * b).sum::<f64>()).powi(2)).sum();
         let residual = (degrees > 0).then(|| (squares / degrees as f64).sqrt());
         Ok(Self { coefficients, inverse, residual, quantile: quantile(degrees) })
     }

@@ -37,7 +37,9 @@ impl ValveMap {
     pub fn of(levels: &[Level]) -> Result<Self, CalibrationError> {
         let highest_bar = levels.iter().map(|level| level.pressure_bar).fold(0.0, f64::max);
         if highest_bar < 0.02 {
-            return Err(CalibrationError::NoResponse(format!("the pressure stays below {highest_bar:.3} bar whatever the valve is asked for")));
+            return Err(CalibrationError::NoResponse(format!(
+                "the pressure stays below {highest_bar:.3} bar whatever the valve is asked for"
+            )));
         }
         let limit_share = saturation(levels);
         let on_the_line: Vec<&Level> =

@@ -131,6 +131,9 @@ Examples:
   catheter rig hello
   catheter rig --backend serial:/dev/ttyUSB0 status
   catheter rig --backend serial:COM3 explain
+  catheter rig --backend serial hold --arm --pressure-bar 0.5
+  catheter rig monitor --rate-hz 100 --csv watched.csv
+  catheter rig calibrate --save --html calibration.html
   catheter rig settings get limits.ceiling_bar
   catheter rig --flash rig.flash settings set limits.ceiling_bar=2.5 laser.required=false --save
   catheter rig --flash rig.flash settings diff --defaults
@@ -139,7 +142,8 @@ Examples:
   catheter rig --backend qemu record --excitation staircase.toml --out run.csv --json run.json
   catheter rig --backend serial:/dev/ttyUSB0 vent
 
-Exit code 1: `vent` saw no low pressure, `record` ended early with a fault.";
+Exit code 1: `vent` saw no low pressure; `arm`, `hold`, `move`, `jog`, `start` or `record` ended with a fault.
+On a simulated rig each command begins with the power off; on a board states stay. A running rig vents when its command ends.";
 
 /// Below the help of `dashboard`.
 pub const DASHBOARD: &str = "\

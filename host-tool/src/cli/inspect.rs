@@ -16,20 +16,21 @@ use crate::export::hexadecimal;
 use crate::network::described;
 use crate::{output, say};
 
-/// Print everything about a model blob, and check it.
+/// Print everything about a model, and check it.
 ///
-/// Every checksum is verified, the golden vectors are replayed by the firmware's own code, and the cost on the microcontroller is
+/// Of a model of any kind: what it is, what it was made for, what a step costs. Of a blob all it holds: every checksum is verified, the golden vectors are replayed by the firmware's own code, and the cost on the microcontroller is
 /// worked out. Exit code 1 when the golden vectors are not met.
 #[derive(clap::Args)]
 #[command(after_long_help = "\
 Examples:
   catheter inspect model.blob
-  catheter inspect model.blob --json model.json")]
+  catheter inspect model.blob --json model.json
+  catheter inspect physics.toml")]
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// The blob, as `catheter export` writes it.
-    #[arg(value_name = "MODEL.blob")]
+    /// The model: a blob of `catheter export`, a network of `catheter train`, or the physics of `identify`, `fit` or `discover`.
+    #[arg(value_name = "MODEL")]
     blob: PathBuf,
 }
 
@@ -89,13 +90,48 @@ struct StabilitySummary {
 /// A recovered network's correction is this near to what it would be, in normalised output.
 const TOLERANCE: f64 = 0.01;
 
+/// Whether a file is a blob, or was meant to be one.
+fn blob_like(path: &std::path::Path, bytes: &[u8]) -> bool {
+    bytes.starts_with(&blob::MAGIC) || path.extension().is_some_and(|ending| ending == "blob")
+}
+
+/// What is known of a model that is no blob.
+fn describe(arguments: &Arguments) -> Result<Outcome> {
+    let model = crate::model::load(&arguments.blob)?;
+    let description = model.description();
+    say!("{}", arguments.blob.display());
+    say!("  kind          {}", description.kind);
+    say!("  input         {} in {}", description.input.quantity, description.input.unit);
+    for signal in &description.more_inputs {
+        say!("                {} in {}", signal.quantity, signal.unit);
+    }
+    say!("  output        {} in {}", description.output.quantity, description.output.unit);
+    if let Some((low, high)) = description.input_range {
+        say!("  trained on    {low} to {high} {}", description.input.unit);
+    }
+    match description.sample_period_s {
+        Some(period_s) => say!("  sample period {period_s} s"),
+        None => say!("  sample period any"),
+    }
+    say!("  parameters    {}", description.parameters);
+    say!("  step          {} multiplications", description.macs_per_step);
+    say!("`catheter export` makes a blob of what the microcontroller can run; `inspect` of a blob tells its memory and cost there.");
+    if let Some(path) = &arguments.common.json {
+        output::write_json(path, &description)?;
+    }
+    Ok(Outcome::Success)
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// When the blob cannot be read or is refused.
+/// When the model cannot be read or is refused.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let path = arguments.blob.display();
     let bytes = crate::output::read(&arguments.blob).with_context(|| format!("cannot read {path}"))?;
+    if !blob_like(&arguments.blob, &bytes) {
+        return describe(arguments);
+    }
     let blob = blob::decode(&bytes).with_context(|| format!("{path} is refused"))?;
     anyhow::ensure!(
         blob::content_hash_matches(&bytes),

@@ -3,19 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use model_export::link::settings::{INFO, SettingValue, by_name};
+use model_export::link::settings::SettingValue;
 use serde::Serialize;
 
 use super::{Common, Outcome};
-use crate::backend::BOARD_MODEL;
+use crate::backend::{BOARD_MODEL, Backend, Rig};
+use crate::interrupt;
 use crate::journal::Tracing;
-use crate::link::{Client, FlashMemory, InProcess, Processor, Serial};
+use crate::link::{Client, FlashMemory, InProcess, Processor};
 use crate::track::beyond::{Beyond, beyond};
 use crate::track::compare::{self, Run};
+use crate::track::missed::missed;
 use crate::track::rig::{self, Truth};
 use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, run, setting};
 use crate::tune::Tuned;
-use crate::{output, recording, report, say};
+use crate::{output, recording, report, say, setting_words};
 
 /// Follow a reference with one controller after the other.
 ///
@@ -27,16 +29,17 @@ References: steps, a, b, c, d (the paper's families), point-to-point, hand (synt
 
 Examples:
   catheter track --reference point-to-point --controllers open-loop,physics-inverse,sensorless --json tracking.json
-  catheter track --reference a --controllers pid,physics-inverse+pid --report tracking.html --seed 7
+  catheter track --reference a --controllers pid,physics-inverse+pid --html tracking.html --seed 7
   catheter track --backend qemu --reference steps --controllers sensorless
   catheter track --backend board-model --reference steps --controllers sensorless
-  catheter track --backend serial --port /dev/ttyACM0 --settings tuned/settings.toml --model tuned/control.blob --reference path.csv --controllers physics-inverse+pid")]
+  catheter track --backend serial:/dev/ttyACM0 --settings tuned/settings.toml --model tuned/control.blob --reference path.csv --controllers physics-inverse+pid")]
 pub struct Arguments {
-    /// Where to run.
-    #[arg(long, value_enum, default_value_t = Backend::Virtual)]
+    /// Where to run: virtual (in this process), qemu (as ARM code), board-model (the flashable image on a model of its chip), serial:PORT, or serial
+    /// for the one port at which a board answers.
+    #[arg(long, default_value = "virtual", env = "CATHETER_BACKEND", value_name = "virtual|qemu|board-model|serial[:PORT]")]
     backend: Backend,
-    /// Serial port of the board.
-    #[arg(long, value_name = "PORT", required_if_eq("backend", "serial"))]
+    /// As `--backend serial:PORT`.
+    #[arg(long, value_name = "PORT", hide = true)]
     port: Option<PathBuf>,
     /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
@@ -76,7 +79,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_reach)]
     reach_mm: Option<Reach>,
     /// Write a page with plots.
-    #[arg(long, value_name = "FILE.html", value_parser = output::file_argument("html"))]
+    #[arg(long = "html", alias = "report", value_name = "FILE.html", value_parser = output::file_argument("html"))]
     report: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
@@ -84,18 +87,6 @@ pub struct Arguments {
 
 /// The controller whose model runs the other way round.
 const LEARNED: &str = "learned-inverse";
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Backend {
-    /// The firmware in this process around a simulated rig.
-    Virtual,
-    /// The firmware as ARM code in QEMU around the same rig.
-    Qemu,
-    /// The flashable image on a model of its chip, around the same rig.
-    BoardModel,
-    /// A board.
-    Serial,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Preset {
@@ -108,6 +99,19 @@ struct Summary<'a> {
     controllers: Vec<&'a Figures>,
     /// Models that the reference asks for more than they were made from.
     beyond_range: &'a [Beyond],
+    /// Controllers that did not follow at all, in sentences.
+    missed: &'a [String],
+}
+
+impl Arguments {
+    /// The backend, with the port that `--port` names.
+    fn backend(&self) -> Result<Backend> {
+        let Some(port) = &self.port else { return Ok(self.backend.clone()) };
+        match self.backend {
+            Backend::AnySerial => Ok(Backend::Serial(port.to_string_lossy().into_owned())),
+            _ => bail!("--port is for --backend serial; --backend serial:PORT says both"),
+        }
+    }
 }
 
 /// The blob of a model: the file itself, or the one that `catheter fit` left beside it.
@@ -136,6 +140,8 @@ fn read_model(path: &Path) -> Result<Vec<u8>> {
 /// # Errors
 /// On bad input, or when the device refuses.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
+    check_reference(&arguments.reference)?;
+    let backend = arguments.backend()?;
     let chosen: Vec<Controller> = arguments.controllers.iter().filter_map(|name| controller(name)).collect();
     if arguments.inverse_model.is_none() && chosen.iter().any(|controller| controller.name == LEARNED) {
         bail!("{LEARNED} needs --inverse-model: an inverse model, made by `catheter train --inverse` and `catheter export`");
@@ -148,13 +154,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         _ => None,
     };
     let seed = arguments.common.seed;
-    let (reference, beyond, runs) = match arguments.backend {
-        Backend::Serial => {
+    let (reference, beyond, runs) = match &backend {
+        board if board.is_board() => {
             let Some(control) = given else { bail!("a board needs --settings and --model; `catheter tune` makes both from a recording") };
             let reference = the_reference(arguments, None)?;
             let beyond = what_is_beyond(&control, &chosen, inverse.as_deref(), &reference);
-            let port = arguments.port.as_deref().context("--port is needed")?;
-            let mut client = Client::connect(Serial::open(&port.to_string_lossy())?)?;
+            interrupt::watch();
+            let mut client = Client::connect(Rig::open(board, || bail!("a board is not simulated"))?)?;
             let mut loaded: Option<&[u8]> = None;
             let one = |controller: &Controller| -> Result<Run> {
                 let mut settings = control.settings(*controller);
@@ -213,8 +219,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     };
     let name = reference.name;
     print(&name, &runs);
+    let missed: Vec<String> = runs.iter().filter_map(|run| missed(&run.figures.name, &run.samples)).collect();
+    missed.iter().for_each(|one| say!("FAILED: {one}"));
     if let Some(path) = &arguments.common.json {
-        output::write_result(path, &Summary { controllers: runs.iter().map(|run| &run.figures).collect(), beyond_range: &beyond })?;
+        let controllers = runs.iter().map(|run| &run.figures).collect();
+        output::write_result(path, &Summary { controllers, beyond_range: &beyond, missed: &missed })?;
     }
     if let Some(folder) = &arguments.csv {
         for run in &runs {
@@ -223,16 +232,16 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         }
     }
     if let Some(path) = &arguments.report {
-        let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).collect();
-        let rig = match arguments.backend {
+        let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).chain(missed.iter().cloned()).collect();
+        let rig = match backend {
             Backend::Virtual => "the all-effects rig",
             Backend::Qemu => "the all-effects rig around QEMU",
             Backend::BoardModel => "the all-effects rig around the board's model",
-            Backend::Serial => "a board",
+            Backend::Serial(_) | Backend::AnySerial => "a board",
         };
         output::write_atomic(path, report::track::page(&name, rig, &runs, &warnings).as_bytes())?;
     }
-    Ok(Outcome::Success)
+    Ok(if missed.is_empty() { Outcome::Success } else { Outcome::CheckFailed })
 }
 
 fn journal_path(folder: &Path, controller: Controller) -> PathBuf {
@@ -338,11 +347,15 @@ fn the_reference(arguments: &Arguments, reach: Option<Reach>) -> Result<Referenc
         let reach = arguments.reach_mm.or(reach).context("a named reference needs --reach-mm LOW,HIGH when the settings are given")?;
         return reference::named(&arguments.reference, reach, arguments.common.seed).context("no such reference");
     }
-    let path = Path::new(&arguments.reference);
-    if !path.exists() {
-        bail!("{}: is neither a file nor one of {}", path.display(), reference::NAMES.join(", "));
+    reference::from_file(Path::new(&arguments.reference))
+}
+
+/// Refuses, before any work, a reference that is neither a name nor a file.
+fn check_reference(name: &str) -> Result<()> {
+    if !reference::NAMES.contains(&name) && !Path::new(name).exists() {
+        bail!("--reference {name}: is neither a file nor one of {}", reference::NAMES.join(", "));
     }
-    reference::from_file(path)
+    Ok(())
 }
 
 /// The rig is safe whatever it is asked for, but what the muscle cannot do nobody follows.
@@ -369,23 +382,7 @@ fn what_is_beyond(control: &Control, chosen: &[Controller], inverse: Option<&[u8
 
 /// Settings by name from a file.
 fn read_settings(path: &Path) -> Result<SettingValues> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let table: toml::Table = toml::from_str(&text).with_context(|| format!("{}: is no TOML", path.display()))?;
-    let mut settings = Vec::new();
-    for (name, value) in &table {
-        let info = by_name(name).with_context(|| format!("{}: there is no setting {name:?}; there are {}", path.display(), INFO.len()))?;
-        let value = match (info.default, value) {
-            (SettingValue::Float(_), toml::Value::Float(number)) => SettingValue::Float(*number as f32),
-            (SettingValue::Float(_), toml::Value::Integer(number)) => SettingValue::Float(*number as f32),
-            (SettingValue::Integer(_), toml::Value::Integer(number)) => {
-                SettingValue::Integer(u32::try_from(*number).with_context(|| format!("{}: {name} is {number}", path.display()))?)
-            }
-            (SettingValue::Flag(_), toml::Value::Boolean(flag)) => SettingValue::Flag(*flag),
-            _ => bail!("{}: {name} has the wrong type", path.display()),
-        };
-        settings.push((info.number, value));
-    }
-    Ok(settings)
+    Ok(setting_words::read(path)?.into_iter().map(|(info, value)| (info.number, value)).collect())
 }
 
 fn print(reference: &str, runs: &[Run]) {

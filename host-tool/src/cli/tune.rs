@@ -11,7 +11,7 @@ use super::{Common, Data, Outcome};
 use crate::recording::Recording;
 use crate::track::{CONTROLLERS, SettingValues, controller};
 use crate::tune::{self, Gains, Tuned, simulate::Limits};
-use crate::{output, say};
+use crate::{output, say, setting_words};
 
 /// Propose controllers from recordings; sends nothing.
 ///
@@ -65,6 +65,7 @@ struct Summary {
     feedback_alone: Gains,
     feedback_beside_feed_forward: Gains,
     settings: BTreeMap<&'static str, serde_json::Value>,
+    warnings: Vec<String>,
 }
 
 /// Settings by name, as people and files write them.
@@ -93,8 +94,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let tuned = tune::tune(&recordings, limits, arguments.common.seed)?;
     let chosen = controller(&arguments.controller).context("no such controller")?;
     let settings = named(&tuned.settings(chosen));
-    let text = toml::to_string(&settings).context("settings as TOML")?;
-    output::write_atomic(&settings_path, text.as_bytes())?;
+    let values: BTreeMap<u16, SettingValue> = tuned.settings(chosen).into_iter().collect();
+    let heading = format!("Settings of the controller {}, tuned from {} recordings.", chosen.name, recordings.len());
+    output::write_atomic(&settings_path, setting_words::file(&heading, &values).as_bytes())?;
     output::write_atomic(&blob_path, &tuned.blob)?;
     print(&tuned);
     say!("settings for {} -> {}, model -> {}", chosen.name, settings_path.display(), blob_path.display());
@@ -120,7 +122,20 @@ fn summary(tuned: &Tuned, controller: &str, settings: BTreeMap<&'static str, ser
         feedback_alone: tuned.alone,
         feedback_beside_feed_forward: tuned.beside,
         settings,
+        warnings: unknown(tuned),
     }
+}
+
+/// Parameters that the recordings do not tell: their intervals are wider than what they are.
+fn unknown(tuned: &Tuned) -> Vec<String> {
+    let wide = tuned.fitted.parameters.iter().filter(|(_, value, half)| !(*half <= value.abs()));
+    wide.map(|(name, value, half)| {
+        format!(
+            "{name} is {value:.4} with an interval of +- {half:.4}: the recordings do not tell it. Record what moves it (steps for times, slow large \
+             loops for thresholds, holds for creep), or trust the other figures only."
+        )
+    })
+    .collect()
 }
 
 fn print(tuned: &Tuned) {
@@ -129,6 +144,7 @@ fn print(tuned: &Tuned) {
     for (name, value, half) in &fitted.parameters {
         say!("  {name:<24} {value:>9.4}  +- {half:.4}");
     }
+    unknown(tuned).iter().for_each(|warning| say!("warning: {warning}"));
     for (name, gains) in [("feedback alone", &tuned.alone), ("feedback beside a feed-forward", &tuned.beside)] {
         say!(
             "{name}: proportional {:.3} mm/mm, integral {:.2} /s, derivative {:.3} s",

@@ -33,6 +33,26 @@ pub struct Demo {
     pub passed: bool,
 }
 
+impl Demo {
+    /// How many checks hold of how many, and the names of those that do not: what decides whether the demonstration passed, and every other
+    /// criterion of the suite on the blob, which decides nothing and is told all the same.
+    #[must_use]
+    pub fn count_of_checks(&self) -> (usize, usize, Vec<String>) {
+        let mut checks: Vec<(String, bool)> = self.checks.iter().map(|check| (check.name.clone(), check.passed)).collect();
+        for rig in &self.rigs {
+            let of_blob = rig.suites.last().map(|suite| &suite.report.criteria[..]).unwrap_or_default();
+            for criterion in of_blob {
+                let name = format!("{}: {}", rig.name, criterion.name);
+                if !checks.iter().any(|(known, _)| *known == name) {
+                    checks.push((name, criterion.passed));
+                }
+            }
+        }
+        let missed: Vec<String> = checks.iter().filter(|(_, passed)| !passed).map(|(name, _)| name.clone()).collect();
+        (checks.len() - missed.len(), checks.len(), missed)
+    }
+}
+
 /// One stage.
 #[derive(Clone, Debug, Serialize)]
 pub struct Stage {

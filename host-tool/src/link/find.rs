@@ -44,7 +44,11 @@ pub fn find_board() -> Result<Serial, LinkError> {
     }
     match found.pop() {
         Some(board) if found.is_empty() => Ok(board),
-        Some(_) => Err(LinkError::NotFound { problem: "more than one board answers; name one with --backend serial:PORT".to_owned(), tried }),
-        None => Err(LinkError::NotFound { problem: "no board answers on any USB serial port; plug it in, or name its port".to_owned(), tried }),
+        Some(_) => {
+            Err(LinkError::NotFound { problem: "more than one board answers; name one with --backend serial:PORT".to_owned(), tried })
+        }
+        None => {
+            Err(LinkError::NotFound { problem: "no board answers on any USB serial port; plug it in, or name its port".to_owned(), tried })
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::hardware::Breakage;
+use super::breakage::Breakage;
 
 /// Code of a current through the shunt: 150 ohm, 3.3 V, two conversions of 12 bits summed.
 fn code(current_ma: f64) -> u16 {

@@ -6,13 +6,14 @@
 //! passes only while somebody waits for bytes, one tick of 1 ms after the other. Code written against [`Client`] cannot tell them apart.
 
 mod board_model;
+mod breakage;
 mod client;
 mod error;
-mod flash;
 mod find;
+mod flash;
 mod hardware;
-mod inject;
 mod in_process;
+mod inject;
 mod lockstep;
 mod qemu;
 mod reserved;
@@ -26,11 +27,12 @@ mod tests;
 use std::time::Duration;
 
 pub use board_model::{BOARD_MODEL_BUILD, BoardModel, BoardModelConfig, BoardPins};
+pub use breakage::Breakage;
 pub use client::{Account, Client, Gap, version};
 pub use error::LinkError;
-pub use flash::{FlashMemory, SlotPair};
 pub use find::find_board;
-pub use hardware::{Breakage, Hardware, HardwareConfig, Muscle, SensorError, ValveError};
+pub use flash::{FlashMemory, SlotPair};
+pub use hardware::{Hardware, HardwareConfig, Muscle, SensorError, ValveError};
 pub(crate) use in_process::device_outputs;
 pub use in_process::{FACTS, FIRMWARE, Heap, HostDevice, InProcess};
 pub use inject::{INJECTIONS, Injection};

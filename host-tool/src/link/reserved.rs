@@ -46,22 +46,39 @@ mod system {
         Ok(Ok(Reserved(Some(file))))
     }
 
-    /// Which process has the port open, where the system tells.
+    /// Which process has the port, where the system tells: the one with the lock, or else one that has it open.
     fn holder(port: &str) -> String {
+        let number = locker(port).or_else(|| opener(port));
+        number.map_or_else(
+            || "another process".to_owned(),
+            |number| format!("process {number} (`{}`)", command_line(&Path::new("/proc").join(number.to_string()))),
+        )
+    }
+
+    /// The process that has the lock on a file, by Linux' list of locks: `1: FLOCK  ADVISORY  WRITE 4711 00:1c:5 0 EOF`.
+    fn locker(port: &str) -> Option<u32> {
+        use std::os::unix::fs::MetadataExt as _;
+        let inode = std::fs::metadata(port).ok()?.ino().to_string();
+        let locks = std::fs::read_to_string("/proc/locks").ok()?;
+        let of = |line: &str| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let is_it = words.get(1) == Some(&"FLOCK") && words.get(5)?.rsplit(':').next() == Some(inode.as_str());
+            words.get(4).filter(|_| is_it)?.parse().ok()
+        };
+        locks.lines().find_map(of).filter(|number| *number != std::process::id())
+    }
+
+    /// A process that has a file open.
+    fn opener(port: &str) -> Option<u32> {
         let wanted = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
-        let own = std::process::id().to_string();
-        let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-        for process in processes {
-            let number = process.file_name().to_string_lossy().into_owned();
-            if number == own || !number.bytes().all(|byte| byte.is_ascii_digit()) {
-                continue;
-            }
-            let files = std::fs::read_dir(process.path().join("fd")).into_iter().flatten().flatten();
-            if files.into_iter().any(|file| std::fs::read_link(file.path()).is_ok_and(|target| target == wanted)) {
-                return format!("process {number} (`{}`)", command_line(&process.path()));
-            }
-        }
-        "another process".to_owned()
+        let has_it = |process: &Path| {
+            let files = std::fs::read_dir(process.join("fd")).into_iter().flatten().flatten();
+            files.into_iter().any(|file| std::fs::read_link(file.path()).is_ok_and(|target| target == wanted))
+        };
+        let processes = std::fs::read_dir("/proc").ok()?.flatten();
+        let numbered = processes.filter_map(|process| Some((process.file_name().to_str()?.parse::<u32>().ok()?, process.path())));
+        let mut others = numbered.filter(|(number, _)| *number != std::process::id());
+        others.find(|(_, path)| has_it(path)).map(|(number, _)| number)
     }
 
     /// The words of a process' command line, without what a terminal would obey.

@@ -28,11 +28,8 @@ impl Serial {
     }
 
     fn open_with(port: &str, settings: impl serial2::IntoSettings) -> Result<Self, LinkError> {
-        let cannot = |error: std::io::Error| LinkError::CannotOpen {
-            place: port.to_owned(),
-            problem: error.to_string(),
-            remedy: remedy(&error),
-        };
+        let cannot =
+            |error: std::io::Error| LinkError::CannotOpen { place: port.to_owned(), problem: error.to_string(), remedy: remedy(&error) };
         // First: opening sets the line up, which whoever uses it must not notice.
         let reserved = reserve(port)?.map_err(cannot)?;
         let opened = serial2::SerialPort::open(port, settings).map_err(cannot)?;

@@ -53,14 +53,10 @@ fn draw(page: &mut Page, curve: &Curve) {
             height: 180.0,
             zero: false,
         },
-        Panel {
-            label: "measured less fitted".to_owned(),
-            series: vec![line("", "error", &curve.residuals)],
-            height: 80.0,
-            zero: true,
-        },
+        Panel { label: "measured less fitted".to_owned(), series: vec![line("", "error", &curve.residuals)], height: 80.0, zero: true },
     ];
-    let description = format!("{}: {} over {}, measured and fitted, and the difference below.", curve.title, curve.vertical, curve.horizontal);
+    let description =
+        format!("{}: {} over {}, measured and fitted, and the difference below.", curve.title, curve.vertical, curve.horizontal);
     let caption = Caption { title: curve.title, description: &description };
     page.figure(panels(caption, curve.horizontal, 720.0, &plots), Width::Half, curve.title);
 }
@@ -86,7 +82,8 @@ pub fn page(heading: &Heading<'_>, findings: &[Finding], changes: &[Change]) -> 
                 ])
             })
             .collect();
-        let caption = if heading.saved { "Saved: the device starts with them." } else { "**Not saved**: the device has its old settings again." };
+        let caption =
+            if heading.saved { "Saved: the device starts with them." } else { "**Not saved**: the device has its old settings again." };
         page.table(caption, &["setting", "before", "after", "unit"], &rows, None);
     }
     for finding in findings {

@@ -234,12 +234,18 @@ pub fn dots(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &
 /// Bars from zero, one below the other, with their values.
 #[must_use]
 pub fn bars(caption: Caption<'_>, x_label: &str, width: f64, rows: &[(String, f64)]) -> Svg {
+    bars_from(caption, x_label, width, f64::NEG_INFINITY, rows)
+}
+
+/// As [`bars`], but none is drawn further down than to `floor`, so that one does not dwarf the others. The value beside it is the true one.
+#[must_use]
+pub fn bars_from(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &[(String, f64)]) -> Svg {
     const ROW: f64 = 26.0;
     // Eight pixels a letter of a bold name.
     let names = 10.0 + rows.iter().map(|row| 8.0 * row.0.chars().count() as f64).fold(150.0, f64::max);
     let bottom = 8.0 + ROW * rows.len() as f64;
     let mut svg = Svg::new(width, bottom + BOTTOM, caption.title, caption.description);
-    let axis = Axis::over(rows.iter().map(|row| row.1).chain([0.0]), 0.0, names, width - 60.0);
+    let axis = Axis::over(rows.iter().map(|row| row.1.max(floor)).chain([0.0]), 0.0, names, width - 60.0);
     for tick in axis.ticks(6) {
         svg.line("grid", (axis.at(tick.value), 4.0), (axis.at(tick.value), bottom));
         svg.text("tick", (axis.at(tick.value), bottom + 17.0), Anchor::Middle, &tick.label);
@@ -249,7 +255,7 @@ pub fn bars(caption: Caption<'_>, x_label: &str, width: f64, rows: &[(String, f6
     for (index, (name, value)) in rows.iter().enumerate() {
         let top = 8.0 + ROW * index as f64;
         svg.text("name", (names - 10.0, top + 14.0), Anchor::End, name);
-        let (from, to) = (axis.at(0.0), axis.at(if value.is_finite() { *value } else { 0.0 }));
+        let (from, to) = (axis.at(0.0), axis.at(if value.is_finite() { value.max(floor) } else { 0.0 }));
         svg.rectangle("bar", (from.min(to), top + 2.0), ((to - from).abs(), ROW - 8.0), None, &format!("{name}: {}", number(*value, 3)));
         svg.text("figure", (from.max(to) + 6.0, top + 14.0), Anchor::Start, &number(*value, 3));
     }

@@ -1,6 +1,6 @@
 //! The report of a discovery: the verdict, where the disagreement lies, every effect that was tried, and the gap before and after.
 
-use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, dots, heat, loops, panels};
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars_from, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
 use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, residual_map};
@@ -222,23 +222,27 @@ fn memory(page: &mut Page, discovery: &Discovery, unit: &str) {
     );
 }
 
+/// Bars are drawn down to here, per cent; the figure beside a longer one is its true value.
+const LOWEST_BAR: f64 = -20.0;
+
 fn candidates(page: &mut Page, discovery: &Discovery) {
     page.how_to_read(
         "Every effect of the catalogue was added to the simulation alone and fitted to one half of the recordings. A bar says how much of \
          the mean square it takes away **on the other half**; noise takes nothing away, and a bar may be negative. Effects that act alike have \
-         bars of like length: the search then prefers the one with fewer parameters.",
+         bars of like length: the search then prefers the one with fewer parameters. Bars are drawn down to -20 %; the figure beside is the true one.",
     );
     let mut shown: Vec<(String, f64)> =
-        discovery.candidates.iter().map(|candidate| (candidate.name.clone(), 100.0 * candidate.score.max(-0.2))).collect();
+        discovery.candidates.iter().map(|candidate| (candidate.name.clone(), 100.0 * candidate.score)).collect();
     shown.sort_by(|x, y| y.1.total_cmp(&x.1));
     page.figure(
-        bars(
+        bars_from(
             Caption {
                 title: "Effects tried alone",
                 description: "Share of the mean square that each effect takes away on recordings it was not fitted to.",
             },
             "share of the mean square taken away / %",
             760.0,
+            LOWEST_BAR,
             &shown,
         ),
         Width::Full,

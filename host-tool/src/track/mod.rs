@@ -5,6 +5,7 @@ pub mod beyond;
 pub mod compare;
 pub mod figures;
 pub mod learn;
+pub mod missed;
 pub mod reference;
 pub mod rig;
 pub mod run;

@@ -10,6 +10,7 @@ use model_export::link::state::State;
 use super::figures::Sample;
 use super::rig::Truth;
 use crate::experiment::{self, status};
+use crate::interrupt;
 use crate::link::{Client, LinkError, Transport};
 
 /// How often the host looks after the device.
@@ -39,6 +40,9 @@ pub enum RunError {
         /// Its first fault.
         fault: u8,
     },
+    /// Somebody pressed Ctrl-C.
+    #[error("interrupted; the rig was told to vent")]
+    Interrupted,
     /// The run ended before its last point.
     #[error("the device vented in mid-run{}", why(*.fault))]
     Vented {
@@ -120,6 +124,10 @@ pub fn run<T: Transport>(
         if !started {
             client.command(&Request::Start)?;
             started = true;
+        }
+        if interrupt::is_requested() {
+            client.ask(&Request::Vent)?;
+            return Err(RunError::Interrupted);
         }
         client.listen_for(ROUND)?;
         let mut finished = false;

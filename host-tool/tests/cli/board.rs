@@ -17,8 +17,8 @@ use crate::support::Bench;
 const PATIENT_TICKS: u32 = 150;
 
 /// A board on a port.
-struct Board {
-    port: String,
+pub struct Board {
+    pub port: String,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     /// Its other end must stay open between two commands.
@@ -26,7 +26,12 @@ struct Board {
 }
 
 impl Board {
-    fn start() -> Self {
+    pub fn start() -> Self {
+        Self::with_patience(PATIENT_TICKS)
+    }
+
+    /// A board whose time stands still after so many ticks without a word from its host.
+    pub fn with_patience(patient_ticks: u32) -> Self {
         let (mut device, host) = SerialPort::pair().expect("a pair of pseudo-terminals");
         let link = format!("/proc/self/fd/{}", host.as_raw_fd());
         let port = std::fs::read_link(link).expect("the port's name").display().to_string();
@@ -42,7 +47,7 @@ impl Board {
             while !until.load(Ordering::Relaxed) {
                 let count = device.read(&mut bytes).unwrap_or(0);
                 waited = if count > 0 { 0 } else { waited + 1 };
-                if waited > PATIENT_TICKS {
+                if waited > patient_ticks {
                     continue;
                 }
                 rig.send(&bytes[..count]).expect("the rig takes bytes");
@@ -86,7 +91,7 @@ fn a_boards_recordings_and_runs_leave_journals_that_are_run_again_to_the_bit() {
     let points: String = (0..60).map(|point| format!("{:.2},{:.3}\n", f64::from(point) * 0.02, 3.0 + f64::from(point) * 0.02)).collect();
     bench.write("path.csv", format!("time_s,reference_mm\n{points}"));
     bench.works(&format!(
-        "track --backend serial --port {port} --settings tuned/settings.toml --model tuned/control.blob --reference path.csv \
+        "track --backend serial:{port} --settings tuned/settings.toml --model tuned/control.blob --reference path.csv \
          --controllers physics-inverse,open-loop --journals journals --json tracked.json"
     ));
     for controller in ["physics-inverse", "open-loop"] {

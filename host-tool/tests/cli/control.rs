@@ -41,7 +41,7 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     let worst = &tuned["feedback_alone"]["worst_margins"];
     assert!(worst["gain"].as_f64().expect("a number") >= 2.0 && worst["phase_deg"].as_f64().expect("a number") >= 45.0, "{worst}");
     let settings = String::from_utf8(bench.read("tuned/settings.toml")).expect("text");
-    assert!(settings.contains("\"control.law\" = 2") && settings.contains("\"control.feed_forward\" = 0"), "{settings}");
+    assert!(settings.contains("\"control.law\" = \"tracking\"") && settings.contains("\"control.feed_forward\" = \"none\""), "{settings}");
 
     let said = bench.works(
         "track --settings tuned/settings.toml --model tuned/control.blob --reach-mm 3,8 --reference point-to-point --controllers open-loop,physics-inverse --json out.json --report out.html --csv runs",

@@ -2,7 +2,11 @@
 
 #[cfg(target_os = "linux")]
 mod board;
+#[cfg(target_os = "linux")]
+mod board_operate;
+mod bring_up;
 mod c_source;
+mod calibrate;
 mod check;
 mod contract;
 mod control;
@@ -13,6 +17,7 @@ mod fit;
 mod help;
 mod import_network;
 mod lab_effects;
+mod operate;
 mod refusals;
 mod rig;
 mod streams;

@@ -9,6 +9,8 @@ use crate::{CalibrationError, Estimate};
 
 /// A sensor whose span differs by more than this from its data sheet is more likely wired or mounted wrongly.
 const UNLIKELY_SPAN: f64 = 0.2;
+/// A sensor that gives less of its range than this for all of its reference's does not follow it.
+const LEAST_SPAN: f64 = 0.05;
 /// How long before a step its window begins, ms.
 const LEAD_MS: u32 = 40;
 /// Largest dead band that the device compensates.
@@ -55,11 +57,11 @@ impl Step {
         let pairs: Vec<(f64, f64)> = self.points.iter().map(|point| (point.reference, volts(point))).collect();
         let line = Line::through(&pairs)?;
         let span = line.span();
-        if span.value <= 0.0 {
-            return Err(CalibrationError::NoResponse(format!("the voltage of the {} does not rise with its reference", words.sensor)));
-        }
         // What the device read at a reference of zero, and per reference, with the settings in use.
         let per_volt = (map.high - map.low) / (map.high_v - map.low_v);
+        if span.value <= 0.0 || (span.value * per_volt).abs() < LEAST_SPAN {
+            return Err(CalibrationError::NoResponse(format!("the voltage of the {} does not rise with its reference", words.sensor)));
+        }
         let zero_before = Estimate { value: map.value(line.zero().value), ..line.zero().scaled(per_volt) };
         let gain_before = span.scaled(per_volt);
         let (low, high) = (line.reference(map.low_v), line.reference(map.high_v));

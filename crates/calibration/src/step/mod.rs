@@ -236,7 +236,9 @@ impl Step {
     pub fn explanation(&self) -> String {
         let plan = &self.plan;
         match self.kind {
-            Kind::Noise => format!("Listens to both sensors for {NOISE_S} s. The rig stays vented; nothing moves. Do not touch it meanwhile."),
+            Kind::Noise => {
+                format!("Listens to both sensors for {NOISE_S} s. The rig stays vented; nothing moves. Do not touch it meanwhile.")
+            }
             Kind::Laser => format!(
                 "Compares the laser with {} known distances: {} mm of its range. The rig stays vented. You place a target (gauge blocks, a \
                  micrometer stage) at each.",
@@ -288,11 +290,13 @@ impl Step {
                 settle_s: SETTLE_S,
                 seconds: LISTEN_S,
             }),
-            Kind::Valve => self
-                .course
-                .is_none()
-                .then(|| Instruction::Play { period_ms: STAIRCASE_PERIOD_MS, commands_bar: self.staircase(DWELL_MS / STAIRCASE_PERIOD_MS) }),
-            Kind::Response => self.course.is_none().then(|| Instruction::Play { period_ms: RESPONSE_PERIOD_MS, commands_bar: self.steps() }),
+            Kind::Valve => self.course.is_none().then(|| Instruction::Play {
+                period_ms: STAIRCASE_PERIOD_MS,
+                commands_bar: self.staircase(DWELL_MS / STAIRCASE_PERIOD_MS),
+            }),
+            Kind::Response => {
+                self.course.is_none().then(|| Instruction::Play { period_ms: RESPONSE_PERIOD_MS, commands_bar: self.steps() })
+            }
         }
     }
 
@@ -340,7 +344,9 @@ impl Step {
     fn steps(&self) -> Vec<f64> {
         let length = (STEP_MS / RESPONSE_PERIOD_MS) as usize;
         // Begins low: the way there from nothing is no step of the series.
-        (0..=2 * STEPS).flat_map(|index| std::iter::repeat_n(if index % 2 == 0 { self.low_bar() } else { self.high_bar() }, length)).collect()
+        (0..=2 * STEPS)
+            .flat_map(|index| std::iter::repeat_n(if index % 2 == 0 { self.low_bar() } else { self.high_bar() }, length))
+            .collect()
     }
 
     /// Takes what came of the instruction.

@@ -109,7 +109,10 @@ impl Arguments {
         let distances_mm = self.choices().distances_mm;
         ensure!(distances_mm.len() >= 2, "--distances-mm: two distances are wanted at least, three or more for an interval");
         let asks = which.backend.is_board() && self.answers.is_none();
-        ensure!(!asks || std::io::stdin().is_terminal(), "nobody is at the terminal to place targets and read the gauge: --answers FILE.toml");
+        ensure!(
+            !asks || std::io::stdin().is_terminal(),
+            "nobody is at the terminal to place targets and read the gauge: --answers FILE.toml"
+        );
         Ok(())
     }
 }

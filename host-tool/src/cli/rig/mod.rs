@@ -41,13 +41,7 @@ pub struct Arguments {
 pub struct Which {
     /// Where the rig is: virtual (in this process), qemu (as ARM code), board-model (the flashable image on a model of its chip),
     /// serial:PORT, or serial for the one port at which a board answers.
-    #[arg(
-        long,
-        global = true,
-        default_value = "virtual",
-        env = "CATHETER_BACKEND",
-        value_name = "virtual|qemu|board-model|serial[:PORT]"
-    )]
+    #[arg(long, global = true, default_value = "virtual", env = "CATHETER_BACKEND", value_name = "virtual|qemu|board-model|serial[:PORT]")]
     backend: Backend,
     /// What moves the tip of a simulated rig.
     #[arg(long, global = true, default_value = "pi", value_name = "FILE|pi|all-effects")]
@@ -187,10 +181,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 /// Opens the rig.
 fn open(which: &Which) -> Result<Rig> {
     if which.backend.is_board() {
-        let only: Vec<&str> = [("--inject", !which.inject.is_empty()), ("--hardware", which.hardware.is_some()), ("--flash", which.flash.is_some())]
-            .into_iter()
-            .filter_map(|(name, given)| given.then_some(name))
-            .collect();
+        let only: Vec<&str> =
+            [("--inject", !which.inject.is_empty()), ("--hardware", which.hardware.is_some()), ("--flash", which.flash.is_some())]
+                .into_iter()
+                .filter_map(|(name, given)| given.then_some(name))
+                .collect();
         ensure!(only.is_empty(), "{}: only on a simulated rig; {} is a board", only.join(", "), which.backend.name());
     }
     let injections = which.injections()?;

@@ -53,7 +53,9 @@ fn list(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     say!("active   {}", listed.active.as_deref().unwrap_or("none; `model upload FILE --activate` brings one"));
     say!("other    {}", listed.other.as_deref().unwrap_or("none"));
     if listed.other.is_some() {
-        say!("`model activate` makes the other one the active one. A model is known by the first bytes of its content hash, as `inspect` shows it.");
+        say!(
+            "`model activate` makes the other one the active one. A model is known by the first bytes of its content hash, as `inspect` shows it."
+        );
     }
     which.write(&listed)?;
     Ok(Outcome::Success)

@@ -27,7 +27,8 @@ const SIMULATED_S: f64 = 2.0;
 /// Lines a second on the terminal when nobody says.
 const LINES_HZ: f64 = 2.0;
 /// A row of the file.
-const HEADER: &str = "time_s,pressure_bar,displacement_mm,sequence,pressure_measured_bar,estimate_mm,set_point,output_bar,pressure_code,laser_code,fault";
+const HEADER: &str =
+    "time_s,pressure_bar,displacement_mm,sequence,pressure_measured_bar,estimate_mm,set_point,output_bar,pressure_code,laser_code,fault";
 
 /// What to watch, how often and for how long.
 #[derive(Args)]
@@ -74,7 +75,8 @@ fn row(sample: &Telemetry, start_ms: u64) -> String {
 pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     interrupt::watch();
     let period_ms = arguments.rate_hz.map(|rate_hz| (1000.0 / rate_hz).round().clamp(1.0, 10_000.0) as u32);
-    let wanted: Vec<(&str, SettingValue)> = period_ms.map(|period| ("telemetry.period_ms", SettingValue::Integer(period))).into_iter().collect();
+    let wanted: Vec<(&str, SettingValue)> =
+        period_ms.map(|period| ("telemetry.period_ms", SettingValue::Integer(period))).into_iter().collect();
     // While armed settings stay; the samples then come as they do.
     let changeable = matches!(experiment::status(rig)?.state, State::Idle | State::Fault);
     let borrowed = if changeable { energise::borrow(rig, &wanted)? } else { energise::Borrowed::default() };
@@ -85,7 +87,8 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
 
 fn watch(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let create = |path: &PathBuf| -> Result<std::io::BufWriter<std::fs::File>> {
-        let mut file = std::fs::File::create(path).map(std::io::BufWriter::new).with_context(|| format!("{}: cannot be written", path.display()))?;
+        let mut file =
+            std::fs::File::create(path).map(std::io::BufWriter::new).with_context(|| format!("{}: cannot be written", path.display()))?;
         writeln!(file, "{HEADER}")?;
         Ok(file)
     };

@@ -13,7 +13,7 @@ use model_export::link::state::State;
 use serde::Serialize;
 
 use super::Which;
-use super::reading::Reading;
+use super::reading::{Reading, latest};
 use super::state::RecordWritten;
 use crate::backend::Rig;
 use crate::cli::Outcome;
@@ -143,9 +143,8 @@ pub fn arm(arguments: ArmArguments, rig: &mut Client<Rig>, which: &Which) -> Res
     let status = experiment::status(rig)?;
     if status.state == State::Armed {
         say_what_is_kept(which);
-    } else {
-        let notices: Vec<&str> = status.notices.iter().map(|notice| notice.explanation().name).collect();
-        say!("State `{}`{}.", state_name(status.state), if notices.is_empty() { String::new() } else { format!(" ({})", notices.join(", ")) });
+    } else if status.state == State::Idle {
+        say!("Disarmed itself after {timeout_s} s without a start (arming.timeout_s). State `idle`.");
     }
     let fault = if status.state == State::Fault { experiment::fault_record(rig)? } else { None };
     if let Some(record) = &fault {
@@ -170,14 +169,7 @@ pub fn simple(request: &Request, done: &str, rig: &mut Client<Rig>, which: &Whic
     let status = experiment::status(rig)?;
     say!("{done} State `{}`.", state_name(status.state));
     say_what_is_kept(which);
-    which.write(&Written {
-        ended: "done",
-        state: state_name(status.state),
-        vented: None,
-        seconds: 0.0,
-        reading: None,
-        fault: None,
-    })?;
+    which.write(&Written { ended: "done", state: state_name(status.state), vented: None, seconds: 0.0, reading: None, fault: None })?;
     Ok(Outcome::Success)
 }
 
@@ -203,7 +195,9 @@ pub fn start(time: While, rig: &mut Client<Rig>, which: &Which) -> Result<Outcom
 /// Holds a pressure.
 pub fn hold(arguments: HoldArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let HoldArguments { pressure_bar, time } = arguments;
-    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
+    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else {
+        bail!("limits.ceiling_bar is no pressure")
+    };
     ensure!(
         (0.0..=ceiling_bar).contains(&pressure_bar),
         "--pressure-bar {pressure_bar}: 0 to {ceiling_bar} bar is wanted, the device's ceiling (limits.ceiling_bar)"
@@ -217,28 +211,14 @@ pub fn move_to(arguments: MoveArguments, rig: &mut Client<Rig>, which: &Which) -
     let MoveArguments { displacement_mm, speed_mm_per_s, time } = arguments;
     ensure!(displacement_mm.is_finite(), "--displacement-mm: a number is wanted");
     ensure!(speed_mm_per_s.is_finite() && speed_mm_per_s > 0.0, "--speed-mm-per-s: a speed above zero is wanted");
-    let begin_mm = latest(rig)?.displacement_mm.context("the laser gives no displacement to begin from; `catheter rig ... status` says why")?;
+    let begin_mm =
+        latest(rig)?.displacement_mm.context("the laser gives no displacement to begin from; `catheter rig ... status` says why")?;
     let ramp = move |_: &Telemetry, since_s: f64| {
         let way_mm = displacement_mm - begin_mm;
         let gone_mm = (since_s as f32 * speed_mm_per_s).min(way_mm.abs());
         Next::Hold(begin_mm + gone_mm.copysign(way_mm))
     };
     run(rig, which, time, &[("control.law", SettingValue::Integer(2))], (Quantity::Displacement, begin_mm), &ramp)
-}
-
-/// The newest sample, or the next one.
-pub(super) fn latest(rig: &mut Client<Rig>) -> Result<Telemetry> {
-    let SettingValue::Integer(period_ms) = experiment::setting(rig, "telemetry.period_ms")? else { bail!("telemetry.period_ms is no time") };
-    // What waited was heard before; one period, and one for the way.
-    let until = rig.elapsed() + Duration::from_millis(u64::from(period_ms)) * 2 + Duration::from_millis(200);
-    let mut newest = None;
-    while newest.is_none() && rig.elapsed() < until {
-        rig.listen(Duration::from_millis(20))?;
-        while let Some(sample) = rig.take_telemetry() {
-            newest = Some(sample);
-        }
-    }
-    newest.context("no telemetry comes; `settings get telemetry.period_ms` says how often it should")
 }
 
 /// Runs with a set-point that depends on the sample and the time since the start, s, then vents and sets the settings back.
@@ -404,7 +384,9 @@ struct Jog {
 /// Small steps by hand.
 pub fn jog(arguments: JogArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let JogArguments { step_bar, dwell_s, arm } = arguments;
-    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
+    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else {
+        bail!("limits.ceiling_bar is no pressure")
+    };
     ensure!(step_bar > 0.0 && step_bar <= ceiling_bar, "--step-bar {step_bar}: above 0, and up to {ceiling_bar} bar");
     let from_keys = std::io::stdin().is_terminal();
     let paced = !which.backend.is_board() && from_keys;

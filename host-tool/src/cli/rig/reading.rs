@@ -1,5 +1,8 @@
 //! What a rig reads now, as text and JSON: pressures, laser, estimate, set-point, codes, supply, and the pins of a simulated board.
 
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
 use model_export::link::message::Telemetry;
 use model_export::link::settings::SettingValue;
 use serde::Serialize;
@@ -69,6 +72,11 @@ pub struct Reading {
     pub pins: Option<Pins>,
 }
 
+/// What rounds to zero is zero, without a sign.
+fn unsigned_zero(value: f32) -> f32 {
+    if value.abs() < 0.000_5 { 0.0 } else { value }
+}
+
 impl Reading {
     /// Of a sample.
     pub fn new(sample: &Telemetry, rig: &mut Rig) -> Self {
@@ -95,7 +103,10 @@ impl Reading {
     /// One line, for a rig that is watched.
     pub fn line(&self) -> String {
         let value = |value: Option<f32>, digits: usize, unit: &str| {
-            value.map_or_else(|| format!("{:>1$}", "-", digits + 4 + unit.len()), |value| format!("{value:>width$.digits$} {unit}", width = digits + 3))
+            value.map_or_else(
+                || format!("{:>1$}", "-", digits + 4 + unit.len()),
+                |value| format!("{:>width$.digits$} {unit}", unsigned_zero(value), width = digits + 3),
+            )
         };
         let mut line = format!(
             "{:>9.3} s  {:<7}  output {:.3} bar  pressure {}  laser {}  estimate {}",
@@ -121,12 +132,12 @@ impl Reading {
     /// Several lines, for a status.
     pub fn lines(&self, quantity: &str) -> Vec<String> {
         let value = |value: Option<f32>, unit: &str, without: &str| {
-            value.map_or_else(|| without.to_owned(), |value| format!("{value:.3} {unit}"))
+            value.map_or_else(|| without.to_owned(), |value| format!("{:.3} {unit}", unsigned_zero(value)))
         };
         let mut lines = vec![
             format!(
-                "pressure   {} measured (code {}), {:.3} bar to the valve",
-                value(self.pressure_bar, "bar", "not plausible"),
+                "pressure   {} (code {}), {:.3} bar to the valve",
+                value(self.pressure_bar, "bar measured", "not plausible"),
                 self.pressure_code,
                 self.output_bar
             ),
@@ -155,6 +166,23 @@ impl Reading {
 }
 
 /// The unit of the set-point in force.
-pub fn quantity(rig: &mut Client<Rig>) -> anyhow::Result<&'static str> {
+pub fn quantity(rig: &mut Client<Rig>) -> Result<&'static str> {
     Ok(if experiment::setting(rig, "control.law")? == SettingValue::Integer(2) { "mm" } else { "bar" })
+}
+
+/// The newest sample, or the next one.
+pub(super) fn latest(rig: &mut Client<Rig>) -> Result<Telemetry> {
+    let SettingValue::Integer(period_ms) = experiment::setting(rig, "telemetry.period_ms")? else {
+        bail!("telemetry.period_ms is no time")
+    };
+    // What waited was heard before; one period, and one for the way.
+    let until = rig.elapsed() + Duration::from_millis(u64::from(period_ms)) * 2 + Duration::from_millis(200);
+    let mut newest = None;
+    while newest.is_none() && rig.elapsed() < until {
+        rig.listen(Duration::from_millis(20))?;
+        while let Some(sample) = rig.take_telemetry() {
+            newest = Some(sample);
+        }
+    }
+    newest.context("no telemetry comes; `settings get telemetry.period_ms` says how often it should")
 }

@@ -221,7 +221,11 @@ fn in_use(rig: &mut Client<Rig>) -> Result<BTreeMap<u16, SettingValue>> {
 fn export(path: &Path, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     let settings = in_use(rig)?;
     let hello = rig.hello();
-    let heading = format!("Settings of a board `{}` with firmware {}.\n`catheter rig settings import FILE` takes them.", hello.board, version(hello.firmware));
+    let heading = format!(
+        "Settings of a board `{}` with firmware {}.\n`catheter rig settings import FILE` takes them.",
+        hello.board,
+        version(hello.firmware)
+    );
     output::write_atomic(path, setting_words::file(&heading, &settings).as_bytes())?;
     say!("{} settings in {}", settings.len(), path.display());
     let written: BTreeMap<&str, Value> =

@@ -10,8 +10,8 @@ use model_export::link::state::{ResetCause, State};
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 use serde::Serialize;
 
+use super::Which;
 use super::reading::{self, Reading};
-use super::{Which, motion};
 use crate::backend::Rig;
 use crate::cli::Outcome;
 use crate::energise;
@@ -177,7 +177,7 @@ impl StatusWritten {
 pub fn status(rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let mut written = StatusWritten::new(&experiment::status(rig)?);
     // Where no telemetry comes, the status is still the status.
-    if let Ok(sample) = motion::latest(rig) {
+    if let Ok(sample) = reading::latest(rig) {
         let reading = Reading::new(&sample, rig.transport());
         (written.supply_v, written.chip_celsius) = (reading.supply_v, reading.chip_celsius);
         written.reading = Some(ReadingWritten { reading, set_point_unit: reading::quantity(rig)? });
