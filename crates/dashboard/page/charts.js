@@ -126,7 +126,7 @@ function build() {
   const tall = innerHeight > 1000 ? 240 : 200;
   add("chart-pressure", "bar", ["command", "pressure"], [curve("Commanded", "command", { dash: [6, 4] }), curve("Measured", "measured")], tall,
     { marks: true, range: atLeast(0.5, 0) });
-  const unseen = (label) => curve(label, "estimate", { width: 0, show: true });
+  const unseen = (label) => curve(label, "estimate", { width: 0, class: "unseen" });
   add("chart-displacement", "mm", ["displacement", "estimate", "upper", "lower"],
     [curve("Laser", "laser"), curve("Estimate", "estimate"), unseen("Bound above"), unseen("Bound below")], tall,
     { range: atLeast(0.5), bands: [{ series: [3, 4], fill: colour("band") }] });
