@@ -121,7 +121,9 @@ fn install(program: &str, packages: &[&str], managers: &[(&str, &str)], otherwis
     let is_root = answer(Command::new("id").arg("-u")).is_some_and(|id| id.trim() == "0");
     if !(is_root && exists("apt-get")) {
         let advice = managers.iter().find(|(manager, _)| exists(manager)).map_or(otherwise, |(_, line)| line);
-        bail!("{program} is missing; type `{advice}` and run this again (`cargo xtask ci` runs everything that needs neither emulator nor browser)");
+        bail!(
+            "{program} is missing; type `{advice}` and run this again (`cargo xtask ci` runs everything that needs neither emulator nor browser)"
+        );
     }
     let mut install = command("apt-get");
     install.env("DEBIAN_FRONTEND", "noninteractive").args(["install", "--yes", "--no-install-recommends"]).args(packages);

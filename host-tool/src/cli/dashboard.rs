@@ -5,9 +5,9 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
 use anyhow::{Context, Result};
 use clap::Args;
-use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
 
 use super::Outcome;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};

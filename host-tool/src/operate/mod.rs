@@ -127,7 +127,7 @@ impl OperatedRig {
 
     fn send_points(&mut self) -> Result<(), LinkError> {
         if let Some(play) = &mut self.play {
-            let token = self.client.send(&Request::Playback(play.chunk()))?;
+            let token = self.client.send(&Request::Playback(play.feed.chunk()))?;
             play.sent(token);
         }
         Ok(())
@@ -154,7 +154,7 @@ impl OperatedRig {
                 self.client.listen(left)?;
             }
             self.hear_of_points();
-            let more = self.play.as_ref().is_some_and(|play| play.waits_for().is_none() && play.has_room());
+            let more = self.play.as_ref().is_some_and(|play| play.waits_for().is_none() && play.feed.has_room());
             if more && self.phase == Phase::Running && self.mode == Mode::Playback && Instant::now() < self.window_until {
                 self.send_points()?;
             }
@@ -164,7 +164,7 @@ impl OperatedRig {
                 let ended = self.phase == Phase::Running && sample.phase == Phase::Armed && self.mode == Mode::Playback;
                 self.phase = sample.phase;
                 into.push(sample);
-                if ended && self.play.as_ref().is_some_and(Play::is_sent) {
+                if ended && self.play.as_ref().is_some_and(|play| play.feed.is_sent()) {
                     // The experiment is over.
                     self.client.send(&Request::Disarm)?;
                 }
@@ -199,8 +199,8 @@ impl OperatedRig {
         self.borrowed.borrow(&mut self.client, "playback.period_ms", SettingValue::Integer(play.period_ms))?;
         self.client.command(&Request::PlaybackClear)?;
         play.rewind();
-        while play.confirmed < POINTS_AHEAD.min(play.length()) {
-            let reply = self.client.request(&Request::Playback(play.chunk()))?;
+        while play.feed.confirmed() < POINTS_AHEAD.min(play.feed.length()) {
+            let reply = self.client.request(&Request::Playback(play.feed.chunk()))?;
             play.take(&reply);
         }
         Ok(())
@@ -258,7 +258,8 @@ impl OperatedRig {
         let checked = limits(&self.limits).check(&samples, &config);
         let period_ms = config.sample_period_s * 1e3;
         let whole = (period_ms - period_ms.round()).abs() < 1e-6 && (1.0..=1000.0).contains(&period_ms.round());
-        let not_whole = (!whole).then(|| format!("sample_period_s is {}: a rig plays whole milliseconds, 0.001 to 1 s", config.sample_period_s));
+        let not_whole =
+            (!whole).then(|| format!("sample_period_s is {}: a rig plays whole milliseconds, 0.001 to 1 s", config.sample_period_s));
         let problem = checked.err().map(|error| error.to_string()).or(not_whole);
         Ok((config, samples.pressure_bar, problem))
     }
@@ -359,7 +360,7 @@ impl OperatedRig {
             bound_mm: has_model.then_some(self.limits.estimate_bound_mm),
             supply_v: self.supply.0,
             chip_celsius: self.supply.1,
-            playing: self.play.as_ref().map(|play| Playing { points: play.length(), sent: play.confirmed }),
+            playing: self.play.as_ref().map(|play| Playing { points: play.feed.length(), sent: play.feed.confirmed() }),
             injected: self.injected.clone(),
             plant: self.plant.clone(),
             account,

@@ -62,7 +62,8 @@ impl Served {
         use std::io::{Read, Write};
         let mut stream = std::net::TcpStream::connect(("127.0.0.1", self.port())).expect("the server listens");
         let (port, token) = (self.port(), self.token());
-        write!(stream, "GET {path} HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n\r\n").expect("it takes a request");
+        write!(stream, "GET {path} HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n\r\n")
+            .expect("it takes a request");
         let mut answer = String::new();
         stream.read_to_string(&mut answer).expect("it answers");
         serde_json::from_str(answer.split_once("\r\n\r\n").expect("a head").1).unwrap_or_else(|error| panic!("{error}: {answer}"))
@@ -91,7 +92,8 @@ impl Browser {
         let port = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port").port();
         let driver = Command::new("chromedriver").arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let driver = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
-        let mut options = json!({ "args": ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080"] });
+        let mut options =
+            json!({ "args": ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080"] });
         let arguments = options["args"].as_array_mut().expect("a list");
         match look {
             Look::Desk => {}
@@ -102,7 +104,10 @@ impl Browser {
         let capabilities = capabilities.as_object().cloned().expect("an object");
         let begun = Instant::now();
         let client = loop {
-            let connected = ClientBuilder::new(HttpConnector::new()).capabilities(capabilities.clone()).connect(&format!("http://127.0.0.1:{port}")).await;
+            let connected = ClientBuilder::new(HttpConnector::new())
+                .capabilities(capabilities.clone())
+                .connect(&format!("http://127.0.0.1:{port}"))
+                .await;
             match connected {
                 Ok(client) => break client,
                 Err(error) => assert!(begun.elapsed() < PATIENCE, "no browser: {error}"),
@@ -129,7 +134,11 @@ impl Browser {
     }
 
     pub async fn click(&self, id: &str) {
-        self.until(id, &format!("const it = document.getElementById('{id}'); return Boolean(it) && !it.disabled && it.offsetParent !== null")).await;
+        self.until(
+            id,
+            &format!("const it = document.getElementById('{id}'); return Boolean(it) && !it.disabled && it.offsetParent !== null"),
+        )
+        .await;
         let element = self.client.find(Locator::Id(id)).await.unwrap_or_else(|error| panic!("{id}: {error}"));
         element.click().await.unwrap_or_else(|error| panic!("{id}: {error}"));
     }
@@ -148,7 +157,9 @@ impl Browser {
 
     /// Moves the slider, as dragging it does.
     pub async fn slide(&self, value: f64) {
-        let script = format!("const it = document.getElementById('slider'); it.value = {value}; it.dispatchEvent(new Event('input', {{ bubbles: true }}))");
+        let script = format!(
+            "const it = document.getElementById('slider'); it.value = {value}; it.dispatchEvent(new Event('input', {{ bubbles: true }}))"
+        );
         self.run(&script).await;
     }
 
@@ -166,7 +177,8 @@ impl Browser {
     }
 
     async fn said(&self) -> String {
-        let script = "return ['now-state', 'lease', 'why', 'banner', 'said'].map((id) => document.getElementById(id).textContent).join(' | ')";
+        let script =
+            "return ['now-state', 'lease', 'why', 'banner', 'said'].map((id) => document.getElementById(id).textContent).join(' | ')";
         self.run(script).await.to_string()
     }
 

@@ -34,7 +34,10 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
     };
     println!("first live sample after {} ms", first.as_millis());
     let browser = Browser::open(Look::Desk, &served.address).await;
-    assert!(!browser.run("return location.href").await.as_str().expect("an address").contains("token"), "the token stays in the address bar");
+    assert!(
+        !browser.run("return location.href").await.as_str().expect("an address").contains("token"),
+        "the token stays in the address bar"
+    );
     browser.until("the lease", "return document.getElementById('lease').textContent === 'You operate'").await;
     browser.be_patient().await;
     browser.picture("dashboard-settings.png").await;
@@ -99,9 +102,16 @@ async fn an_excitation_is_drawn_checked_loaded_and_played() {
     browser.be_patient().await;
     browser.click("tab-excitation").await;
     browser.until("the verdict", "return document.getElementById('excitation-verdict').textContent.startsWith('Within the limits')").await;
-    let put = |id: &str, value: &str| format!("const it = document.getElementById('{id}'); it.value = '{value}'; it.dispatchEvent(new Event('input'))");
+    let put = |id: &str, value: &str| {
+        format!("const it = document.getElementById('{id}'); it.value = '{value}'; it.dispatchEvent(new Event('input'))")
+    };
     browser.run(&put("excitation-amplitude_bar", "2")).await;
-    browser.until("the refusal", "return document.getElementById('excitation-verdict').textContent.includes('the rig\\'s range is 0 to 3 bar')").await;
+    browser
+        .until(
+            "the refusal",
+            "return document.getElementById('excitation-verdict').textContent.includes('the rig\\'s range is 0 to 3 bar')",
+        )
+        .await;
     assert_eq!(browser.run("return document.getElementById('excitation-load').disabled").await, true);
     browser.run(&put("excitation-amplitude_bar", "1.2")).await;
     browser.run(&put("excitation-duration", "6")).await;
@@ -219,7 +229,12 @@ async fn another_page_in_the_same_browser_reaches_nothing() {
 /// Runs the board from a page, at the default timeout.
 async fn run_board(board: &Board, browser: &Browser) {
     for attempt in 1..=ATTEMPTS {
-        browser.until("readiness", "const state = document.getElementById('now-state').textContent; return state === 'idle' || state === 'fault'").await;
+        browser
+            .until(
+                "readiness",
+                "const state = document.getElementById('now-state').textContent; return state === 'idle' || state === 'fault'",
+            )
+            .await;
         if browser.text("now-state").await == "fault" {
             browser.click("acknowledge").await;
             browser.until_state("idle").await;
