@@ -70,6 +70,7 @@ function drawMarks(u) {
     ctx.moveTo(x(time), bbox.top);
     ctx.lineTo(x(time), bbox.top + bbox.height);
     ctx.stroke();
+    ctx.fillStyle = colour("ink");
     ctx.fillText(faultNames.get(fault) ?? `E${fault}`, x(time) + 4 * devicePixelRatio, bbox.top + 22 * devicePixelRatio);
   }
   ctx.restore();
@@ -120,7 +121,9 @@ function build() {
   const add = (id, unit, names, series, height, more) => {
     const element = $(id);
     const plot = new uPlot(options(element, unit, series, height, more), [[], ...series.map(() => [])], element);
-    charts.push({ id, element, plot, names, more });
+    plot.ctx.canvas.setAttribute("role", "img");
+    plot.ctx.canvas.setAttribute("aria-label", `${series.map(({ label }) => label).slice(0, 2).join(" and ")} over time, ${unit}`);
+    charts.push({ element, plot, names });
     pan(plot);
   };
   const tall = innerHeight > 1000 ? 240 : 200;

@@ -34,6 +34,8 @@ use crate::link::{Client, LinkError, Transport, refusal_in_words, version};
 const POINTS_AHEAD: u32 = 128;
 /// How long arming may wait for a blocker that passes by itself.
 const PASSING: Duration = Duration::from_millis(500);
+/// Longest excitation that is drawn and played from the page: what takes longer to sample would keep heartbeats waiting.
+const MOST_POINTS: f64 = 100_000.0;
 /// Cycles of a tick at 168 MHz.
 const CYCLES_PER_TICK: u32 = 168_000;
 
@@ -55,6 +57,8 @@ pub struct OperatedRig {
     window_until: Instant,
     limits: KnownLimits,
     unsaved: bool,
+    /// Settings as the operator has them: while the rig is energised none can change, and reading all of them takes longer than heartbeats may wait.
+    settings: Vec<Setting>,
     supply: (Option<f32>, Option<f32>),
 }
 
@@ -109,6 +113,7 @@ impl OperatedRig {
             window_until: Instant::now(),
             limits,
             unsaved: false,
+            settings: Vec::new(),
             supply: (None, None),
         };
         // Somebody else may have left it armed: then it tells as slowly as it does.
@@ -116,6 +121,7 @@ impl OperatedRig {
             rig.borrowed.borrow(&mut rig.client, "telemetry.period_ms", SettingValue::Integer(telemetry_ms))?;
             rig.unsaved = rig.borrowed.are_unsaved(&mut rig.client)?;
         }
+        rig.settings = rig.borrowed.list(&mut rig.client)?;
         rig.client.begin_account();
         Ok(rig)
     }
@@ -254,6 +260,11 @@ impl OperatedRig {
 
     fn sampled(&self, excitation: &Value) -> Result<(ExcitationConfig, Vec<f64>, Option<String>)> {
         let config: ExcitationConfig = serde_json::from_value(excitation.clone()).context("this is no excitation")?;
+        let points = config.segments.iter().map(|segment| segment.duration_s).sum::<f64>() / config.sample_period_s;
+        ensure!(
+            points <= MOST_POINTS,
+            "{points:.0} points are too many for the page, which plays up to {MOST_POINTS:.0}; `catheter rig record` plays more"
+        );
         let samples = config.sample()?;
         let checked = limits(&self.limits).check(&samples, &config);
         let period_ms = config.sample_period_s * 1e3;
@@ -295,6 +306,7 @@ impl OperatedRig {
     fn changed_settings(&mut self) -> Result<()> {
         self.limits = KnownLimits::read(&mut self.client)?;
         self.unsaved = self.borrowed.are_unsaved(&mut self.client)?;
+        self.settings = self.borrowed.list(&mut self.client)?;
         Ok(())
     }
 
@@ -433,7 +445,7 @@ impl Rig for OperatedRig {
     }
 
     fn settings(&mut self) -> Result<Vec<Setting>, Problem> {
-        self.borrowed.list(&mut self.client).map_err(problem)
+        Ok(self.settings.clone())
     }
 
     fn preview(&mut self, excitation: &Value) -> Result<Preview, Problem> {

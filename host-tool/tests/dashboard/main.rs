@@ -4,6 +4,7 @@
 
 mod board;
 mod browser;
+mod watchers;
 
 use std::time::{Duration, Instant};
 
@@ -294,4 +295,23 @@ async fn a_killed_tab_leaves_a_rig_that_vents() {
     let hung = Instant::now();
     browser.run("setTimeout(() => { const until = Date.now() + 4000; while (Date.now() < until); }, 0)").await;
     measure(&board, "page hangs", hung);
+}
+
+#[test]
+#[ignore = "a minute; CATHETER_WATCH_S=600 makes it the ten of the target"]
+fn four_watchers_get_every_sample_for_little() {
+    let seconds = std::env::var("CATHETER_WATCH_S").ok().and_then(|text| text.parse().ok()).unwrap_or(60);
+    let served = Served::start(&[]);
+    std::thread::sleep(Duration::from_secs(1));
+    let (begun, before) = (Instant::now(), watchers::processor_s(served.child.id()));
+    let watching: Vec<_> = (0..4).map(|_| watchers::watch(&served, begun + Duration::from_secs(seconds))).collect();
+    let seen: Vec<_> = watching.into_iter().map(|watcher| watcher.join().expect("a watcher")).collect();
+    let share = (watchers::processor_s(served.child.id()) - before) / begun.elapsed().as_secs_f64();
+    println!("{seconds} s, 4 watchers: {:.1} % of a core; {:?}", 100.0 * share, seen[0]);
+    for watcher in &seen {
+        assert_eq!((watcher.missing_frames, watcher.missing_samples), (0, 0), "{watcher:?}");
+        let least = seconds * 990;
+        assert!(u64::from(watcher.samples) >= least, "{watcher:?}, at least {least} wanted");
+    }
+    assert!(share <= 0.15, "{:.1} % of a core", 100.0 * share);
 }
