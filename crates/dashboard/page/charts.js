@@ -42,6 +42,8 @@ function tell() {
 }
 
 const clock = (seconds) => {
+  // Before the device started there was nothing.
+  if (seconds < 0) return "";
   const minutes = Math.floor(seconds / 60);
   const rest = seconds - 60 * minutes;
   const [from, to] = range();
