@@ -9,13 +9,12 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use model_export::blob::crc32;
 use model_export::link::fault::Blocker;
-use model_export::link::message::{
-    FaultRecord, MAX_CHUNK_BYTES, MAX_CHUNK_POINTS, PlaybackChunk, Refusal, Reply, Request, Status, Telemetry,
-};
+use model_export::link::message::{FaultRecord, MAX_CHUNK_BYTES, Reply, Request, Status, Telemetry};
 use model_export::link::settings::{SettingValue, by_name};
 use model_export::link::state::State;
 
 use crate::excitation::{ExcitationConfig, Limits};
+use crate::feed::Feed;
 use crate::interrupt;
 use crate::journal::{Journal, Tracing};
 use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
@@ -217,8 +216,8 @@ fn play_for(rig: &mut Client<impl Transport>, points: &[f32], period: Duration, 
 /// Sends points ahead, starts, and listens until the end.
 fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> Result<Outcome> {
     rig.command(&Request::PlaybackClear)?;
-    let mut feed = Feed { points, free: u32::MAX, confirmed: 0 };
-    while feed.confirmed < POINTS_AHEAD.min(feed.length()) {
+    let mut feed = Feed::new(points.to_vec());
+    while feed.confirmed() < POINTS_AHEAD.min(feed.length()) {
         let chunk = feed.chunk();
         feed.take(&rig.request(&Request::Playback(chunk))?);
     }
@@ -293,47 +292,6 @@ pub fn fault_record(rig: &mut Client<impl Transport>) -> Result<Option<FaultReco
     match rig.ask(&Request::FaultRecord)? {
         Reply::FaultRecord(record) => Ok(Some(record)),
         _ => Ok(None),
-    }
-}
-
-/// The points that are still to be sent.
-struct Feed<'a> {
-    points: &'a [f32],
-    /// Index of the next point that the device wants.
-    confirmed: u32,
-    /// Points it has room for.
-    free: u32,
-}
-
-impl Feed<'_> {
-    fn length(&self) -> u32 {
-        u32::try_from(self.points.len()).unwrap_or(u32::MAX)
-    }
-
-    /// Whether a whole chunk, or all that is left, fits.
-    fn has_room(&self) -> bool {
-        let left = self.length() - self.confirmed;
-        left > 0 && self.free >= left.min(MAX_CHUNK_POINTS as u32)
-    }
-
-    /// The next chunk; an empty one says that the host is there.
-    fn chunk(&self) -> PlaybackChunk {
-        let at = self.confirmed as usize;
-        let count = if self.has_room() { (self.points.len() - at).min(MAX_CHUNK_POINTS) } else { 0 };
-        let values_bar = heapless::Vec::from_slice(&self.points[at..at + count]).unwrap_or_default();
-        PlaybackChunk { first_index: self.confirmed, last: count > 0 && at + count == self.points.len(), values_bar }
-    }
-
-    fn take(&mut self, reply: &Reply) {
-        match reply {
-            Reply::Playback { next_index, free } => {
-                self.confirmed = (*next_index).min(self.length());
-                self.free = u32::from(*free);
-            }
-            Reply::Refused(Refusal::PlaybackIndex(index)) => self.confirmed = (*index).min(self.length()),
-            Reply::Refused(Refusal::PlaybackFull(free)) => self.free = u32::from(*free),
-            _ => {}
-        }
     }
 }
 

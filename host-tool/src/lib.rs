@@ -22,6 +22,7 @@ pub mod evaluate;
 pub mod excitation;
 pub mod experiment;
 pub mod export;
+pub mod feed;
 pub mod fit;
 pub mod history;
 pub mod identify;

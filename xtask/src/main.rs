@@ -2,6 +2,7 @@
 
 mod bench;
 mod board_model;
+mod browser;
 mod checks;
 mod demo;
 mod emulator;
@@ -90,6 +91,7 @@ fn test() -> anyhow::Result<()> {
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
     board_model::tests()?;
+    browser::tests()?;
     demo::runs()?;
     python::tests()
 }

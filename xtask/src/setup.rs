@@ -10,6 +10,8 @@ use crate::process::{answer, command, exists, root, run};
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The emulator of the microcontroller.
 pub const EMULATOR: &str = "qemu-system-arm";
+/// What drives a browser.
+pub const BROWSER_DRIVER: &str = "chromedriver";
 
 /// What a build from nothing, with all the tests, leaves in the build folder at most, in MiB.
 const BUILD_MIB: u64 = 3072;
@@ -19,7 +21,8 @@ pub fn everything() -> Result<()> {
     room()?;
     components()?;
     target()?;
-    emulator()
+    emulator()?;
+    browser()
 }
 
 /// Room on the disk for a build from nothing. On a full disk the linker dies of a bus error that tells nobody why.
@@ -81,21 +84,49 @@ fn emulator() -> Result<()> {
     if exists(EMULATOR) {
         return Ok(());
     }
-    let is_root = answer(Command::new("id").arg("-u")).is_some_and(|id| id.trim() == "0");
-    if !(is_root && exists("apt-get")) {
-        let managers = [
+    install(
+        EMULATOR,
+        &[EMULATOR],
+        &[
             ("apt-get", "sudo apt-get install qemu-system-arm"),
             ("dnf", "sudo dnf install qemu-system-arm"),
             ("pacman", "sudo pacman -S qemu-system-arm"),
             ("zypper", "sudo zypper install qemu-arm"),
             ("brew", "brew install qemu"),
-        ];
-        let advice =
-            managers.iter().find(|(manager, _)| exists(manager)).map_or("install QEMU from https://www.qemu.org", |(_, line)| line);
-        bail!("{EMULATOR} is missing; type `{advice}` and run this again (`cargo xtask ci` runs everything that needs no emulator)");
+        ],
+        "install QEMU from https://www.qemu.org",
+    )
+}
+
+/// A browser and its driver, which operate the dashboard in tests.
+fn browser() -> Result<()> {
+    if exists(BROWSER_DRIVER) {
+        return Ok(());
+    }
+    install(
+        BROWSER_DRIVER,
+        &["chromium", "chromium-driver"],
+        &[
+            ("apt-get", "sudo apt-get install chromium chromium-driver"),
+            ("dnf", "sudo dnf install chromium chromedriver"),
+            ("pacman", "sudo pacman -S chromium"),
+            ("brew", "brew install --cask chromium chromedriver"),
+        ],
+        "install Chromium and its driver",
+    )
+}
+
+/// Installs packages of Debian where that is possible, else says what to type.
+fn install(program: &str, packages: &[&str], managers: &[(&str, &str)], otherwise: &str) -> Result<()> {
+    let is_root = answer(Command::new("id").arg("-u")).is_some_and(|id| id.trim() == "0");
+    if !(is_root && exists("apt-get")) {
+        let advice = managers.iter().find(|(manager, _)| exists(manager)).map_or(otherwise, |(_, line)| line);
+        bail!(
+            "{program} is missing; type `{advice}` and run this again (`cargo xtask ci` runs everything that needs neither emulator nor browser)"
+        );
     }
     let mut install = command("apt-get");
-    install.env("DEBIAN_FRONTEND", "noninteractive").args(["install", "--yes", "--no-install-recommends", EMULATOR]);
+    install.env("DEBIAN_FRONTEND", "noninteractive").args(["install", "--yes", "--no-install-recommends"]).args(packages);
     if run("set-up", &mut install).is_ok() {
         return Ok(());
     }

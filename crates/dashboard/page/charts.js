@@ -42,6 +42,8 @@ function tell() {
 }
 
 const clock = (seconds) => {
+  // Before the device started there was nothing.
+  if (seconds < 0) return "";
   const minutes = Math.floor(seconds / 60);
   const rest = seconds - 60 * minutes;
   const [from, to] = range();
@@ -70,6 +72,7 @@ function drawMarks(u) {
     ctx.moveTo(x(time), bbox.top);
     ctx.lineTo(x(time), bbox.top + bbox.height);
     ctx.stroke();
+    ctx.fillStyle = colour("ink");
     ctx.fillText(faultNames.get(fault) ?? `E${fault}`, x(time) + 4 * devicePixelRatio, bbox.top + 22 * devicePixelRatio);
   }
   ctx.restore();
@@ -120,13 +123,15 @@ function build() {
   const add = (id, unit, names, series, height, more) => {
     const element = $(id);
     const plot = new uPlot(options(element, unit, series, height, more), [[], ...series.map(() => [])], element);
-    charts.push({ id, element, plot, names, more });
+    plot.ctx.canvas.setAttribute("role", "img");
+    plot.ctx.canvas.setAttribute("aria-label", `${series.map(({ label }) => label).slice(0, 2).join(" and ")} over time, ${unit}`);
+    charts.push({ element, plot, names });
     pan(plot);
   };
   const tall = innerHeight > 1000 ? 240 : 200;
   add("chart-pressure", "bar", ["command", "pressure"], [curve("Commanded", "command", { dash: [6, 4] }), curve("Measured", "measured")], tall,
     { marks: true, range: atLeast(0.5, 0) });
-  const unseen = (label) => curve(label, "estimate", { width: 0, show: true });
+  const unseen = (label) => curve(label, "estimate", { width: 0, class: "unseen" });
   add("chart-displacement", "mm", ["displacement", "estimate", "upper", "lower"],
     [curve("Laser", "laser"), curve("Estimate", "estimate"), unseen("Bound above"), unseen("Bound below")], tall,
     { range: atLeast(0.5), bands: [{ series: [3, 4], fill: colour("band") }] });

@@ -58,7 +58,11 @@ export function say(text, bad = false) {
   setTimeout(() => line.remove(), bad ? 9000 : 4000);
 }
 
-export const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : "–");
+export function number(value, digits) {
+  if (!Number.isFinite(value)) return "–";
+  // A sign before zeros would flicker.
+  return (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toFixed(digits);
+}
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 

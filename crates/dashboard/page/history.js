@@ -103,7 +103,9 @@ export function view(from, to, places, names) {
         if (value > largest) largest = value;
       }
       const none = smallest > largest;
-      result[nth + 1].push(none ? null : smallest, none ? null : largest);
+      // In the order in which they came, as far as two places can tell.
+      const falls = column[low & MASK] > column[(high - 1) & MASK];
+      result[nth + 1].push(none ? null : falls ? largest : smallest, none ? null : falls ? smallest : largest);
     });
   }
   return result;

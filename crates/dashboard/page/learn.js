@@ -106,7 +106,7 @@ function teach({ identity, rig }) {
 export function start() {
   $("page-learn").append(
     make("div", { class: "form" },
-      make("label", {}, "Name", make("input", { id: "record-name", pattern: "[A-Za-z0-9_.\\-]*", maxlength: 80, placeholder: "made from the time", class: "short" })),
+      make("label", {}, "Name", make("input", { id: "record-name", pattern: "[A-Za-z0-9_.\\-]*", maxlength: 80, placeholder: "named by the time", class: "short" })),
       make("label", { class: "wide" }, "Note", make("input", { id: "record-note", maxlength: 500 })),
       make("button", { id: "record", type: "button", class: "main", onclick: record }, "Record")),
     make("p", { id: "record-progress", class: "hint row", role: "status" }),

@@ -111,7 +111,7 @@ function scale() {
     element.style.left = `${(value / top) * 100}%`;
     marks.push(element);
   };
-  for (let value = 0; value < top - step * (pressure ? 1.2 : 0.2); value += step) mark(value, number(value, step < 0.5 ? 1 : step < 1 ? 1 : 0));
+  for (let value = 0; value < top * (pressure ? 0.6 : 0.95); value += step) mark(value, number(value, step < 0.5 ? 1 : step < 1 ? 1 : 0));
   mark(top, pressure ? `ceiling ${number(top, 2)} bar` : `${top} mm`, pressure ? "ceiling" : null);
   $("ticks").replaceChildren(...marks);
   put(Math.min(Number($("slider").value), top));

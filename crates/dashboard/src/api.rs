@@ -14,8 +14,8 @@ use crate::access::Role;
 use crate::client::Client;
 use crate::jobs::{Wanted, recording_path};
 use crate::rig::{Action, Problem, Sample};
-use crate::server::Shared;
 use crate::session::{Answer, Order};
+use crate::shared::Shared;
 use crate::tls::Peer;
 
 /// Header with the secret of a client: that of a lease, or that of a page.
@@ -186,7 +186,17 @@ pub(crate) async fn upload(
     Ok(Json(ask(&shared, |answer| Order::Upload(client, blob, answer)).await??))
 }
 
+/// Does what waits for the disk elsewhere: this thread brings heartbeats.
+async fn aside<T: Send + 'static>(does: impl FnOnce() -> T + Send + 'static) -> Answered<T> {
+    let ended = |_| Refused(StatusCode::INTERNAL_SERVER_ERROR, "the server failed at a file".to_owned());
+    tokio::task::spawn_blocking(does).await.map_err(ended)
+}
+
 pub(crate) async fn recordings(_: Proven, State(shared): State<Shared>) -> Answered {
+    aside(move || list(&shared)).await
+}
+
+fn list(shared: &Shared) -> Json<Value> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(shared.folder.as_path()).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -198,13 +208,13 @@ pub(crate) async fn recordings(_: Proven, State(shared): State<Shared>) -> Answe
         found.push(json!({ "name": name, "bytes": entry.metadata().map_or(0, |about| about.len()), "about": about }));
     }
     found.sort_by_key(|entry| entry["about"]["begun"].as_str().unwrap_or_default().to_owned());
-    Ok(Json(json!({ "folder": shared.folder.display().to_string(), "recordings": found })))
+    Json(json!({ "folder": shared.folder.display().to_string(), "recordings": found }))
 }
 
 pub(crate) async fn recording(_: Proven, State(shared): State<Shared>, Path(name): Path<String>) -> Answered<Response> {
     let missing = || Refused(StatusCode::NOT_FOUND, "there is no such recording".to_owned());
     let path = recording_path(&shared.folder, name.trim_end_matches(".csv")).ok_or_else(missing)?;
-    let text = std::fs::read(path).map_err(|_| missing())?;
+    let text = aside(move || std::fs::read(path)).await?.map_err(|_| missing())?;
     Ok(([(header::CONTENT_TYPE, "text/csv")], text).into_response())
 }
 
@@ -229,9 +239,8 @@ pub(crate) async fn end_job(Proven(role): Proven, State(shared): State<Shared>) 
 
 /// A report, which has scripts of its own: in a sandbox, where it can reach nothing.
 pub(crate) async fn report(State(shared): State<Shared>, Path(secret): Path<String>) -> Response {
-    let Some(text) = shared.jobs.report(&secret).and_then(|path| std::fs::read(path).ok()) else {
-        return StatusCode::NOT_FOUND.into_response();
-    };
+    let Some(path) = shared.jobs.report(&secret) else { return StatusCode::NOT_FOUND.into_response() };
+    let Ok(Ok(text)) = aside(move || std::fs::read(path)).await else { return StatusCode::NOT_FOUND.into_response() };
     let policy = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'";
     ([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], text).into_response()
 }

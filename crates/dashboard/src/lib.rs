@@ -23,6 +23,7 @@ mod recorder;
 mod rig;
 mod server;
 mod session;
+mod shared;
 mod socket;
 mod tls;
 

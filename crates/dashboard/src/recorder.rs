@@ -75,7 +75,10 @@ impl Recorder {
     pub fn end(mut self, identity: &Identity) -> Result<Progress, String> {
         let problem = |error: std::io::Error| format!("{}: {error}", self.path.display());
         self.file.flush().map_err(problem)?;
-        self.file.get_ref().sync_all().map_err(problem)?;
+        // A disk may take its time; heartbeats cannot wait for it.
+        if let Ok(file) = self.file.get_ref().try_clone() {
+            std::thread::spawn(move || file.sync_all());
+        }
         let Progress { name, samples, left_out, seconds } = &self.progress;
         let about = json!({
             "name": name, "note": self.note, "begun": self.begun, "samples": samples, "left_out": left_out, "seconds": seconds,

@@ -17,6 +17,7 @@ use crate::audit::Audit;
 use crate::client::Clients;
 use crate::jobs::{self, Jobs};
 use crate::session::{Event, Opener, Order, Session};
+use crate::shared::Shared;
 use crate::tls::{self, Listener, Peer, Tls};
 use crate::{api, assets, socket};
 
@@ -83,17 +84,6 @@ pub struct Server {
     identity: Option<tls::Identity>,
     config: Config,
     tokens: Tokens,
-}
-
-/// What handlers share.
-#[derive(Clone)]
-pub(crate) struct Shared {
-    pub orders: mpsc::Sender<Order>,
-    pub tokens: Arc<Tokens>,
-    pub names: Arc<Names>,
-    pub clients: Clients,
-    pub folder: Arc<PathBuf>,
-    pub jobs: jobs::Runner,
 }
 
 impl Server {

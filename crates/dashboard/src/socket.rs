@@ -17,8 +17,8 @@ use tokio::sync::{mpsc, oneshot};
 use crate::access::Role;
 use crate::client::Client;
 use crate::rig::Action;
-use crate::server::Shared;
 use crate::session::{Event, Order};
+use crate::shared::Shared;
 use crate::tls::Peer;
 
 /// The name of what is spoken.

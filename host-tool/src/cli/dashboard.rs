@@ -5,9 +5,9 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
 use anyhow::{Context, Result};
 use clap::Args;
-use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
 
 use super::Outcome;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
@@ -146,6 +146,7 @@ fn open_browser(address: &str) {
 
 /// What can be computed of recordings.
 const KINDS: &[JobKind] = &[
+    JobKind { name: "check", title: "Check: what is in them", arguments: check, report: "report.html" },
     JobKind { name: "identify", title: "Identify: play operators", arguments: identify, report: "report.html" },
     JobKind { name: "fit", title: "Fit: the ladder of models", arguments: fit, report: "report.html" },
     JobKind { name: "discover", title: "Discover: what the simulation lacks", arguments: discover, report: "report.html" },
@@ -156,6 +157,10 @@ fn line(command: &str, data: &[PathBuf], rest: &[(&str, &Path)]) -> Vec<OsString
     arguments.extend(data.iter().map(OsString::from));
     arguments.extend(rest.iter().flat_map(|(option, path)| [OsString::from(option), path.as_os_str().to_owned()]));
     arguments
+}
+
+fn check(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
+    line("check", data, &[("--html", &folder.join("report.html"))])
 }
 
 fn identify(data: &[PathBuf], folder: &Path) -> Vec<OsString> {

@@ -34,6 +34,8 @@ use crate::link::{Client, LinkError, Transport, refusal_in_words, version};
 const POINTS_AHEAD: u32 = 128;
 /// How long arming may wait for a blocker that passes by itself.
 const PASSING: Duration = Duration::from_millis(500);
+/// Longest excitation that is drawn and played from the page: what takes longer to sample would keep heartbeats waiting.
+const MOST_POINTS: f64 = 100_000.0;
 /// Cycles of a tick at 168 MHz.
 const CYCLES_PER_TICK: u32 = 168_000;
 
@@ -55,6 +57,8 @@ pub struct OperatedRig {
     window_until: Instant,
     limits: KnownLimits,
     unsaved: bool,
+    /// Settings as the operator has them: while the rig is energised none can change, and reading all of them takes longer than heartbeats may wait.
+    settings: Vec<Setting>,
     supply: (Option<f32>, Option<f32>),
 }
 
@@ -109,6 +113,7 @@ impl OperatedRig {
             window_until: Instant::now(),
             limits,
             unsaved: false,
+            settings: Vec::new(),
             supply: (None, None),
         };
         // Somebody else may have left it armed: then it tells as slowly as it does.
@@ -116,6 +121,7 @@ impl OperatedRig {
             rig.borrowed.borrow(&mut rig.client, "telemetry.period_ms", SettingValue::Integer(telemetry_ms))?;
             rig.unsaved = rig.borrowed.are_unsaved(&mut rig.client)?;
         }
+        rig.settings = rig.borrowed.list(&mut rig.client)?;
         rig.client.begin_account();
         Ok(rig)
     }
@@ -127,7 +133,7 @@ impl OperatedRig {
 
     fn send_points(&mut self) -> Result<(), LinkError> {
         if let Some(play) = &mut self.play {
-            let token = self.client.send(&Request::Playback(play.chunk()))?;
+            let token = self.client.send(&Request::Playback(play.feed.chunk()))?;
             play.sent(token);
         }
         Ok(())
@@ -154,7 +160,7 @@ impl OperatedRig {
                 self.client.listen(left)?;
             }
             self.hear_of_points();
-            let more = self.play.as_ref().is_some_and(|play| play.waits_for().is_none() && play.has_room());
+            let more = self.play.as_ref().is_some_and(|play| play.waits_for().is_none() && play.feed.has_room());
             if more && self.phase == Phase::Running && self.mode == Mode::Playback && Instant::now() < self.window_until {
                 self.send_points()?;
             }
@@ -164,7 +170,7 @@ impl OperatedRig {
                 let ended = self.phase == Phase::Running && sample.phase == Phase::Armed && self.mode == Mode::Playback;
                 self.phase = sample.phase;
                 into.push(sample);
-                if ended && self.play.as_ref().is_some_and(Play::is_sent) {
+                if ended && self.play.as_ref().is_some_and(|play| play.feed.is_sent()) {
                     // The experiment is over.
                     self.client.send(&Request::Disarm)?;
                 }
@@ -199,8 +205,8 @@ impl OperatedRig {
         self.borrowed.borrow(&mut self.client, "playback.period_ms", SettingValue::Integer(play.period_ms))?;
         self.client.command(&Request::PlaybackClear)?;
         play.rewind();
-        while play.confirmed < POINTS_AHEAD.min(play.length()) {
-            let reply = self.client.request(&Request::Playback(play.chunk()))?;
+        while play.feed.confirmed() < POINTS_AHEAD.min(play.feed.length()) {
+            let reply = self.client.request(&Request::Playback(play.feed.chunk()))?;
             play.take(&reply);
         }
         Ok(())
@@ -254,11 +260,17 @@ impl OperatedRig {
 
     fn sampled(&self, excitation: &Value) -> Result<(ExcitationConfig, Vec<f64>, Option<String>)> {
         let config: ExcitationConfig = serde_json::from_value(excitation.clone()).context("this is no excitation")?;
+        let points = config.segments.iter().map(|segment| segment.duration_s).sum::<f64>() / config.sample_period_s;
+        ensure!(
+            points <= MOST_POINTS,
+            "{points:.0} points are too many for the page, which plays up to {MOST_POINTS:.0}; `catheter rig record` plays more"
+        );
         let samples = config.sample()?;
         let checked = limits(&self.limits).check(&samples, &config);
         let period_ms = config.sample_period_s * 1e3;
         let whole = (period_ms - period_ms.round()).abs() < 1e-6 && (1.0..=1000.0).contains(&period_ms.round());
-        let not_whole = (!whole).then(|| format!("sample_period_s is {}: a rig plays whole milliseconds, 0.001 to 1 s", config.sample_period_s));
+        let not_whole =
+            (!whole).then(|| format!("sample_period_s is {}: a rig plays whole milliseconds, 0.001 to 1 s", config.sample_period_s));
         let problem = checked.err().map(|error| error.to_string()).or(not_whole);
         Ok((config, samples.pressure_bar, problem))
     }
@@ -294,6 +306,7 @@ impl OperatedRig {
     fn changed_settings(&mut self) -> Result<()> {
         self.limits = KnownLimits::read(&mut self.client)?;
         self.unsaved = self.borrowed.are_unsaved(&mut self.client)?;
+        self.settings = self.borrowed.list(&mut self.client)?;
         Ok(())
     }
 
@@ -359,7 +372,7 @@ impl OperatedRig {
             bound_mm: has_model.then_some(self.limits.estimate_bound_mm),
             supply_v: self.supply.0,
             chip_celsius: self.supply.1,
-            playing: self.play.as_ref().map(|play| Playing { points: play.length(), sent: play.confirmed }),
+            playing: self.play.as_ref().map(|play| Playing { points: play.feed.length(), sent: play.feed.confirmed() }),
             injected: self.injected.clone(),
             plant: self.plant.clone(),
             account,
@@ -432,7 +445,7 @@ impl Rig for OperatedRig {
     }
 
     fn settings(&mut self) -> Result<Vec<Setting>, Problem> {
-        self.borrowed.list(&mut self.client).map_err(problem)
+        Ok(self.settings.clone())
     }
 
     fn preview(&mut self, excitation: &Value) -> Result<Preview, Problem> {

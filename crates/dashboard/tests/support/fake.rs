@@ -228,4 +228,3 @@ impl Rig for Fake {
         self.watched.lock().unwrap().closed = true;
     }
 }
-

@@ -1,0 +1,211 @@
+//! A real browser, headless, through its driver; and the command that serves it.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use fantoccini::{Client, ClientBuilder, Locator};
+use hyper_util::client::legacy::connect::HttpConnector;
+use serde_json::{Value, json};
+
+/// On a busy machine a page takes its time; what has a limit of its own is measured otherwise.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// What a browser pretends.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    Desk,
+    Dark,
+    Phone,
+}
+
+/// `catheter dashboard`, until it is dropped.
+pub struct Served {
+    pub child: Child,
+    /// The address that may do most.
+    pub address: String,
+    pub begun: Instant,
+    pub folder: tempfile::TempDir,
+}
+
+impl Served {
+    pub fn start(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let begun = Instant::now();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_catheter"))
+            .args(["dashboard", "--port", "0", "--no-open"])
+            .args(arguments)
+            .current_dir(folder.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the built command starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().expect("its output")).read_line(&mut line).expect("its first line");
+        let address = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("the first line is {line:?}")).to_owned();
+        Self { child, address, begun, folder }
+    }
+
+    pub fn token(&self) -> &str {
+        self.address.split_once("token=").expect("a token").1
+    }
+
+    pub fn port(&self) -> u16 {
+        let host = self.address.split('/').nth(2).expect("a host");
+        host.rsplit(':').next().and_then(|port| port.parse().ok()).expect("a port")
+    }
+
+    /// What `GET /api/...` says.
+    pub fn api(&self, path: &str) -> Value {
+        use std::io::{Read, Write};
+        let mut stream = std::net::TcpStream::connect(("127.0.0.1", self.port())).expect("the server listens");
+        let (port, token) = (self.port(), self.token());
+        write!(stream, "GET {path} HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n\r\n")
+            .expect("it takes a request");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("it answers");
+        serde_json::from_str(answer.split_once("\r\n\r\n").expect("a head").1).unwrap_or_else(|error| panic!("{error}: {answer}"))
+    }
+
+    pub fn audit(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("sessions/audit.jsonl")).unwrap_or_default()
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A browser with one page.
+pub struct Browser {
+    driver: Child,
+    pub client: Client,
+}
+
+impl Browser {
+    pub async fn start(look: Look) -> Self {
+        let port = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port").port();
+        let driver = Command::new("chromedriver").arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        let driver = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
+        let mut options =
+            json!({ "args": ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080"] });
+        let arguments = options["args"].as_array_mut().expect("a list");
+        match look {
+            Look::Desk => {}
+            Look::Dark => arguments.push("--blink-settings=preferredColorScheme=0".into()),
+            Look::Phone => options["mobileEmulation"] = json!({ "deviceMetrics": { "width": 390, "height": 844, "pixelRatio": 2.0 } }),
+        }
+        let capabilities = json!({ "goog:chromeOptions": options, "pageLoadStrategy": "normal" });
+        let capabilities = capabilities.as_object().cloned().expect("an object");
+        let begun = Instant::now();
+        let client = loop {
+            let connected = ClientBuilder::new(HttpConnector::new())
+                .capabilities(capabilities.clone())
+                .connect(&format!("http://127.0.0.1:{port}"))
+                .await;
+            match connected {
+                Ok(client) => break client,
+                Err(error) => assert!(begun.elapsed() < PATIENCE, "no browser: {error}"),
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        };
+        Self { driver, client }
+    }
+
+    /// Opens the page and waits until it is live.
+    pub async fn open(look: Look, address: &str) -> Self {
+        let browser = Self::start(look).await;
+        browser.client.goto(address).await.expect("the page loads");
+        browser.until("samples", "return Number(document.getElementById('now-pressure').textContent) >= -1").await;
+        browser
+    }
+
+    pub async fn run(&self, script: &str) -> Value {
+        self.client.execute(script, Vec::new()).await.unwrap_or_else(|error| panic!("{script}: {error}"))
+    }
+
+    pub async fn text(&self, id: &str) -> String {
+        self.run(&format!("return document.getElementById('{id}').textContent")).await.as_str().unwrap_or_default().to_owned()
+    }
+
+    pub async fn click(&self, id: &str) {
+        self.until(
+            id,
+            &format!("const it = document.getElementById('{id}'); return Boolean(it) && !it.disabled && it.offsetParent !== null"),
+        )
+        .await;
+        let element = self.client.find(Locator::Id(id)).await.unwrap_or_else(|error| panic!("{id}: {error}"));
+        element.click().await.unwrap_or_else(|error| panic!("{id}: {error}"));
+    }
+
+    /// Clicks the button with this text.
+    pub async fn press(&self, text: &str) {
+        let path = format!("//button[normalize-space(.)='{text}']");
+        let element = self.client.find(Locator::XPath(&path)).await.unwrap_or_else(|error| panic!("{text}: {error}"));
+        element.click().await.unwrap_or_else(|error| panic!("{text}: {error}"));
+    }
+
+    pub async fn key(&self, key: char) {
+        let body = self.client.find(Locator::Css("body")).await.expect("a body");
+        body.send_keys(&key.to_string()).await.expect("a key");
+    }
+
+    /// Moves the slider, as dragging it does.
+    pub async fn slide(&self, value: f64) {
+        let script = format!(
+            "const it = document.getElementById('slider'); it.value = {value}; it.dispatchEvent(new Event('input', {{ bubbles: true }}))"
+        );
+        self.run(&script).await;
+    }
+
+    /// Waits until a script returns true.
+    pub async fn until(&self, what: &str, script: &str) {
+        let begun = Instant::now();
+        while self.run(script).await != Value::Bool(true) {
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {what}; the page says: {}", self.said().await);
+            tokio::time::sleep(Duration::from_millis(30)).await;
+        }
+    }
+
+    pub async fn until_state(&self, state: &str) {
+        self.until(state, &format!("return document.getElementById('now-state').textContent === '{state}'")).await;
+    }
+
+    async fn said(&self) -> String {
+        let script =
+            "return ['now-state', 'lease', 'why', 'banner', 'said'].map((id) => document.getElementById(id).textContent).join(' | ')";
+        self.run(script).await.to_string()
+    }
+
+    /// A picture for the book, where one is wanted: `CATHETER_SCREENSHOTS=1` writes them.
+    pub async fn picture(&self, name: &str) {
+        if std::env::var_os("CATHETER_SCREENSHOTS").is_none() {
+            return;
+        }
+        let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/images").join(name);
+        std::fs::write(path, self.client.screenshot().await.expect("a picture")).expect("a file");
+    }
+
+    /// The settings that a machine with other work needs: the browser may be late by more than 250 ms.
+    pub async fn be_patient(&self) {
+        self.click("tab-settings").await;
+        self.until("the settings", "return document.querySelectorAll('#settings-rows input').length > 50").await;
+        let script = "const it = [...document.querySelectorAll('#settings-rows input')].find((it) => it.getAttribute('aria-label').startsWith('limits.host_timeout_ms'));
+                      it.value = 3000; it.dispatchEvent(new Event('change'))";
+        self.run(script).await;
+        self.until("the setting", "return document.getElementById('settings-count').textContent.includes('; 1 differ')").await;
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        // The driver ends its browser.
+        let _ = Command::new("kill").arg(self.driver.id().to_string()).status();
+        let _ = self.driver.wait();
+    }
+}
