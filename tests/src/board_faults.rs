@@ -319,12 +319,7 @@ impl Bench {
         Self::start_with(config, flash, first, HardwareConfig::default())
     }
 
-    fn start_with(
-        mut config: BoardModelConfig,
-        flash: &FlashMemory,
-        first: Option<(&str, Option<u64>)>,
-        hardware: HardwareConfig,
-    ) -> Self {
+    fn start_with(mut config: BoardModelConfig, flash: &FlashMemory, first: Option<(&str, Option<u64>)>, hardware: HardwareConfig) -> Self {
         config.core_hz = first.and_then(|(_, core_hz)| core_hz);
         let mut processor = BoardModel::start(config, flash).unwrap_or_else(|error| panic!("{error}"));
         if let Some((what, _)) = first {

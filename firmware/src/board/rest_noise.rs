@@ -76,7 +76,8 @@ pub fn root_mean_square(mean_square: u32) -> f32 {
         return 0.0;
     }
     // 32 bits in a float of 24: no more than 6e-8 off. The fraction's weight is 2^-8.
-    let square = (crate::number::to_f32(i32::try_from(mean_square >> 1).unwrap_or(i32::MAX)) * 2.0 + f32::from(mean_square & 1 == 1)) / 256.0;
+    let square =
+        (crate::number::to_f32(i32::try_from(mean_square >> 1).unwrap_or(i32::MAX)) * 2.0 + f32::from(mean_square & 1 == 1)) / 256.0;
     // Within 6 %; one of Heron's steps makes 0.2 % of it.
     let near = F32Ext::sqrt(square);
     0.5 * (near + square / near)

@@ -114,6 +114,10 @@ pub const READ_BACK_CHANNELS: [u8; 2] = [17, 4];
 pub const CHIP_CHANNEL: u8 = 16;
 /// Where the factory left the temperature sensor's codes at 30 and 110 degrees and 3.3 V (DS8626 table 74).
 pub const CHIP_CALIBRATION: [usize; 2] = [0x1fff_7a2c, 0x1fff_7a2e];
+/// Device and revision identifiers, DBGMCU_IDCODE (RM0090 section 38.6.1).
+pub const IDCODE: usize = 0xe004_2000;
+/// The chip's unique number (RM0090 section 39.1).
+pub const UNIQUE_NUMBER: usize = 0x1fff_7a10;
 /// Where the factory left the reference voltage's code at 3.3 V and 30 degrees (DS8626 table 77).
 pub const REFERENCE_CALIBRATION: usize = 0x1fff_7a2a;
 /// The ADC's clock is the fast bus over this: 21 MHz of at most 36 (DS8626 table 67).

@@ -84,3 +84,8 @@ pub const SECTOR_BYTES: usize = 128 * 1024;
 /// Longest erase of such a sector with 64-bit parallelism, ms (DS12110 table 140).
 pub const SECTOR_ERASE_MS: u32 = 2_000;
 const _: () = assert!(SECTOR_ERASE_MS <= watchdog::LONGEST_ERASE_MS);
+
+/// Device and revision identifiers, DBGMCU_IDC (RM0433 chapter 60).
+pub const IDCODE: usize = 0x5c00_1000;
+/// The chip's unique number (RM0433 chapter 61).
+pub const UNIQUE_NUMBER: usize = 0x1ff1_e800;

@@ -4,6 +4,7 @@
 //! eight sectors, so models and settings change while the program runs on, and it is programmed in words of 256 bits with a code that
 //! corrects errors, each of them once; the converters are three, and what is read back has two of its own.
 
+pub mod brown_out;
 pub mod facts;
 pub mod flash;
 pub mod regions;

@@ -2,6 +2,7 @@
 
 pub mod crash;
 pub mod cycles;
+pub mod identity;
 pub mod memory;
 pub mod models;
 pub mod protection;

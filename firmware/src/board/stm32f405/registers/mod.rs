@@ -19,7 +19,6 @@ pub mod clock;
 pub mod drives;
 pub mod entry;
 pub mod flash;
-pub mod identity;
 pub mod pins;
 pub mod sampling;
 pub mod serial;

@@ -7,7 +7,7 @@ use super::clock::Registers;
 use super::drives::{self, AnalogueDrive, PulseDrive};
 use super::flash::Controller;
 use super::sampling::{self, Milliseconds, Sampler};
-use super::{bootloader, identity, pac, pins, serial, supply, watchdog};
+use super::{bootloader, pac, pins, serial, supply, watchdog};
 use crate::board::clock::{self, Source};
 use crate::board::contract::{Board, Started};
 use crate::board::exchange::Exchange;
@@ -19,7 +19,7 @@ use crate::board::stm32f405::facts::{self, MODEL_SECTORS, SECTOR_BYTES, SETTINGS
 use crate::board::stm32f405::flash::InternalFlash;
 use crate::board::stm32f405::{brown_out, reset_cause};
 use crate::board::target::cycles::Cycles;
-use crate::board::target::{crash, protection};
+use crate::board::target::{crash, identity, protection};
 use crate::board::tick_task::Hands;
 use crate::storage::Sectors;
 

@@ -7,6 +7,7 @@ use stm32h7::stm32h743v::FLASH;
 use stm32h7::stm32h743v::flash::BANK;
 
 use crate::board::exchange::Exchange;
+use crate::board::stm32h743::brown_out::OptionBytes;
 use crate::board::stm32h743::flash::{FlashController, WORDS};
 use crate::board::target::protection;
 
@@ -28,6 +29,40 @@ impl Controller {
     fn bank(&self) -> &BANK {
         // SAFETY: the registers exist for ever; nobody else writes to this bank's, by the contract of `new`.
         unsafe { (*FLASH::ptr()).bank2() }
+    }
+}
+
+impl OptionBytes for &FLASH {
+    fn in_force(&mut self) -> u32 {
+        self.optsr_cur().read().bits()
+    }
+
+    fn wanted(&mut self) -> u32 {
+        self.optsr_prg().read().bits()
+    }
+
+    fn set_wanted(&mut self, bits: u32) {
+        // SAFETY: what is in force with another brown-out level, by the sequence in `stm32h743::brown_out`.
+        self.optsr_prg().write(|w| unsafe { w.bits(bits) });
+    }
+
+    fn is_locked(&mut self) -> bool {
+        self.optcr().read().bits() & 1 != 0
+    }
+
+    fn write_key(&mut self, key: u32) {
+        // SAFETY: one of the two keys.
+        self.optkeyr().write(|w| unsafe { w.bits(key) });
+    }
+
+    fn start(&mut self) {
+        // SAFETY: OPTSTART (RM0433 section 4.9.7).
+        self.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1 << 1) });
+    }
+
+    fn lock(&mut self) {
+        // SAFETY: OPTLOCK.
+        self.optcr().modify(|r, w| unsafe { w.bits(r.bits() | 1) });
     }
 }
 

@@ -2,7 +2,6 @@
 
 use cortex_m::peripheral::{SCB, SYST};
 use model_export::link::fault::{Fault, FaultSet};
-use model_export::link::hello::Build;
 
 use super::clock::Registers;
 use super::drives::{self, AnalogueDrive, PulseDrive};
@@ -15,11 +14,13 @@ use crate::board::exchange::Exchange;
 use crate::board::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
+use crate::board::stm32f405::brown_out::Outcome;
+use crate::board::stm32h743::brown_out;
 use crate::board::stm32h743::facts::{self, MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
 use crate::board::stm32h743::flash::InternalFlash;
 use crate::board::stm32h743::reset_cause;
 use crate::board::target::cycles::Cycles;
-use crate::board::target::{crash, protection};
+use crate::board::target::{crash, identity, protection};
 use crate::board::tick_task::Hands;
 
 /// The board that this build is for, on its chip.
@@ -68,6 +69,9 @@ impl Board for ThisBoard {
         let clock = clock::start(&mut registers, &const { facts::plan(WIRING.crystal_hz) });
         let rates = clock.rates;
         let mut found = FaultSet::EMPTY;
+        if brown_out::ensure(&mut &device.FLASH) == Outcome::Programmed {
+            defmt::info!("brown-out level programmed");
+        }
         protection::start(&core.MPU);
         flash::start_caches(&mut core.SCB, &mut core.CPUID);
 
@@ -102,7 +106,7 @@ impl Board for ThisBoard {
             // SAFETY: a crystal that runs is on the chip itself.
             reference_calibration: (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() }),
             thermometer: None,
-            build: Build::default(),
+            build: identity::read(clock.source == Source::Crystal),
             hands: Hands {
                 source,
                 analogue,

@@ -2,10 +2,7 @@
 
 use model_export::link::hello::Build;
 
-/// Device and revision identifiers, DBGMCU_IDCODE (RM0090 section 38.6.1).
-const IDCODE: usize = 0xe004_2000;
-/// The chip's unique number (RM0090 section 39.1).
-const UNIQUE_NUMBER: usize = 0x1fff_7a10;
+use crate::board::chip::facts::{IDCODE, UNIQUE_NUMBER};
 
 /// What the chip says of itself; nothing unless it is one, since an emulator may have nothing at these addresses.
 pub fn read(is_chip: bool) -> Build {
