@@ -12,6 +12,8 @@ use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Si
 
 /// More columns than this are a table of another kind.
 const MOST_COLUMNS: usize = 4096;
+/// A longer name of a column is text of another kind.
+const LONGEST_NAME: usize = 300;
 /// Numbers that are kept of one file, at most: 384 MB.
 pub(super) const MOST_VALUES: usize = 48 << 20;
 /// No sensor reads more, in any unit: squares and products of such numbers stay finite.
@@ -261,6 +263,11 @@ impl Columns {
         if !headers.is_empty() && headers.iter().all(|name| name.parse::<f64>().is_ok()) {
             return Err(RecordingError::NoHeader { path: path.into(), line });
         }
+        if let Some(long) = headers.iter().find(|name| name.len() > LONGEST_NAME) {
+            let begin: String = long.chars().take(40).collect();
+            let problem = format!("a column is called `{begin}…`, {} bytes long; is this the header?", long.len());
+            return Err(RecordingError::Format { path: path.into(), problem });
+        }
         let main = |name: &str| map.main_columns().any(|column| column.header == name);
         for (index, name) in headers.iter().enumerate() {
             let wanted = main(name) || (map.own && OPTIONAL.contains(&name.as_str()));
@@ -338,8 +345,10 @@ enum Others {
 /// Names for a message, the first of them when there are many.
 fn listed(names: &[String]) -> String {
     const MOST: usize = 40;
+    const LONGEST: usize = 800;
     let mut text = names.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(",");
-    if names.len() > MOST {
+    if names.len() > MOST || text.len() > LONGEST {
+        text = text.chars().take(LONGEST).collect();
         text.push_str(&format!(",... {} in all", names.len()));
     }
     text

@@ -11,7 +11,7 @@ use crate::fit::folder::{self, BlobFile};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
-use crate::{output, recording, say};
+use crate::{output, say};
 
 /// Find the model that will be best on the next recording.
 ///

@@ -24,6 +24,8 @@ pub(super) fn predict(
     period_s: f64,
     start_up_s: f64,
 ) -> Result<Vec<f64>, ModelError> {
+    resample::check(recording, period_s)
+        .map_err(|error| ModelError::Invalid { path: model.description().path.clone(), problem: error.to_string() })?;
     let even = resample::uniform(recording, period_s);
     let reset = if gaps.is_empty() { &[][..] } else { &even.gaps };
     let predicted = model.simulate_in(&Context::of(&even, start_up_s), &even.inputs(), reset)?;
