@@ -132,8 +132,7 @@ fn row(
         };
         *decimal_commas += usize::from(commas_are_points && number::is_decimal_comma(cell));
         let value = wanted.scale.apply(value);
-        // In this order what is not a number is refused too.
-        if !(value.abs() <= LARGEST) {
+        if !is_readable(value) {
             return Err(refused(path, line, &columns.headers[wanted.index], value, cells.text(wanted.index)));
         }
         values.push(value);
@@ -145,6 +144,12 @@ fn row(
         return Err(RecordingError::Sequence { path: path.into(), line, text });
     }
     Ok(())
+}
+
+/// Whether a sensor can give this value.
+fn is_readable(value: f64) -> bool {
+    // What is not a number is not.
+    value.abs() <= LARGEST
 }
 
 /// The error about a value that is not finite, or larger than any sensor reads.
@@ -193,7 +198,7 @@ pub(super) fn read_arrays(path: &Path, arrays: Arrays, map: &ColumnMap) -> Resul
         for (sample, value) in values.iter_mut().enumerate() {
             let raw = *value;
             *value = wanted.scale.apply(raw);
-            if !(value.abs() <= LARGEST) {
+            if !is_readable(*value) {
                 return Err(refused(path, sample as u64 + 1, &found.headers[wanted.index], *value, raw.to_string()));
             }
         }
