@@ -51,6 +51,9 @@ const WORDS: [&str; 40] = [
 const LENGTHS: [u64; 12] =
     [0, 1, 7, 8, 255, 65_535, 65_536, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7fff_ffff_ffff_ffff, 0xffff_ffff_ffff_ffff];
 
+/// A changed file is no longer than this.
+const LONGEST: usize = 4 << 20;
+
 /// The changed file number `number` of a seed; `files` are valid ones of one kind.
 #[must_use]
 pub fn mutated(files: &[Vec<u8>], seed: u64, number: u64) -> Vec<u8> {
@@ -60,8 +63,8 @@ pub fn mutated(files: &[Vec<u8>], seed: u64, number: u64) -> Vec<u8> {
     let changes = [1, 1, 1, 2, 3, 8][random.random_range(0..6)];
     for _ in 0..changes {
         change(&mut bytes, files, &mut random);
+        bytes.truncate(LONGEST);
     }
-    bytes.truncate(4 << 20);
     bytes
 }
 
@@ -87,7 +90,7 @@ fn change(bytes: &mut Vec<u8>, files: &[Vec<u8>], random: &mut impl Rng) {
             let end = at + span(random, bytes.len() - at);
             let piece = bytes[at..end].to_vec();
             let times = [1, 2, 100, 5000][random.random_range(0..4)];
-            bytes.splice(at..at, piece.repeat(times));
+            bytes.splice(at..at, piece.repeat(times.min(LONGEST / piece.len().max(1))));
         }
         5 | 6 => number(bytes, at, random),
         7 => {
@@ -136,7 +139,7 @@ fn line(bytes: &mut Vec<u8>, at: usize, random: &mut impl Rng) {
         bytes.drain(start..end);
     } else {
         let line = bytes[start..end].to_vec();
-        bytes.splice(start..start, line.repeat([1, 3, 1000][random.random_range(0..3)]));
+        bytes.splice(start..start, line.repeat([1, 3, 1000][random.random_range(0..3)].min(LONGEST / line.len().max(1))));
     }
 }
 

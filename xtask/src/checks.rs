@@ -25,3 +25,10 @@ pub fn target_builds() -> Result<()> {
     )?;
     run("target lints", cargo().args(["clippy", "--release", "--target", TARGET, "-p", "firmware", "--", "--deny", "warnings"]))
 }
+
+/// Changed files for every reader, for so many minutes.
+pub fn fuzz(minutes: f64, seed: u64) -> Result<()> {
+    let mut command = cargo();
+    command.args(["test", "--release", "-p", "fuzz", "--test", "bounded", "--", "--nocapture"]);
+    run("changed files", command.env("FUZZ_MINUTES", minutes.to_string()).env("FUZZ_SEED", seed.to_string()))
+}

@@ -1,4 +1,4 @@
-//! The project's chores: `cargo xtask test | ci | bench | firmware | flash | python | setup`, the same for a person and for continuous integration.
+//! The project's chores: `cargo xtask test | ci | bench | fuzz | firmware | flash | python | setup`, the same for a person and for continuous integration.
 
 mod bench;
 mod board_model;
@@ -41,10 +41,23 @@ enum Chore {
     Flash(OfBoard),
     /// Build the image in this folder and in another one, and see that both are the same file.
     Reproducible(OfBoard),
+    /// Change files at random, and see that every reader ends in a result or a clear refusal, soon and in little memory.
+    Fuzz(FuzzArguments),
     /// Build the Python package in an environment of its own and run its tests and its notebook.
     Python,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
     Setup,
+}
+
+/// How long to search.
+#[derive(clap::Args)]
+struct FuzzArguments {
+    /// Minutes.
+    #[arg(long, value_name = "N", default_value_t = 60.0)]
+    minutes: f64,
+    /// Seed of the changes; an input is told by it and can be made again.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
 }
 
 /// Which board.
@@ -65,6 +78,7 @@ fn main() -> ExitCode {
         Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
         Chore::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
         Chore::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
+        Chore::Fuzz(of) => checks::fuzz(of.minutes, of.seed),
         Chore::Python => python::tests(),
         Chore::Setup => setup::everything(),
     };

@@ -86,15 +86,21 @@ fn checked(recording: &Recording, period_s: f64) -> Checked {
     let moved = drift::within(recording);
     let mut notes = recording.notes.clone();
     notes.extend(moved.map(|moved| moved_note(recording, moved)));
-    let resampled = resample::uniform(recording, period_s);
-    let resampling = resampled.notes.iter().find(|note| note.subject == Subject::Resampled && !recording.notes.contains(note));
+    let resampling = match resample::check(recording, period_s) {
+        Ok(()) => {
+            let resampled = resample::uniform(recording, period_s);
+            let note = resampled.notes.iter().find(|note| note.subject == Subject::Resampled && !recording.notes.contains(note));
+            note.map_or_else(|| "The clock is even; nothing is resampled.".to_owned(), |note| note.text.clone())
+        }
+        Err(_) => format!("An even clock of {} s would need far more samples than there are.", short(period_s)),
+    };
     Checked {
         path: recording.path.clone(),
         group: recording.group.clone(),
         samples: recording.len(),
         duration_s: recording.time_s[recording.len() - 1] - recording.time_s[0],
         clock: recording.timing(),
-        resampling: resampling.map_or_else(|| "The clock is even; nothing is resampled.".to_owned(), |note| note.text.clone()),
+        resampling,
         channels: condition::channels(recording)
             .into_iter()
             .map(|(role, signal, values)| channel(recording, role, signal, values))

@@ -18,7 +18,8 @@ pub struct ColumnName {
 
 impl ColumnName {
     /// A column whose unit is kept.
-    fn kept(header: &str, signal: Signal) -> Self {
+    #[must_use]
+    pub fn kept(header: &str, signal: Signal) -> Self {
         Self { header: header.to_owned(), unit: signal.unit.clone(), signal, scale: Scale::NONE }
     }
 }

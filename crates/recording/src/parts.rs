@@ -12,6 +12,8 @@ use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Si
 
 /// More columns than this are a table of another kind.
 const MOST_COLUMNS: usize = 4096;
+/// A longer name of a column is text of another kind.
+const LONGEST_NAME: usize = 300;
 /// Numbers that are kept of one file, at most: 384 MB.
 pub(super) const MOST_VALUES: usize = 48 << 20;
 /// No sensor reads more, in any unit: squares and products of such numbers stay finite.
@@ -130,8 +132,7 @@ fn row(
         };
         *decimal_commas += usize::from(commas_are_points && number::is_decimal_comma(cell));
         let value = wanted.scale.apply(value);
-        // In this order what is not a number is refused too.
-        if !(value.abs() <= LARGEST) {
+        if !is_readable(value) {
             return Err(refused(path, line, &columns.headers[wanted.index], value, cells.text(wanted.index)));
         }
         values.push(value);
@@ -143,6 +144,12 @@ fn row(
         return Err(RecordingError::Sequence { path: path.into(), line, text });
     }
     Ok(())
+}
+
+/// Whether a sensor can give this value.
+fn is_readable(value: f64) -> bool {
+    // What is not a number is not.
+    value.abs() <= LARGEST
 }
 
 /// The error about a value that is not finite, or larger than any sensor reads.
@@ -191,7 +198,7 @@ pub(super) fn read_arrays(path: &Path, arrays: Arrays, map: &ColumnMap) -> Resul
         for (sample, value) in values.iter_mut().enumerate() {
             let raw = *value;
             *value = wanted.scale.apply(raw);
-            if !(value.abs() <= LARGEST) {
+            if !is_readable(*value) {
                 return Err(refused(path, sample as u64 + 1, &found.headers[wanted.index], *value, raw.to_string()));
             }
         }
@@ -260,6 +267,11 @@ impl Columns {
         let map = &map.with_own_units(&headers);
         if !headers.is_empty() && headers.iter().all(|name| name.parse::<f64>().is_ok()) {
             return Err(RecordingError::NoHeader { path: path.into(), line });
+        }
+        if let Some(long) = headers.iter().find(|name| name.len() > LONGEST_NAME) {
+            let begin: String = long.chars().take(40).collect();
+            let problem = format!("a column is called `{begin}…`, {} bytes long; is this the header?", long.len());
+            return Err(RecordingError::Format { path: path.into(), problem });
         }
         let main = |name: &str| map.main_columns().any(|column| column.header == name);
         for (index, name) in headers.iter().enumerate() {
@@ -338,8 +350,10 @@ enum Others {
 /// Names for a message, the first of them when there are many.
 fn listed(names: &[String]) -> String {
     const MOST: usize = 40;
+    const LONGEST: usize = 800;
     let mut text = names.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(",");
-    if names.len() > MOST {
+    if names.len() > MOST || text.len() > LONGEST {
+        text = text.chars().take(LONGEST).collect();
         text.push_str(&format!(",... {} in all", names.len()));
     }
     text

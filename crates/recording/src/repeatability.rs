@@ -9,6 +9,8 @@
 //! Pairs come from different recordings, so that offsets between recordings count. Where recordings do not repeat each other, strokes of one
 //! recording are compared, and the result says so.
 
+use std::collections::HashMap;
+
 use super::{Recording, clock, history, surface};
 
 /// Samples that look for a neighbour, and samples they look among, at most.
@@ -161,8 +163,11 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
     let stride = samples.len().div_ceil(QUERIES).max(1);
     let mut pairs = Vec::new();
     let mut nearest: Vec<((usize, usize), Pair)> = Vec::new();
+    // Where the pair of a place stands: a short stroke makes thousands of places.
+    let mut known: HashMap<(usize, usize), usize> = HashMap::new();
     for (start, query) in samples.iter().enumerate().step_by(stride) {
         nearest.clear();
+        known.clear();
         // From the query on and around: equally near ones of all recordings get their turn.
         for other in samples[start..].iter().chain(&samples[..start]) {
             let same = query.recording == other.recording;
@@ -176,10 +181,13 @@ fn pairs(samples: &[Sample], stroke_s: f64, may_pair: impl Fn(&Sample, &Sample) 
             let place = (other.recording, if same { other.stroke } else { 0 });
             let pair =
                 Pair { place: (query.recording, query.stroke), squared_distance, half_square: 0.5 * (query.left - other.left).powi(2) };
-            match nearest.iter_mut().find(|(known, _)| *known == place) {
-                Some((_, known)) if known.squared_distance <= squared_distance => {}
-                Some((_, known)) => *known = pair,
-                None => nearest.push((place, pair)),
+            match known.get(&place) {
+                Some(&index) if nearest[index].1.squared_distance <= squared_distance => {}
+                Some(&index) => nearest[index].1 = pair,
+                None => {
+                    known.insert(place, nearest.len());
+                    nearest.push((place, pair));
+                }
             }
         }
         nearest.sort_by(|one, other| one.1.squared_distance.total_cmp(&other.1.squared_distance));

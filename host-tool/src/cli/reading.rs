@@ -166,6 +166,7 @@ pub struct Data {
     /// A recording (CSV, gzipped CSV, NPZ, MAT, MCAP) or a folder of them; may be repeated. Without it, those that `catheter.toml` names.
     #[arg(long = "data", num_args = 1.., value_name = "PATH")]
     pub data: Vec<PathBuf>,
+    /// How they are read.
     #[command(flatten)]
     pub reading: Reading,
 }

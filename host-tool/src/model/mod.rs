@@ -252,6 +252,8 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
     let gaps = if fit.gaps == Gaps::Reset { &recording.gaps[..] } else { &[] };
     match model.description().sample_period_s {
         Some(period_s) if differs(period_s, recording.sample_period_s) || !is_even(recording) => {
+            recording::resample::check(recording, period_s)
+                .map_err(|error| ModelError::Invalid { path: model.description().path.clone(), problem: error.to_string() })?;
             on_even_clock(recording, gaps, period_s, fit.start_up_s, |context, inputs, gaps| model.simulate_in(context, inputs, gaps))
         }
         _ => model.simulate_in(&Context::of(recording, fit.start_up_s), &recording.inputs(), gaps),

@@ -107,7 +107,7 @@ pub fn from_file(path: &Path) -> anyhow::Result<Reference> {
     let header = text.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
     let own = ColumnMap::own();
     let map = if header.split(',').any(|name| name.trim() == "reference_mm") {
-        let reference = ColumnName { header: "reference_mm".to_owned(), ..own.output.clone() };
+        let reference = ColumnName::kept("reference_mm", own.output.signal.clone());
         // A reference has no input: the path stands in for it.
         ColumnMap { input: reference.clone(), output: reference, own: false, ..own }
     } else {

@@ -13,6 +13,7 @@ mod control;
 mod demo;
 mod discover;
 mod evaluate;
+mod files;
 mod fit;
 mod help;
 mod import_network;

@@ -71,7 +71,8 @@ fn numbers(value: &Value, name: &str, found: &mut Vec<(String, f64)>) {
     }
 }
 
-/// The chunks' names of compression; the reader makes room for as long a name as a chunk claims to have, so this is looked at first.
+/// Looks at the chunks first: the reader makes room for as long a name of their compression as they claim to have, and takes it on trust that
+/// an uncompressed one ends with a record.
 fn check_chunks(bytes: &[u8]) -> Result<(), String> {
     let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
     while let Some((head, body)) = rest.split_at_checked(9) {
@@ -81,6 +82,16 @@ fn check_chunks(bytes: &[u8]) -> Result<(), String> {
         let name = record.get(28..32).map(word);
         if head[0] == op::CHUNK && name.is_none_or(|length| length > 64) {
             return Err("is a damaged MCAP file: a chunk's compression has no name; `mcap recover` may save the rest".to_owned());
+        }
+        // What an uncompressed chunk holds must end where the chunk does.
+        if head[0] == op::CHUNK && name == Some(0) {
+            let length = record.get(32..40).map(word).and_then(|length| usize::try_from(length).ok());
+            let mut inner = length.and_then(|length| record.get(40..)?.get(..length)).unwrap_or(&[0]);
+            while !inner.is_empty() {
+                let after = inner.get(1..9).map(word).and_then(|length| usize::try_from(length).ok());
+                let after = after.and_then(|length| inner.get(9..)?.get(length..));
+                inner = after.ok_or("is a damaged MCAP file: a chunk ends within a record; `mcap recover` may save the rest")?;
+            }
         }
         rest = &body[record.len()..];
     }
