@@ -235,6 +235,14 @@ impl Comparison {
         self.set.iter().any(|member| member.names == self.bare.names)
     }
 
+    /// How much better a model with these effects predicts than the one without any, nats per sample; nothing when it was not compared.
+    #[must_use]
+    pub fn gain(&self, model: &Model) -> Option<f64> {
+        let names = names(model);
+        let compared = std::iter::once(&self.found).chain(&self.set).chain([&self.bare]);
+        compared.into_iter().find(|scored| scored.names == names).map(|scored| scored.mean() - self.bare.mean())
+    }
+
     /// Names of the effects that all members have.
     #[must_use]
     pub fn common(&self) -> Vec<&'static str> {
