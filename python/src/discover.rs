@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tool::discover::{self, DiscoverConfig, Start, folder};
+use host_tool::discover::{self, DiscoverConfig, folder};
 use host_tool::output;
 use pyo3::prelude::*;
 

@@ -129,7 +129,7 @@ pub fn discover_from(
     verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
     if let Some(compared) = &compared {
-        discovery.criterion = Some(compared.found.mean() - compared.bare.mean());
+        discovery.criterion = compared.gain(&after);
         discovery.confidence_set = compared.set.iter().map(|member| member_of(member, &compared.bare)).collect();
     }
     discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);

@@ -337,7 +337,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
         }
     }
     std::fs::write(&path, written.encode().expect("TOML").replace("\"creep\"", "\"creeps\"")).expect("a file");
-    let message = file::DiscoveredModel::read(&path).err().expect("refused").to_string();
+    let message = file::DiscoveredModel::read(&path).expect_err("refused").to_string();
     assert!(message.contains("creeps"), "{message}");
 }
 

@@ -22,8 +22,11 @@ pub fn start_from(
     recordings: &[Recording],
     kept: &[Recording],
 ) -> anyhow::Result<Start> {
-    let predictions = recordings.iter().chain(kept).map(|recording| model::predict(model, recording, model::Fit::default()));
-    Ok(Start::new(predictions.collect::<Result<_, _>>()?, discovered))
+    let mut predictions = Vec::new();
+    for recording in recordings.iter().chain(kept) {
+        predictions.push(model::predict(model, recording, model::Fit::default())?);
+    }
+    Ok(Start::new(predictions, discovered))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars_from, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
-use crate::discover::{Correlation, Discovery, Finding, Residual, Role, Run, Share, Verdict, residual_map};
+use crate::discover::{Correlation, Discovery, Finding, Member, Residual, Role, Run, Share, Verdict, residual_map};
 use crate::recording::Signal;
 
 /// Most recordings drawn.
@@ -19,6 +19,10 @@ pub fn headline(discovery: &Discovery) -> String {
         Verdict::Unknown => {
             let explain = if names.len() == 1 { "explains" } else { "explain" };
             format!("Something is missing that the catalogue does not explain; {} {explain} a part of it.", names.join(" and "))
+        }
+        Verdict::Ambiguous if discovery.confidence_set.len() > 1 => {
+            let sets: Vec<String> = discovery.confidence_set.iter().map(|member| member.effects.join(" and ")).collect();
+            format!("What is missing is one of these, which the recordings cannot tell apart: {}.", sets.join("; "))
         }
         Verdict::Ambiguous if discovery.runner_up.as_ref().is_none_or(|second| second.separable) => {
             format!("What is missing looks like {}, but recordings that it has not seen do not confirm it.", names.join(" and "))
@@ -51,6 +55,11 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     ]);
     let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
     page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    if finding.session.runs.iter().any(|run| run.is_worked_with() && run.role.contains(&Role::Test)) {
+        page.paragraph(
+            "The recordings are too few to leave whole ones out: blocks of them were left out instead, and their neighbours were not.",
+        );
+    }
     page.paragraph(&match discovery.calibrate_s {
         Some(seconds) => format!(
             "Both models ran freely behind a start-up of {seconds:.2} s, over which the zero was set and which does not count: \
@@ -80,6 +89,7 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
     effects(&mut page, discovery);
     page.section("What was tried");
     candidates(&mut page, discovery);
+    confidence_set(&mut page, discovery);
     page.section("Before and after");
     before_and_after(&mut page, finding, input, output);
     page.section("What is left");
@@ -111,6 +121,23 @@ fn effects(page: &mut Page, discovery: &Discovery) {
         &rows,
         None,
     );
+}
+
+fn confidence_set(page: &mut Page, discovery: &Discovery) {
+    let of = |member: &Member| {
+        let effects = if member.effects.is_empty() { "none".to_owned() } else { member.effects.join(" and ") };
+        vec![Cell::Text(effects), Cell::Figure(number(member.criterion, 3)), Cell::Figure(number(member.p_value, 2))]
+    };
+    let rows: Vec<Vec<Cell>> = discovery.confidence_set.iter().map(of).collect();
+    if !rows.is_empty() {
+        page.table(
+            "Explanations that no other predicts left-out recordings significantly better than: the log predictive density over that of the \
+             model without effects, and the probability of a distance like its own, were all as good.",
+            &["effects", "nats per sample", "p"],
+            &rows,
+            None,
+        );
+    }
 }
 
 fn disagreements(page: &mut Page, finding: &Finding, input: &Signal, output: &Signal) {

@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use crate::data::session::{Run, Session};
+use crate::data::worked::worked_with;
 
 /// Fewest equal readings in a row of a sensor with noise that has stopped reading.
 const FEWEST: usize = 3;
@@ -65,15 +66,16 @@ fn noise_without_motion(values: &[f64]) -> f64 {
 ///
 /// Pairs of equal readings tell how often the sensor repeats itself by chance: a sensor that stops for a while makes no pairs.
 fn too_many_equal(session: &Session) -> Option<usize> {
-    let mut noises: Vec<f64> = session.worked().map(|run| noise_without_motion(&run.output)).collect();
+    let mut noises: Vec<f64> = session.worked().map(|run| noise_without_motion(&worked_with(run, &run.output))).collect();
     noises.sort_by(f64::total_cmp);
     if noises[noises.len() / 2] < LEAST_NOISE.max(NOISE_OVER_STEP * session.output_step) {
         return None;
     }
     let (mut samples, mut pairs, mut in_rows) = (0, 0, 0);
     for run in session.worked() {
-        samples += run.output.len();
-        for row in rows(&run.output) {
+        let shown = worked_with(run, &run.output);
+        samples += shown.len();
+        for row in rows(&shown) {
             if row.len() == 2 { pairs += 1 } else { in_rows += row.len() }
         }
     }
@@ -89,11 +91,13 @@ fn too_many_equal(session: &Session) -> Option<usize> {
 pub fn stopped(session: &mut Session) -> usize {
     let Some(fewest) = too_many_equal(session) else { return 0 };
     let span = |values: &[f64]| values.iter().fold((f64::MAX, f64::MIN), |(low, high), &value| (low.min(value), high.max(value)));
-    let (lowest, highest) =
-        session.worked().map(|run| span(&run.output)).fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
+    let (lowest, highest) = session
+        .worked()
+        .map(|run| span(&worked_with(run, &run.output)))
+        .fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
     let mut masked = 0;
     for run in session.runs.iter_mut().filter(|run| run.is_worked_with()) {
-        for row in rows(&run.output).into_iter().filter(|row| row.len() >= fewest) {
+        for row in rows(&run.output).into_iter().filter(|row| row.len() >= fewest && is_shown(run, row)).collect::<Vec<_>>() {
             let (low, high) = span(&run.input[row.clone()]);
             let at_the_end = [lowest, highest].contains(&run.output[row.start]);
             if high - low > REST && !at_the_end {
@@ -104,12 +108,17 @@ pub fn stopped(session: &mut Session) -> usize {
     masked
 }
 
+/// Whether a row of samples is worked with.
+fn is_shown(run: &Run, row: &Range<usize>) -> bool {
+    run.role[row.clone()].iter().all(|role| role.is_worked_with())
+}
+
 /// Masks rows that are off by more than `threshold` from the model that left `residual`.
 ///
 /// Only where readings seldom repeat: else the sensor reads in steps, something holds the tip, or the recording has no noise. The reading that
 /// is sent again goes with its repeats.
 pub fn off_the_model(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
-    let rows: Vec<Range<usize>> = rows(&run.output).into_iter().filter(|row| row.len() >= FEWEST_OFF).collect();
+    let rows: Vec<Range<usize>> = rows(&run.output).into_iter().filter(|row| row.len() >= FEWEST_OFF && is_shown(run, row)).collect();
     if rows.iter().map(Range::len).sum::<usize>() as f64 > SELDOM * run.output.len() as f64 {
         return 0;
     }

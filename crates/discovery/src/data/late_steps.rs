@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use crate::data::fast_noise::fast_noise;
 use crate::data::session::Run;
+use crate::data::worked::worked_with;
 
 /// Least motion of the input within one sample that is a step, spans.
 const STEP: f64 = 0.03;
@@ -51,12 +52,15 @@ pub fn on_either_side(runs: &[Run]) -> Vec<(usize, usize)> {
 fn answers(index: usize, run: &Run) -> Vec<Answer> {
     let steps = steps(&run.input);
     let within = (WITHIN_S / run.period_s).round() as usize;
-    let noise = fast_noise(&run.output);
+    let noise = fast_noise(&worked_with(run, &run.output));
     let mut found = Vec::new();
     for (place, &step) in steps.iter().enumerate() {
         // Up to the answers to its neighbours.
         let first = place.checked_sub(1).map_or(0, |before| steps[before].midpoint(step)).max(step.saturating_sub(within));
         let last = steps.get(place + 1).map_or(run.input.len() - 1, |next| next.midpoint(step)).min(step + within);
+        if !run.keep[first..=last].iter().all(|keep| *keep) {
+            continue;
+        }
         let Some(behind) = (first..last).max_by(|x, y| moved(run, *x..*x + 1).total_cmp(&moved(run, *y..*y + 1))) else { continue };
         let about = behind.saturating_sub(2)..(behind + 3).min(run.output.len() - 1);
         let size = moved(run, behind..behind + 1);

@@ -6,6 +6,7 @@ use crate::data::bursts::bursts;
 use crate::data::fast_noise::{fast_noise, median};
 use crate::data::frozen;
 use crate::data::session::{Run, Session};
+use crate::data::worked::worked_with;
 
 /// Longest burst of wrong samples.
 const LONGEST: usize = 8;
@@ -33,10 +34,10 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
     let flicker = 2.5 * output_step;
     for (run, residual) in session.runs.iter_mut().zip(residual).filter(|(run, _)| run.is_worked_with()) {
         masked += bursts(run, output_step);
-        let noise = fast_noise(residual).max(fast_noise(&run.output)).max(1e-9);
+        let noise = fast_noise(&worked_with(run, residual)).max(fast_noise(&worked_with(run, &run.output))).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
         // the model misses everywhere.
-        let mut sizes: Vec<f64> = residual.iter().map(|value| value.abs()).collect();
+        let mut sizes: Vec<f64> = worked_with(run, residual).into_iter().map(f64::abs).collect();
         let usual = if kind != Residual::Output { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
         let threshold = (7.0 * noise).max(0.02).max(usual).max(flicker);
         let output = run.output.clone();

@@ -13,3 +13,4 @@ pub mod session;
 pub mod statistics;
 pub mod test_view;
 pub mod turning;
+pub mod worked;

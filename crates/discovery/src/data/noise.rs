@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use crate::data::fast_noise::fast_noise;
-use crate::data::prepare::worked_with;
 use crate::data::session::{Run, Session};
+use crate::data::worked::worked_with;
 
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///

@@ -8,6 +8,7 @@ use crate::data::late_steps;
 use crate::data::session::{Role, Run, Session, SessionError};
 use crate::data::test_view::TestView;
 use crate::data::turning::remember;
+use crate::data::worked::worked_with;
 
 fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)))
@@ -204,11 +205,6 @@ fn assign_roles(runs: &mut [Run], keep_some: bool) {
             };
         }
     }
-}
-
-/// Values of the samples that are fitted to or chosen by.
-pub fn worked_with(run: &Run, values: &[f64]) -> Vec<f64> {
-    values.iter().zip(&run.role).filter(|(_, role)| role.is_worked_with()).map(|(value, _)| *value).collect()
 }
 
 /// Median distance between neighbouring values that differ, of values in order: the step of whatever rounded them.

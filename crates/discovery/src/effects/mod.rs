@@ -23,6 +23,6 @@ pub mod setup_change;
 pub mod slew_limit;
 pub mod static_nonlinearity;
 pub mod stick_slip;
-pub mod sticking;
+pub(crate) mod sticking;
 pub mod supply_saturation;
 pub mod valve_dead_band;

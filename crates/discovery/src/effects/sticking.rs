@@ -85,7 +85,7 @@ static QUASI_STATIC: QuasiStatic = QuasiStatic { feels: false };
 
 static FELT_QUASI_STATIC: QuasiStatic = QuasiStatic { feels: true };
 
-/// What the weights behind a tip are fitted to, with the parameters of [`jumps::infer_quasi_static`]; whether the stick position feels what the sensor's effects add.
+/// What the weights behind a tip are fitted to, with the parameters of the observers; whether the stick position feels what the sensor's effects add.
 pub fn inferred_quasi_static(feels: bool) -> &'static dyn Form {
     if feels { &FELT_QUASI_STATIC } else { &QUASI_STATIC }
 }
@@ -121,7 +121,7 @@ impl Form for QuasiStatic {
 /// stick position is the command before.
 struct LagWithoutDeadBand;
 
-/// See [`LagWithoutDeadBand`].
+/// The pressure behind a valve that is never shut.
 pub static LAG_WITHOUT_DEAD_BAND: &dyn Form = &LagWithoutDeadBand;
 
 impl Form for LagWithoutDeadBand {

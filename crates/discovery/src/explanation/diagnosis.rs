@@ -242,6 +242,20 @@ fn area_of(session: &Session, model: &Model) -> f64 {
     -signed
 }
 
+/// Correlation of neighbouring residuals.
+fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
+    let (mut square, mut product) = (1e-30, 0.0);
+    for (run, residual) in session.runs.iter().zip(residual) {
+        for (pair, keep) in residual.windows(2).zip(run.keep.windows(2)) {
+            if keep[0] && keep[1] {
+                square += pair[0] * pair[0];
+                product += pair[0] * pair[1];
+            }
+        }
+    }
+    (product / square).clamp(0.0, 0.98)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -324,18 +338,4 @@ mod tests {
         }
         assert!(10 * held >= 9 * pseudo_measurements, "{held} of {pseudo_measurements}: {misses:?}");
     }
-}
-
-/// Correlation of neighbouring residuals.
-fn neighbour_correlation(session: &Session, residual: &[Vec<f64>]) -> f64 {
-    let (mut square, mut product) = (1e-30, 0.0);
-    for (run, residual) in session.runs.iter().zip(residual) {
-        for (pair, keep) in residual.windows(2).zip(run.keep.windows(2)) {
-            if keep[0] && keep[1] {
-                square += pair[0] * pair[0];
-                product += pair[0] * pair[1];
-            }
-        }
-    }
-    (product / square).clamp(0.0, 0.98)
 }
