@@ -69,7 +69,7 @@ impl<const N: usize> Fit<N> {
 /// Inverse by Gauss and Jordan with pivoting, after scaling every unknown to a diagonal of one.
 fn invert<const N: usize>(mut matrix: [[f64; N]; N]) -> Option<[[f64; N]; N]> {
     let scale: [f64; N] = std::array::from_fn(|index| matrix[index][index].sqrt());
-    if scale.iter().any(|scale| !(*scale > 0.0)) {
+    if scale.iter().any(|scale| scale.is_nan() || *scale <= 0.0) {
         return None;
     }
     for row in 0..N {

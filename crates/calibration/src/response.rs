@@ -142,7 +142,7 @@ impl Response {
             return Err(CalibrationError::TooFew { found: count, wanted: FEWEST });
         }
         let (commands, values) = (&commands[..count], &values[..count]);
-        if commands.iter().chain(values).any(|value| !value.is_finite()) || !(period_s > 0.0) {
+        if commands.iter().chain(values).any(|value| !value.is_finite()) || period_s.is_nan() || period_s <= 0.0 {
             return Err(CalibrationError::NotFinite("a sample"));
         }
         let nothing = || CalibrationError::NoResponse("nothing responds to the command".to_owned());

@@ -6,12 +6,12 @@ mod plain;
 pub mod provenance;
 
 use std::fmt::Arguments;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 pub use input::{MOST_BYTES, open, read, read_text};
 pub use lock::{Locked, lock};
@@ -307,15 +307,28 @@ pub fn refuse_overwriting(inputs: &[PathBuf], outputs: &[&Path]) -> Result<()> {
     Ok(())
 }
 
-/// A progress bar on standard error with message and time left; silent when standard error is not a terminal.
+mod piped;
+
+/// A progress bar on standard error with message and time left. Where standard error is no terminal, a plain line every few seconds.
 #[must_use]
 pub fn progress(length: u64, label: &str) -> ProgressBar {
-    let bar = ProgressBar::new(length);
-    if let Ok(style) = ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}% {msg} {eta}") {
-        bar.set_style(style.progress_chars("=> "));
-    }
+    let bar = if std::io::stderr().is_terminal() {
+        let bar = ProgressBar::new(length);
+        if let Ok(style) = ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}% {msg} {eta}") {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar
+    } else {
+        let target = ProgressDrawTarget::term_like_with_hz(Box::new(piped::Piped::stderr()), 1);
+        ProgressBar::with_draw_target(Some(length), target).with_style(plain_style())
+    };
     bar.set_prefix(label.to_owned());
     bar
+}
+
+/// A line of a log.
+fn plain_style() -> ProgressStyle {
+    ProgressStyle::with_template("{prefix}: {percent} % {msg}, {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 #[cfg(test)]

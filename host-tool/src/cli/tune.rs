@@ -128,7 +128,7 @@ fn summary(tuned: &Tuned, controller: &str, settings: BTreeMap<&'static str, ser
 
 /// Parameters that the recordings do not tell: their intervals are wider than what they are.
 fn unknown(tuned: &Tuned) -> Vec<String> {
-    let wide = tuned.fitted.parameters.iter().filter(|(_, value, half)| !(*half <= value.abs()));
+    let wide = tuned.fitted.parameters.iter().filter(|(_, value, half)| half.is_nan() || *half > value.abs());
     wide.map(|(name, value, half)| {
         format!(
             "{name} is {value:.4} with an interval of +- {half:.4}: the recordings do not tell it. Record what moves it (steps for times, slow large \

@@ -113,6 +113,6 @@ mod tests {
         let text = |value, half_width| figure(&Estimate { value, half_width });
         assert_eq!(text(0.412_345, Some(0.003_1)), "0.4123 \u{b1} 0.0031");
         assert_eq!(text(14.2, Some(0.5)), "14.20 \u{b1} 0.50");
-        assert_eq!(text(0.000_123, None), "0.000123");
+        assert_eq!(text(0.000_123, None), "0.0001230");
     }
 }

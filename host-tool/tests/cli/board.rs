@@ -90,10 +90,14 @@ fn a_boards_recordings_and_runs_leave_journals_that_are_run_again_to_the_bit() {
     bench.works("tune --data recordings --out tuned");
     let points: String = (0..60).map(|point| format!("{:.2},{:.3}\n", f64::from(point) * 0.02, 3.0 + f64::from(point) * 0.02)).collect();
     bench.write("path.csv", format!("time_s,reference_mm\n{points}"));
-    bench.works(&format!(
+    let tracked = bench.run(&format!(
         "track --backend serial:{port} --settings tuned/settings.toml --model tuned/control.blob --reference path.csv \
          --controllers physics-inverse,open-loop --journals journals --json tracked.json"
     ));
+    // The model is that of another rig: this muscle cannot go where the reference asks it to, and the command says so.
+    assert_eq!(tracked.code, 1, "{}{}", tracked.stdout, tracked.stderr);
+    assert!(tracked.stdout.contains("FAILED: physics-inverse: off by"), "{}", tracked.stdout);
+    assert_eq!(bench.json("tracked.json")["missed"].as_array().map(Vec::len), Some(2));
     for controller in ["physics-inverse", "open-loop"] {
         let told = bench.works(&format!("replay journals/{controller}.journal"));
         assert!(told.stdout.contains("identical to the bit") && told.stdout.contains("armed -> running"), "{}", told.stdout);

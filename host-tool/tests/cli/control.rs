@@ -82,9 +82,12 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     bench.refuses("export inverse.safetensors --calibration recordings --compensation nowhere.blob --out other.blob", &["nowhere.blob"]);
     let inspected = bench.works("inspect inverse.blob");
     assert!(inspected.stdout.contains("play operators; 95 %"), "{}", inspected.stdout);
-    bench.works(
+    // A second of training makes no inverse that follows, and the command says so.
+    let followed = bench.run(
         "track --settings tuned/settings.toml --model tuned/control.blob --inverse-model inverse.blob --look-ahead-ms 110 --reach-mm 3,8 --reference a --controllers physics-inverse,learned-inverse --json learned.json --journals journals",
     );
+    assert!(matches!(followed.code, 0 | 1), "{}", followed.stderr);
+    assert_eq!(followed.code == 1, followed.stdout.contains("FAILED: learned-inverse"), "{}", followed.stdout);
     let replayed = bench.works("replay journals/learned-inverse.journal --at 12");
     for wanted in ["identical to the bit", "point 5", "of the playback", "to bring the tip there"] {
         assert!(replayed.stdout.contains(wanted), "{wanted} in {}", replayed.stdout);
@@ -99,9 +102,12 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
 fn what_cannot_be_tracked_or_tuned_is_refused_by_name() {
     let bench = Bench::new();
     bench.refuses("track --reference a --controllers nonsense", &["nonsense"]);
-    bench.refuses("track --reference nowhere.csv --controllers open-loop --settings s.toml --model m.blob", &["s.toml"]);
+    bench.refuses("track --reference a --controllers open-loop --settings s.toml --model m.blob", &["s.toml"]);
+    // Before any tuning, which takes a while.
+    bench.refuses("track --reference point-2-point --controllers open-loop", &["point-2-point", "point-to-point", "neither a file"]);
     bench.refuses("track --reference a --controllers learned-inverse", &["inverse model"]);
-    bench.refuses("track --backend serial --reference a --controllers open-loop", &["--port"]);
+    bench.refuses("track --backend serial --reference a --controllers open-loop", &["--settings"]);
+    bench.refuses("track --port nowhere --reference a --controllers open-loop", &["serial:PORT"]);
     bench.write("still/run.csv", "time_s,pressure_bar,displacement_mm\n0,1,2\n0.02,1,2\n0.04,1,2\n");
     bench.refuses("tune --data still --out tuned", &["never moves"]);
 }
