@@ -26,7 +26,10 @@ addEventListener("keydown", (event) => {
   }
 }, true);
 $("take").addEventListener("click", take);
-$("release").addEventListener("click", release);
+$("release").addEventListener("click", () => {
+  held = false;
+  release();
+});
 
 function banner(text, bad) {
   $("banner").hidden = !text;
@@ -35,11 +38,14 @@ function banner(text, bad) {
 }
 
 let asked = false;
+let held = false;
 
 function follow(value) {
   state = value;
   const { rig, identity, lease, problem } = value;
   const holds = lease?.client === self.number;
+  if (held && !holds) say("This page does not operate any more. If it was silent for longer than limits.host_timeout_ms, the rig has vented.");
+  held = holds;
   const parts = [identity?.board, identity?.firmware && `firmware ${identity.firmware}`, rig?.plant && `plant ${rig.plant}`,
     identity?.model_id ? `model ${identity.model_id}` : "no model"];
   $("identity").textContent = parts.filter(Boolean).join(" · ");
@@ -98,14 +104,17 @@ function tabs() {
 }
 
 let painted = 0;
+let pause = 45;
 
 function paint(time) {
   requestAnimationFrame(paint);
-  // As often as an eye needs it.
-  if (time - painted < 45) return;
+  // As often as an eye needs it, and never so often that heartbeats have to wait.
+  if (time - painted < pause) return;
   painted = time;
+  const begun = performance.now();
   charts.draw();
   loop.draw();
+  pause = Math.max(45, 4 * (performance.now() - begun));
 }
 
 let readAt = 0;
