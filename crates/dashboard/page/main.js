@@ -39,12 +39,14 @@ function banner(text, bad) {
 
 let asked = false;
 let held = false;
+let wasEnergised = false;
 
 function follow(value) {
   state = value;
   const { rig, identity, lease, problem } = value;
   const holds = lease?.client === self.number;
-  if (held && !holds) say("This page does not operate any more. If it was silent for longer than limits.host_timeout_ms, the rig has vented.");
+  const lost = held && !holds;
+  if (lost && wasEnergised) say("This page does not operate any more: it was silent for longer than limits.host_timeout_ms, and the rig vents.", true);
   held = holds;
   const parts = [identity?.board, identity?.firmware && `firmware ${identity.firmware}`, rig?.plant && `plant ${rig.plant}`,
     identity?.model_id ? `model ${identity.model_id}` : "no model"];
@@ -58,9 +60,10 @@ function follow(value) {
   charts.nameFaults(identity?.fault_table ?? []);
   operate.follow(value, link.open && !problem);
   learn.follow(value);
-  // The first page that may operate does, unless somebody else does already.
-  if (!asked && !lease && mayOperate()) take();
+  // The first page that may operate does, unless somebody else does already; one that dozed off beside a vented rig goes on.
+  if ((!asked || (lost && !wasEnergised)) && !lease && mayOperate()) take();
   asked = true;
+  wasEnergised = ["armed", "running"].includes(rig?.phase);
   health();
 }
 

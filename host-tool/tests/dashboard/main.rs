@@ -227,30 +227,22 @@ async fn another_page_in_the_same_browser_reaches_nothing() {
     assert!(!served.audit().contains("lease"), "{}", served.audit());
 }
 
-/// Runs the board from a page, at the default timeout.
+/// Runs the board from a page, at the default timeout. On a busy machine a heartbeat may come too late, and it is begun anew.
 async fn run_board(board: &Board, browser: &Browser) {
+    let next = "const shown = (id) => !document.getElementById(id).hidden && !document.getElementById(id).disabled;
+                document.getElementById('slider').value = 1.5;
+                for (const id of ['take', 'acknowledge', 'arm', 'start']) if (shown(id)) { document.getElementById(id).click(); return id; }";
     for attempt in 1..=ATTEMPTS {
-        browser
-            .until(
-                "readiness",
-                "const state = document.getElementById('now-state').textContent; return state === 'idle' || state === 'fault'",
-            )
-            .await;
-        if browser.text("now-state").await == "fault" {
-            browser.click("acknowledge").await;
-            browser.until_state("idle").await;
+        let until = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < until {
+            browser.run(next).await;
+            tokio::time::sleep(Duration::from_millis(250)).await;
+            let now = board.last();
+            if now.energised && now.pressure_bar > 1.4 {
+                return;
+            }
         }
-        browser.until("the lease", "const it = document.getElementById('take'); if (!it.hidden) it.click(); return document.getElementById('lease').textContent === 'You operate'").await;
-        browser.run("document.getElementById('slider').value = 1.5").await;
-        browser.click("arm").await;
-        browser.until("an armed rig", "return ['armed', 'running'].includes(document.getElementById('now-state').textContent)").await;
-        browser.click("start").await;
-        tokio::time::sleep(Duration::from_millis(1000)).await;
-        let now = board.last();
-        if now.energised && now.pressure_bar > 1.0 {
-            return;
-        }
-        println!("attempt {attempt}: this machine was too busy for the heartbeats");
+        println!("attempt {attempt}: this machine is too busy for the heartbeats");
     }
     panic!("the board does not keep running");
 }
