@@ -25,9 +25,12 @@ addEventListener("keydown", (event) => {
     ventNow();
   }
 }, true);
-$("take").addEventListener("click", take);
+$("take").addEventListener("click", () => {
+  released = false;
+  take();
+});
 $("release").addEventListener("click", () => {
-  held = false;
+  released = true;
   release();
 });
 
@@ -40,12 +43,14 @@ function banner(text, bad) {
 let asked = false;
 let held = false;
 let wasEnergised = false;
+/** Whether its user has given control back. */
+let released = false;
 
 function follow(value) {
   state = value;
   const { rig, identity, lease, problem } = value;
   const holds = lease?.client === self.number;
-  const lost = held && !holds;
+  const lost = held && !holds && !released;
   if (lost && wasEnergised) say("This page does not operate any more: it was silent for longer than limits.host_timeout_ms, and the rig vents.", true);
   held = holds;
   const parts = [identity?.board, identity?.firmware && `firmware ${identity.firmware}`, rig?.plant && `plant ${rig.plant}`,
