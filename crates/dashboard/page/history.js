@@ -5,13 +5,13 @@ const MASK = SIZE - 1;
 const HEADER = 16;
 
 export const CHANNELS = {
-  command: { name: "Commanded pressure", unit: "bar", at: 16 },
-  output: { name: "Output", unit: "bar", at: 20 },
-  set: { name: "Set-point", unit: "", at: 24 },
-  pressure: { name: "Measured pressure", unit: "bar", at: 28 },
-  displacement: { name: "Displacement (laser)", unit: "mm", at: 32 },
-  estimate: { name: "Estimate", unit: "mm", at: 36 },
-  residual: { name: "Residual", unit: "mm" },
+  command: { name: "Commanded pressure", short: "Command", unit: "bar", at: 16 },
+  output: { name: "Output", short: "Output", unit: "bar", at: 20 },
+  set: { name: "Set-point", short: "Set-point", unit: "", at: 24 },
+  pressure: { name: "Measured pressure", short: "Pressure", unit: "bar", at: 28 },
+  displacement: { name: "Displacement (laser)", short: "Laser", unit: "mm", at: 32 },
+  estimate: { name: "Estimate", short: "Estimate", unit: "mm", at: 36 },
+  residual: { name: "Residual", short: "Residual", unit: "mm" },
 };
 
 const columns = { time: new Float64Array(SIZE) };

@@ -10,7 +10,7 @@ let drawnAt = -1;
 
 function fill(select, chosen) {
   for (const [name, channel] of Object.entries(CHANNELS)) {
-    select.append(make("option", { value: name, selected: name === chosen }, channel.name));
+    select.append(make("option", { value: name, selected: name === chosen }, channel.short));
   }
   select.addEventListener("change", () => {
     limits = null;

@@ -25,8 +25,14 @@ addEventListener("keydown", (event) => {
     ventNow();
   }
 }, true);
-$("take").addEventListener("click", take);
-$("release").addEventListener("click", release);
+$("take").addEventListener("click", () => {
+  released = false;
+  take();
+});
+$("release").addEventListener("click", () => {
+  released = true;
+  release();
+});
 
 function banner(text, bad) {
   $("banner").hidden = !text;
@@ -35,11 +41,18 @@ function banner(text, bad) {
 }
 
 let asked = false;
+let held = false;
+let wasEnergised = false;
+/** Whether its user has given control back. */
+let released = false;
 
 function follow(value) {
   state = value;
   const { rig, identity, lease, problem } = value;
   const holds = lease?.client === self.number;
+  const lost = held && !holds && !released;
+  if (lost && wasEnergised) say("This page does not operate any more: it was silent for longer than limits.host_timeout_ms, and the rig vents.", true);
+  held = holds;
   const parts = [identity?.board, identity?.firmware && `firmware ${identity.firmware}`, rig?.plant && `plant ${rig.plant}`,
     identity?.model_id ? `model ${identity.model_id}` : "no model"];
   $("identity").textContent = parts.filter(Boolean).join(" · ");
@@ -52,9 +65,10 @@ function follow(value) {
   charts.nameFaults(identity?.fault_table ?? []);
   operate.follow(value, link.open && !problem);
   learn.follow(value);
-  // The first page that may operate does, unless somebody else does already.
-  if (!asked && !lease && mayOperate()) take();
+  // The first page that may operate does, unless somebody else does already; one that dozed off beside a vented rig goes on.
+  if ((!asked || (lost && !wasEnergised)) && !lease && mayOperate()) take();
   asked = true;
+  wasEnergised = ["armed", "running"].includes(rig?.phase);
   health();
 }
 
@@ -98,14 +112,17 @@ function tabs() {
 }
 
 let painted = 0;
+let pause = 45;
 
 function paint(time) {
   requestAnimationFrame(paint);
-  // As often as an eye needs it.
-  if (time - painted < 45) return;
+  // As often as an eye needs it, and never so often that heartbeats have to wait.
+  if (time - painted < pause) return;
   painted = time;
+  const begun = performance.now();
   charts.draw();
   loop.draw();
+  pause = Math.max(45, 4 * (performance.now() - begun));
 }
 
 let readAt = 0;

@@ -78,10 +78,10 @@ impl Board {
         }
     }
 
-    /// Whether it was energised all the time between two moments.
+    /// Whether it was energised at any time between two moments.
     pub fn was_energised(&self, from: Instant, to: Instant) -> bool {
         let log = self.log.lock().expect("the log");
-        log.iter().filter(|tick| tick.at >= from && tick.at <= to).all(|tick| tick.energised)
+        log.iter().any(|tick| tick.at >= from && tick.at <= to && tick.energised)
     }
 }
 

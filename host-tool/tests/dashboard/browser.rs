@@ -136,7 +136,7 @@ impl Browser {
     pub async fn click(&self, id: &str) {
         self.until(
             id,
-            &format!("const it = document.getElementById('{id}'); return Boolean(it) && !it.disabled && it.offsetParent !== null"),
+            &format!("const it = document.getElementById('{id}'); return Boolean(it) && !it.disabled && it.getClientRects().length > 0"),
         )
         .await;
         let element = self.client.find(Locator::Id(id)).await.unwrap_or_else(|error| panic!("{id}: {error}"));

@@ -6,7 +6,7 @@ mod board;
 mod browser;
 mod watchers;
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use board::Board;
 use browser::{Browser, Look, Served};
@@ -227,42 +227,35 @@ async fn another_page_in_the_same_browser_reaches_nothing() {
     assert!(!served.audit().contains("lease"), "{}", served.audit());
 }
 
-/// Runs the board from a page, at the default timeout.
+/// Runs the board from a page, at the default timeout. On a busy machine a heartbeat may come too late, and it is begun anew.
 async fn run_board(board: &Board, browser: &Browser) {
+    let next = "const shown = (id) => !document.getElementById(id).hidden && !document.getElementById(id).disabled;
+                document.getElementById('slider').value = 1.5;
+                for (const id of ['take', 'acknowledge', 'arm', 'start']) if (shown(id)) { document.getElementById(id).click(); return id; }";
     for attempt in 1..=ATTEMPTS {
-        browser
-            .until(
-                "readiness",
-                "const state = document.getElementById('now-state').textContent; return state === 'idle' || state === 'fault'",
-            )
-            .await;
-        if browser.text("now-state").await == "fault" {
-            browser.click("acknowledge").await;
-            browser.until_state("idle").await;
+        let until = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < until {
+            browser.run(next).await;
+            tokio::time::sleep(Duration::from_millis(250)).await;
+            let now = board.last();
+            if now.energised && now.pressure_bar > 1.4 {
+                return;
+            }
         }
-        browser.until("the lease", "const it = document.getElementById('take'); if (!it.hidden) it.click(); return document.getElementById('lease').textContent === 'You operate'").await;
-        browser.run("document.getElementById('slider').value = 1.5").await;
-        browser.click("arm").await;
-        browser.until("an armed rig", "return ['armed', 'running'].includes(document.getElementById('now-state').textContent)").await;
-        browser.click("start").await;
-        tokio::time::sleep(Duration::from_millis(1000)).await;
-        let now = board.last();
-        if now.energised && now.pressure_bar > 1.0 {
-            return;
-        }
-        println!("attempt {attempt}: this machine was too busy for the heartbeats");
+        println!("attempt {attempt}: this machine is too busy for the heartbeats");
     }
     panic!("the board does not keep running");
 }
 
 /// When the outputs were safe after something died, and the pressure a second later.
 fn measure(board: &Board, what: &str, died: Instant) {
+    assert!(board.first_since(died, |_| true).energised, "{what}: it had vented before; this machine is too busy");
     let safe = board.first_since(died, |tick| !tick.energised);
     let later = board.first_since(safe.at + Duration::from_secs(1), |_| true);
     println!("{what}: outputs safe after {} ms, {:.4} bar one second later", (safe.at - died).as_millis(), later.pressure_bar);
     assert!(safe.at - died <= SAFE_WITHIN, "{what}: outputs safe only after {:?}", safe.at - died);
     assert!(later.pressure_bar < 0.1, "{what}: {} bar a second later", later.pressure_bar);
-    assert!(!board.was_energised(died - Duration::from_millis(1), later.at), "it went on");
+    assert!(!board.was_energised(safe.at, later.at), "{what}: it went on");
 }
 
 #[tokio::test]
@@ -289,11 +282,13 @@ async fn a_killed_tab_leaves_a_rig_that_vents() {
     browser.client.close_window().await.expect("the tab closes");
     measure(&board, "tab closed", died);
 
-    // A page that hangs has an open connection and nothing to say.
+    // A page that hangs has an open connection and nothing to say; it tells afterwards since when.
     let browser = Browser::open(Look::Desk, &served.address).await;
     run_board(&board, &browser).await;
-    let hung = Instant::now();
-    browser.run("setTimeout(() => { const until = Date.now() + 4000; while (Date.now() < until); }, 0)").await;
+    browser.run("setTimeout(() => { window.hungAt = Date.now(); while (Date.now() < window.hungAt + 3000); }, 0)").await;
+    let hung_ms = browser.run("return window.hungAt").await.as_f64().expect("a time");
+    let now_ms = SystemTime::now().duration_since(UNIX_EPOCH).expect("a clock").as_secs_f64() * 1e3;
+    let hung = Instant::now() - Duration::from_secs_f64((now_ms - hung_ms) * 1e-3);
     measure(&board, "page hangs", hung);
 }
 
