@@ -285,6 +285,22 @@ fn the_faults_that_the_second_chips_model_knows_end_as_their_rows_say_on_its_ima
 
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_second_chip_family_tells_which_chip_it_is_and_raises_its_brown_out_level_once() {
+    let processor = BoardModel::start(config_of("nucleo-h743zi"), &FlashMemory::default()).unwrap();
+    let plant = Plant::new(PlantConfig::default()).unwrap();
+    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+    let mut rig = ModelRig::connect(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap();
+    assert_eq!(rig.hello().build.chip & 0xfff, 0x450, "the chip's identifier (RM0433 chapter 60)");
+    rig.transport().processor().break_something("reset").unwrap();
+    rig.transport().advance_for(200).unwrap();
+    let log = rig.transport().processor().log().to_owned();
+    assert_eq!(log.matches("nucleo-h743zi, firmware").count(), 2, "two starts: {log}");
+    assert_eq!(log.matches("brown-out level programmed").count(), 1, "{log}");
+    assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn settings_of_the_second_chip_family_lie_in_its_flash_and_outlast_a_reset() {
     use model_export::link::message::Request;
     use model_export::link::settings::{SettingValue, by_name};

@@ -11,7 +11,6 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use model_export::link::settings::Settings;
 
-use super::exchange::Exchange;
 use super::pulse::PulseTiming;
 use super::rates::Rates;
 use super::read_back::READINGS;
@@ -95,14 +94,14 @@ pub struct PulseDrive<T> {
     /// What was written last, and between which widths the one in force was at the last update that was seen.
     written: u16,
     held: [u16; 2],
-    exchange: &'static Exchange,
+    expectation: &'static PulseExpectation,
 }
 
 impl<T: PulseTimer> PulseDrive<T> {
-    /// At zero. What the pin has to do is left in `exchange`.
-    pub fn new(timer: T, rates: Rates, exchange: &'static Exchange) -> PwmValve<Self> {
+    /// At zero. What the pin has to do is left in `expectation`.
+    pub fn new(timer: T, rates: Rates, expectation: &'static PulseExpectation) -> PwmValve<Self> {
         let timing = PulseTiming::new(rates.timer_hz, Settings::DEFAULT.pulse_hz);
-        let mut drive = Self { timer, timer_hz: rates.timer_hz, timing, edge: 0, written: 0, held: [0; 2], exchange };
+        let mut drive = Self { timer, timer_hz: rates.timer_hz, timing, edge: 0, written: 0, held: [0; 2], expectation };
         drive.set_pulse_hz(Settings::DEFAULT.pulse_hz);
         drive.timer.begin();
         PwmValve(drive)
@@ -110,7 +109,7 @@ impl<T: PulseTimer> PulseDrive<T> {
 
     fn tell(&self) {
         let Self { written, held: [low, high], timing, edge, .. } = *self;
-        self.exchange.pulse.set(ExpectedPulse { width: [low.min(written), high.max(written)], timing, edge });
+        self.expectation.set(ExpectedPulse { width: [low.min(written), high.max(written)], timing, edge });
     }
 }
 
@@ -361,12 +360,12 @@ mod tests {
     /// A second at this frequency with widths that change in every tick, and looks at the pin in between; counts how often a level was certain,
     /// and gives the look at which the monitor found a pin that `level` makes of the timer's.
     fn run(pulse_hz: u32, seed: u32, duty: impl Fn(f64, f64) -> f64, level: impl Fn(bool) -> bool) -> ([u32; 2], Option<u32>) {
-        let exchange: &'static Exchange = Box::leak(Box::default());
+        let expectation: &'static PulseExpectation = Box::leak(Box::default());
         let timing = PulseTiming { prescaler: 0, period_counts: 2 };
         let timer = Timer { clocks: 0, timing, period_began: 0, compare: 0, in_force: 0, updated: false };
         let timer = Shared(Rc::new(RefCell::new(timer)));
         let rates = Rates { core_hz: 2 * TIMER_HZ, timer_hz: TIMER_HZ, line_hz: TIMER_HZ };
-        let PwmValve(mut drive) = PulseDrive::new(timer.clone(), rates, exchange);
+        let PwmValve(mut drive) = PulseDrive::new(timer.clone(), rates, expectation);
         drive.set_pulse_hz(pulse_hz);
         let mut chance = Noise::new(seed);
         let mut certain = [0; 2];
@@ -380,7 +379,7 @@ mod tests {
             let end = u64::from(tick + 1) * u64::from(TIMER_HZ / 1000);
             while timer.clocks < end {
                 timer.pass(500 + (1000.0 * (1.0 + chance.symmetric())) as u64);
-                let expected = exchange.pulse.now();
+                let expected = expectation.now();
                 let before = timer.counted();
                 timer.pass(ACCESS_CLOCKS);
                 let is_high = level(timer.is_high());

@@ -3,8 +3,7 @@
 use stm32h7::stm32h743v::{DAC, RCC, TIM3};
 
 use super::pins;
-use crate::board::exchange::Exchange;
-use crate::board::pulse_drive::{self, pulse_timer};
+use crate::board::pulse_drive::{self, PulseExpectation, pulse_timer};
 use crate::board::rates::Rates;
 use crate::seam::{PwmValve, ValveDrive};
 
@@ -40,7 +39,7 @@ pulse_timer!(TIM3, pins::pulse_is_high);
 pub type PulseDrive = PwmValve<pulse_drive::PulseDrive<Timer>>;
 
 /// PA6, at zero.
-pub fn pulse_drive(rcc: &RCC, timer: TIM3, rates: Rates, exchange: &'static Exchange) -> PulseDrive {
+pub fn pulse_drive(rcc: &RCC, timer: TIM3, rates: Rates, expectation: &'static PulseExpectation) -> PulseDrive {
     enable_clock!(rcc.apb1lenr: tim3en);
-    pulse_drive::PulseDrive::new(Timer::new(timer), rates, exchange)
+    pulse_drive::PulseDrive::new(Timer::new(timer), rates, expectation)
 }

@@ -78,7 +78,7 @@ impl Board for ThisBoard {
         // Outputs, all of them at rest.
         let (dump_valve, emergency_stop) = pins::set_up(rcc);
         let analogue = AnalogueDrive::new(rcc, device.DAC);
-        let pulse = drives::pulse_drive(rcc, device.TIM3, rates, exchange);
+        let pulse = drives::pulse_drive(rcc, device.TIM3, rates, &exchange.pulse);
         let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
         let mut standing = clock.faults;
         standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
