@@ -121,7 +121,8 @@ mod tests {
         let unused = unused(0.107, 0.0);
         // The first step is at 1 s, before sample 50, and its answer at 1.107 s, between samples 55 and 56.
         assert_eq!(unused[..2], [55, 56]);
-        assert!((26..=32).contains(&unused.len()), "{unused:?}");
+        // Two blocks of the twelve are kept out: nobody looks at them.
+        assert!((20..=27).contains(&unused.len()), "{unused:?}");
         // The next steps are answered 1.25 s, 62 samples and a half, later.
         assert!(unused.contains(&117) && unused.contains(&118), "{unused:?}");
     }
