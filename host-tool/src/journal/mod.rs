@@ -4,7 +4,7 @@
 //! one *event* a tick: the raw codes, what the host's line brought, and what came out. A start of the processor is an event too, and so is
 //! a tick that passed without it. [`Recorder`] writes one while a simulated rig runs, from its start on and without its knowing. A board is
 //! asked for a *trace* instead ([`Tracing`]): it begins again and tells its ticks over the link, and the journal has them as they came.
-//! [`replay`] runs both again.
+//! [`replay()`] runs both again.
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
