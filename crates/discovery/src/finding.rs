@@ -102,9 +102,6 @@ pub fn discover_from(
     let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
     let residual_before = residuals(&session, &simulate(&session));
     let mut found = search.found;
-    if let Some(compared) = &compared {
-        after = verdict::supported(&session, after, &base, compared, &mut found);
-    }
     let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
     // What makes selecting recordings worse is no part of an explanation.
     while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {

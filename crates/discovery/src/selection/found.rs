@@ -3,20 +3,6 @@
 use crate::model::structure::Model;
 use crate::result::{Candidate, RunnerUp};
 
-/// What the confidence set says of the effects that were found.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Support {
-    /// Nothing was compared.
-    #[default]
-    Untested,
-    /// Every member has all of them.
-    Full,
-    /// Some members lack some of them; these all have.
-    Partial(Vec<&'static str>),
-    /// No explanation is significantly better than none.
-    Missing,
-}
-
 /// What the search hands on to the verdict.
 #[derive(Default)]
 pub struct Found {
@@ -30,8 +16,6 @@ pub struct Found {
     pub twins: bool,
     /// Whether the second takes the place of an effect that the recordings do not tell it from.
     pub alike: bool,
-    /// What the confidence set says of the effects that were found.
-    pub support: Support,
     /// How many deviations the first lies above the second.
     pub apart: f64,
     /// Where something jumps: mean square by which even a right observer misses the times of the jumps.

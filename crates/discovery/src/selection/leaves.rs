@@ -58,11 +58,6 @@ impl Leaves {
         Self { stands_out, share }
     }
 
-    /// Whether that is more than a share of what was there.
-    pub fn more_than(&self, share: f64) -> bool {
-        self.stands_out && self.share > share
-    }
-
     /// Whether that is more than jumps leave that an observer expects a sample early or late, more often than its law's scatter says.
     pub fn more_than_mistimed_jumps(&self) -> bool {
         self.stands_out && self.share > MOST_OF_MISTIMED_JUMPS

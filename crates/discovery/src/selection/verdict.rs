@@ -11,9 +11,8 @@ use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Scope, Slot};
 use crate::result::{Discovery, Effect, Verdict};
 use crate::search::forms;
-use crate::selection::criterion::Comparison;
-use crate::selection::found::{Found, Support};
-use crate::selection::leaves::{Leaves, Left, worked};
+use crate::selection::found::Found;
+use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
@@ -55,41 +54,6 @@ fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], a
     (sum / count.max(1.0)).sqrt()
 }
 
-/// The model with those of its effects alone that every member of the confidence set has, if they leave no more than beside a named effect; else the
-/// model as it is. `found` then tells what the confidence set says.
-pub fn supported(session: &Session, model: Model, base: &Model, compared: &Comparison, found: &mut Found) -> Model {
-    if found.order.is_empty() {
-        return model;
-    }
-    if compared.holds_the_bare() {
-        found.support = Support::Missing;
-        return model;
-    }
-    let common = compared.common();
-    if found.order.iter().all(|name| common.contains(name)) {
-        found.support = Support::Full;
-        return model;
-    }
-    found.support = Support::Partial(common.clone());
-    let mut slots = model.slots.clone();
-    slots.retain(|slot| common.contains(&slot.form.name()));
-    let jumps = |slots: &[Slot]| slots.iter().any(|slot| slot.form.jumps().is_some());
-    if slots.len() == base.slots.len() || jumps(&model.slots) {
-        return model;
-    }
-    let coarse = Model { slots, ..Model::baseline(model.initial_state, model.stops) };
-    let mut fewer = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
-    fewer.fit_all(session);
-    fewer.anchor(session);
-    if Leaves::new(session, base, &fewer).more_than(MOST_UNEXPLAINED) {
-        return model;
-    }
-    found.order.retain(|name| common.contains(name));
-    found.support = Support::Full;
-    found.twins = false;
-    fewer.pruned()
-}
-
 /// `model` without the effect that is missed least of those found, which `found` then no longer tells; the others' parameters are fitted
 /// again. `bare` is the model without any effect. Nothing when nothing was found.
 pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: &mut Found) -> Option<Model> {
@@ -124,15 +88,6 @@ fn is_confounded(session: &Session, slot: &Slot) -> bool {
     sources.sort_unstable();
     sources.dedup();
     slot.form.is_between_recordings() && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
-}
-
-/// Most confidence in an effect by the confidence set.
-fn supported_confidence(support: &Support, name: &str) -> f64 {
-    match support {
-        Support::Untested | Support::Full => 1.0,
-        Support::Partial(common) if common.contains(&name) => 1.0,
-        Support::Partial(_) | Support::Missing => UNDETERMINED,
-    }
 }
 
 /// Share of a parameter's range next to a limit that counts as the limit.
@@ -258,7 +213,6 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             confidence: ((1.0 - unexplained)
                 * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
             .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
-            .min(supported_confidence(&found.support, name))
             .min(if is_confounded(session, slot) { UNDETERMINED } else { 1.0 }),
             parameters,
             intervals,
@@ -280,13 +234,11 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
     let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let unsupported = !effects.is_empty() && found.support == Support::Missing;
-    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || unsupported || (disagrees && effects.is_empty()) {
+    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || (disagrees && effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if alike || twins || after.slots.iter().any(|slot| is_confounded(session, slot)) || matches!(found.support, Support::Partial(_))
-    {
+    } else if alike || twins || after.slots.iter().any(|slot| is_confounded(session, slot)) {
         Verdict::Ambiguous
     } else {
         Verdict::Named
