@@ -139,8 +139,8 @@ pub fn features(text: &str) -> Result<Vec<NetworkInput>, String> {
             ("lag", Some(lags)) => features.extend(self::lags(lags)?.into_iter().map(|age| seen(FeatureKind::Lag(age)))),
             _ => {
                 return Err(format!(
-                    "`{part}` is none of `input`, `difference`, `lag:3` and `lag:9..0`, or of `input2` to `input{MAX_INPUTS}` and so on: \
-                     nothing else has a place in the model"
+                    "`{part}` is none of `input`, `difference`, `lag:3` and `lag:9..0`, or of `input2` to `input{MAX_INPUTS}` and so on: it has no place in the \
+                     model"
                 ));
             }
         }

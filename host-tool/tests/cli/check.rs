@@ -58,7 +58,11 @@ fn a_messy_file_is_read_and_every_repair_is_told() {
         assert!(said.contains(words), "no `{words}` in:\n{said}");
     }
     let recording = &bench.json("check.json")["recordings"][0];
-    assert_eq!(subjects(recording), ["layout", "layout", "clock-repaired", "sample-and-hold", "step"], "{recording}");
+    assert_eq!(
+        subjects(recording),
+        ["layout", "layout", "converted", "converted", "clock-repaired", "sample-and-hold", "step"],
+        "{recording}"
+    );
     assert_eq!(recording["clock"]["gaps"], 0);
     assert!(recording["channels"][0]["hold"]["period_s"].as_f64().is_some_and(|period_s| (period_s - 0.1).abs() < 0.002));
 }

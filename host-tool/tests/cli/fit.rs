@@ -145,7 +145,7 @@ fn nothing_of_an_earlier_fit_stays_and_nothing_that_is_read_is_replaced() {
 }
 
 #[test]
-fn outputs_that_no_blob_can_hold_are_fitted_all_the_same() {
+fn outputs_that_no_sensor_gives_are_refused_by_line() {
     let bench = Bench::new();
     for (index, frequency_hz) in [0.3, 0.5, 0.7].into_iter().enumerate() {
         let mut lines = rig(frequency_hz, 0.8, 0.0).lines().map(str::to_owned).collect::<Vec<_>>();
@@ -154,7 +154,6 @@ fn outputs_that_no_blob_can_hold_are_fitted_all_the_same() {
         }
         bench.write(&format!("data/run{index}.csv"), lines.join("\n"));
     }
-    let said = bench.works("fit --data data --out result --no-networks --json fit.json").stdout;
-    assert!(said.contains("no blob") && bench.json("fit.json")["blob"].is_null(), "{said}");
-    assert!(!bench.path("result/model.blob").exists() && bench.path("result/report.html").exists());
+    bench.refuses("fit --data data --out result --no-networks", &["run0.csv:2", "displacement_mm", "no sensor gives"]);
+    assert!(!bench.path("result").exists());
 }
