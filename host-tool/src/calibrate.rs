@@ -9,6 +9,7 @@ use model_export::link::message::{Quantity, Request, Telemetry};
 use model_export::link::settings::{SettingValue, by_name};
 
 use crate::backend::Rig;
+use crate::device_settings;
 use crate::energise::{self, Ended, Next};
 use crate::experiment;
 use crate::interrupt;
@@ -71,7 +72,7 @@ const STAIRCASE_LEVELS: usize = 32;
 /// When the device is gone.
 pub fn plan(rig: &mut Client<Rig>, choices: &Choices, highest_command_bar: Option<f64>) -> Result<Plan> {
     let mut number = |name: &str| -> Result<f64> {
-        match experiment::setting(rig, name)? {
+        match device_settings::setting(rig, name)? {
             SettingValue::Float(value) => Ok(f64::from(value)),
             _ => bail!("{name} is no quantity"),
         }
@@ -135,16 +136,16 @@ pub fn carry_out(rig: &mut Client<Rig>, instruction: &Instruction, person: &mut 
 
 fn borne_mismatch(rig: &mut Client<Rig>) -> Result<SettingValue> {
     let name = "mismatch.pressure_bar";
-    let SettingValue::Float(now_bar) = experiment::setting(rig, name)? else { bail!("{name} is no pressure") };
+    let SettingValue::Float(now_bar) = device_settings::setting(rig, name)? else { bail!("{name} is no pressure") };
     Ok(SettingValue::Float(now_bar.max(BORNE_MISMATCH_BAR)))
 }
 
 /// Does something with settings changed for its time; vents at the end and sets them back.
 fn safely<R>(rig: &mut Client<Rig>, wanted: &[(&str, SettingValue)], work: impl FnOnce(&mut Client<Rig>) -> Result<R>) -> Result<R> {
-    let borrowed = energise::borrow(rig, wanted)?;
+    let borrowed = device_settings::borrow(rig, wanted)?;
     let done = work(rig);
     let vented = energise::vent(rig);
-    let returned = energise::give_back(rig, borrowed);
+    let returned = device_settings::give_back(rig, borrowed);
     let done = done?;
     let (vented, _) = vented?;
     ensure!(vented, "the measured pressure was not seen below 0.1 bar after venting: close the supply by hand");
@@ -166,7 +167,7 @@ fn wait_for(rig: &mut Client<Rig>, person: &mut dyn Person, question: &Question)
 
 /// The codes of a vented rig.
 fn listen(rig: &mut Client<Rig>, seconds: f64, reference: Option<f64>) -> Result<Measurement> {
-    let borrowed = energise::borrow(rig, &[("telemetry.period_ms", SettingValue::Integer(LISTEN_PERIOD_MS))])?;
+    let borrowed = device_settings::borrow(rig, &[("telemetry.period_ms", SettingValue::Integer(LISTEN_PERIOD_MS))])?;
     rig.listen_for(Duration::from_millis(50))?;
     rig.begin_account();
     let until = rig.elapsed() + Duration::from_secs_f64(seconds);
@@ -178,7 +179,7 @@ fn listen(rig: &mut Client<Rig>, seconds: f64, reference: Option<f64>) -> Result
             pressure.push(sample.pressure_code);
         }
     }
-    energise::give_back(rig, borrowed)?;
+    device_settings::give_back(rig, borrowed)?;
     ensure!(!interrupt::is_requested(), "interrupted");
     Ok(Measurement::Codes { reference, laser, pressure })
 }
@@ -239,7 +240,7 @@ pub fn apply(rig: &mut Client<Rig>, finding: &Finding) -> Result<Vec<Change>> {
     let mut changes: Vec<Change> = Vec::new();
     for (name, value) in &finding.settings {
         let info = by_name(name).with_context(|| format!("there is no setting {name}"))?;
-        let (before, after) = (experiment::setting(rig, name)?, SettingValue::Float(*value as f32));
+        let (before, after) = (device_settings::setting(rig, name)?, SettingValue::Float(*value as f32));
         if let Err(error) = rig.command(&Request::SettingSet { number: info.number, value: after }) {
             for (name, before, _) in changes.iter().rev() {
                 let number = by_name(name).map_or(0, |info| info.number);

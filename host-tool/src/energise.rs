@@ -8,10 +8,9 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use model_export::link::fault::Blocker;
 use model_export::link::message::{FaultRecord, Quantity, Reply, Request, Status, Telemetry};
-use model_export::link::settings::{SettingValue, by_name};
 use model_export::link::state::State;
 
-use crate::experiment::{self, settle, status};
+use crate::experiment::{self, blocked_for_long, settle, status};
 use crate::interrupt;
 use crate::link::{Client, LinkError, Transport, fault_in_words, state_name};
 
@@ -44,50 +43,16 @@ pub enum Ended {
     Left(State),
 }
 
-/// Settings that a command changed for its time, with what they were.
-#[derive(Default)]
-pub struct Borrowed(Vec<(u16, SettingValue)>);
-
-/// Changes settings for the time of a command; nothing is saved.
-///
-/// # Errors
-/// When the device refuses one.
-pub fn borrow(rig: &mut Client<impl Transport>, wanted: &[(&str, SettingValue)]) -> Result<Borrowed> {
-    let mut borrowed = Borrowed::default();
-    for (name, value) in wanted {
-        let number = by_name(name).with_context(|| format!("there is no setting {name}"))?.number;
-        let before = experiment::setting(rig, name)?;
-        if before != *value {
-            rig.command(&Request::SettingSet { number, value: *value }).with_context(|| format!("{name} cannot be set"))?;
-            borrowed.0.push((number, before));
-        }
-    }
-    Ok(borrowed)
-}
-
-/// Sets borrowed settings back.
-///
-/// # Errors
-/// When the device refuses; it does so while it is armed.
-pub fn give_back(rig: &mut Client<impl Transport>, borrowed: Borrowed) -> Result<()> {
-    for (number, value) in borrowed.0.into_iter().rev() {
-        rig.command(&Request::SettingSet { number, value }).context("the settings cannot be set back; `settings revert` does")?;
-    }
-    Ok(())
-}
-
 /// Waits until nothing that passes by itself speaks against arming.
 ///
 /// # Errors
 /// When the device is gone.
 pub fn wait_for_readiness(rig: &mut Client<impl Transport>) -> Result<Status> {
-    let passing = [Blocker::LaserNotPlausible, Blocker::PressureNotPlausible, Blocker::VentNotVerified, Blocker::LoopLate];
     settle(rig)?;
     let until = rig.elapsed() + READY_WITHIN;
     loop {
         let status = status(rig)?;
-        let stays = status.blockers.iter().any(|blocker| !passing.contains(&blocker));
-        if status.blockers.is_empty() || stays || rig.elapsed() >= until || interrupt::is_requested() {
+        if status.blockers.is_empty() || blocked_for_long(&status) || rig.elapsed() >= until || interrupt::is_requested() {
             return Ok(status);
         }
         rig.listen_for(Duration::from_millis(20))?;

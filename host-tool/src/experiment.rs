@@ -10,9 +10,10 @@ use anyhow::{Context, Result, bail, ensure};
 use model_export::blob::crc32;
 use model_export::link::fault::Blocker;
 use model_export::link::message::{FaultRecord, MAX_CHUNK_BYTES, Reply, Request, Status, Telemetry};
-use model_export::link::settings::{SettingValue, by_name};
+use model_export::link::settings::SettingValue;
 use model_export::link::state::State;
 
+use crate::device_settings;
 use crate::excitation::{ExcitationConfig, Limits};
 use crate::feed::Feed;
 use crate::interrupt;
@@ -113,36 +114,6 @@ pub fn settle_after_change(rig: &mut Client<impl Transport>) -> Result<Status> {
     settle(rig)
 }
 
-/// Reads a setting by name.
-///
-/// # Errors
-/// See [`LinkError`].
-pub fn setting(rig: &mut Client<impl Transport>, name: &str) -> Result<SettingValue> {
-    let number = by_name(name).with_context(|| format!("there is no setting {name}"))?.number;
-    let request = Request::SettingGet { number };
-    match rig.request(&request)? {
-        Reply::Setting(value) => Ok(value),
-        _ => Err(rig.unexpected(&request).into()),
-    }
-}
-
-/// Settings that an experiment changed, with what they were.
-type Changed = Vec<(u16, SettingValue)>;
-
-/// Changes settings for the time of an experiment.
-fn borrow_settings(rig: &mut Client<impl Transport>, wanted: &[(&str, SettingValue)]) -> Result<Changed> {
-    let mut changed = Vec::new();
-    for (name, value) in wanted {
-        let number = by_name(name).with_context(|| format!("there is no setting {name}"))?.number;
-        let before = setting(rig, name)?;
-        if before != *value {
-            rig.command(&Request::SettingSet { number, value: *value }).with_context(|| format!("{name} cannot be set"))?;
-            changed.push((number, before));
-        }
-    }
-    Ok(changed)
-}
-
 /// Whole milliseconds of a sample period.
 fn period_ms(excitation: &ExcitationConfig) -> Result<u32> {
     let period_ms = (excitation.sample_period_s * 1e3).round();
@@ -164,7 +135,9 @@ pub fn record(
     journal: Option<OverTheLink<'_>>,
 ) -> Result<Outcome> {
     let period_ms = period_ms(excitation)?;
-    let SettingValue::Float(ceiling_bar) = setting(rig, "limits.ceiling_bar")? else { bail!("limits.ceiling_bar is no pressure") };
+    let SettingValue::Float(ceiling_bar) = device_settings::setting(rig, "limits.ceiling_bar")? else {
+        bail!("limits.ceiling_bar is no pressure")
+    };
     let limits = Limits { maximum_bar: limits.maximum_bar.min(f64::from(ceiling_bar)), ..*limits };
     let samples = excitation.sample_within(&limits)?;
     let points: Vec<f32> = samples.pressure_bar.iter().map(|bar| *bar as f32).collect();
@@ -194,13 +167,11 @@ pub fn record_points(
         ("playback.period_ms", SettingValue::Integer(period_ms)),
         ("telemetry.period_ms", SettingValue::Integer(period_ms)),
     ];
-    let changed = borrow_settings(rig, &wanted)?;
+    let borrowed = device_settings::borrow(rig, &wanted)?;
     let outcome = play_for(rig, points, Duration::from_millis(period_ms.into()), journal);
     // Whatever happened: out of the energised states, and the settings back.
     let _ = rig.ask(&Request::Disarm);
-    for (number, value) in changed {
-        rig.command(&Request::SettingSet { number, value }).context("the settings cannot be set back")?;
-    }
+    device_settings::give_back(rig, borrowed)?;
     outcome
 }
 
@@ -278,10 +249,13 @@ fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> R
     Ok(outcome)
 }
 
+/// What may speak against arming for a moment, after changed settings or a vent, and passes by itself.
+pub const PASSING: [Blocker; 4] = [Blocker::LaserNotPlausible, Blocker::PressureNotPlausible, Blocker::VentNotVerified, Blocker::LoopLate];
+
 /// What can only go away if somebody does something.
-fn blocked_for_long(status: &Status) -> bool {
-    let passing = [Blocker::LaserNotPlausible, Blocker::PressureNotPlausible, Blocker::VentNotVerified, Blocker::LoopLate];
-    status.blockers.iter().any(|blocker| !passing.contains(&blocker))
+#[must_use]
+pub fn blocked_for_long(status: &Status) -> bool {
+    status.blockers.iter().any(|blocker| !PASSING.contains(&blocker))
 }
 
 /// The fault record of this run, if there is one.

@@ -11,6 +11,7 @@ use model_export::link::settings::Settings;
 use model_export::link::state::State;
 use serde::{Deserialize, Serialize};
 
+use crate::device_settings::differences;
 use crate::link::{Client, FACTS, LinkError, Transport, state_name};
 use crate::output;
 
@@ -88,21 +89,13 @@ pub fn fetch<T: Transport>(rig: &mut Client<T>) -> Result<Option<Vec<(u16, Histo
 /// When the rig is gone.
 pub fn settings_in_use<T: Transport>(rig: &mut Client<T>) -> Result<Settings> {
     let mut settings = Settings::default();
-    let mut from_number = 0;
-    loop {
-        let request = Request::SettingsDifference { baseline: Baseline::Defaults, from_number };
-        let Reply::Differences { entries, next_number } = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
-        for entry in &entries {
-            settings
-                .set(entry.number, entry.in_use)
-                .ok()
-                .with_context(|| format!("the rig has a setting {} that this program does not know", entry.number))?;
-        }
-        if next_number == 0 {
-            return Ok(settings);
-        }
-        from_number = next_number;
+    for entry in differences(rig, Baseline::Defaults)? {
+        settings
+            .set(entry.number, entry.in_use)
+            .ok()
+            .with_context(|| format!("the rig has a setting {} that this program does not know", entry.number))?;
     }
+    Ok(settings)
 }
 
 /// Rows in physical units, by the settings that the rig has now.

@@ -16,6 +16,7 @@ pub mod bootloader;
 pub mod calibrate;
 pub mod cli;
 pub mod demo;
+pub mod device_settings;
 pub mod discover;
 pub mod energise;
 pub mod evaluate;

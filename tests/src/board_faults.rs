@@ -692,7 +692,7 @@ fn cut_at(operation: u32) -> (Measured, bool) {
     let _ = bench.rig.listen(Duration::from_millis(50));
     let is_cut = bench.rig.transport().processor().pins().resets > 0;
     let _ = bench.rig.greet_again();
-    let after = experiment::setting(&mut bench.rig, "limits.ceiling_bar").ok();
+    let after = host_tool::device_settings::setting(&mut bench.rig, "limits.ceiling_bar").ok();
     let mut measured = bench.measure(from, Expected::OldOrNew);
     let float = |bar: f32| Some(model_export::link::settings::SettingValue::Float(bar));
     if after != float(OLD_BAR) && after != float(NEW_BAR) {

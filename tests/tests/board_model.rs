@@ -56,7 +56,7 @@ fn settings_that_are_saved_lie_in_the_chips_flash_and_outlast_a_reset() {
     rig.command(&Request::SettingsSave).unwrap();
     rig.transport().processor().break_something("reset").unwrap();
     rig.transport().advance_for(200).unwrap();
-    assert_eq!(host_tool::experiment::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(1.25));
+    assert_eq!(host_tool::device_settings::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(1.25));
     assert_eq!(unmodelled(&mut rig), Vec::<String>::new());
 }
 
@@ -315,7 +315,7 @@ fn settings_of_the_second_chip_family_lie_in_its_flash_and_outlast_a_reset() {
         rig.command(&Request::SettingsSave).unwrap();
         rig.transport().processor().break_something("reset").unwrap();
         rig.transport().advance_for(200).unwrap();
-        assert_eq!(host_tool::experiment::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(ceiling_bar));
+        assert_eq!(host_tool::device_settings::setting(&mut rig, "limits.ceiling_bar").unwrap(), SettingValue::Float(ceiling_bar));
         host_tool::experiment::settle(&mut rig).unwrap();
     }
     assert_eq!(unmodelled(&mut rig), Vec::<String>::new());

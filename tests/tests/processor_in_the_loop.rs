@@ -282,8 +282,8 @@ fn settings_and_models_survive_in_the_emulated_flash() {
     let kept = rig.transport().processor().read_flash().unwrap();
     assert_ne!(kept, flash);
     for value in [
-        experiment::setting(&mut qemu(&config, &kept), "limits.ceiling_bar").unwrap(),
-        experiment::setting(&mut host(&kept), "limits.ceiling_bar").unwrap(),
+        host_tool::device_settings::setting(&mut qemu(&config, &kept), "limits.ceiling_bar").unwrap(),
+        host_tool::device_settings::setting(&mut host(&kept), "limits.ceiling_bar").unwrap(),
     ] {
         assert_eq!(value, model_export::link::settings::SettingValue::Float(2.25));
     }

@@ -13,6 +13,7 @@ use model_export::link::settings::{INFO, Settings};
 use model_export::link::trace::{TraceCommand, TraceExtra, TraceFlags};
 
 use super::{Event, Header, Journal};
+use crate::device_settings;
 use crate::experiment;
 use crate::link::{Client, FACTS, FlashMemory, Heap, LinkError, SlotPair, Trace, TracedTick, Transport};
 
@@ -86,7 +87,7 @@ impl Tracing {
 fn settings_in_use<T: Transport>(client: &mut Client<T>) -> anyhow::Result<Settings> {
     let mut settings = Settings::default();
     for info in INFO {
-        let value = experiment::setting(client, info.name)?;
+        let value = device_settings::setting(client, info.name)?;
         settings.set(info.number, value).map_err(|error| anyhow::anyhow!("{}: the device has {value:?} ({error:?})", info.name))?;
     }
     Ok(settings)

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result};
 use dashboard::Setting;
 use model_export::link::message::{Baseline, Reply, Request};
-use model_export::link::settings::{INFO, SettingInfo, SettingValue, by_name};
+use model_export::link::settings::{INFO, SettingValue};
 use serde_json::Value;
 
 use super::pace::Paced;
 use super::words;
-use crate::experiment;
+use crate::device_settings::{differences, named, setting};
 use crate::link::Client;
 
 /// Settings that a session changed for its own time, with what the operator has there.
@@ -19,36 +19,20 @@ pub struct Borrowed {
     own: BTreeMap<u16, SettingValue>,
 }
 
-/// The setting of a name.
-pub fn named(name: &str) -> Result<&'static SettingInfo> {
-    by_name(name).with_context(|| format!("there is no setting {name}"))
-}
-
 fn set(rig: &mut Client<Paced>, number: u16, value: SettingValue) -> Result<()> {
     Ok(rig.command(&Request::SettingSet { number, value })?)
 }
 
-/// Name, value in use and baseline of those that differ.
-fn differences(rig: &mut Client<Paced>, baseline: Baseline) -> Result<BTreeMap<u16, SettingValue>> {
-    let mut found = BTreeMap::new();
-    let mut from_number = 0;
-    loop {
-        let request = Request::SettingsDifference { baseline, from_number };
-        let Reply::Differences { entries, next_number } = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
-        found.extend(entries.iter().map(|entry| (entry.number, entry.baseline)));
-        // Numbers go up; a device whose pages lead back would never end.
-        if next_number <= from_number {
-            return Ok(found);
-        }
-        from_number = next_number;
-    }
+/// The saved value of each setting that differs from it.
+fn saved_of_changed(rig: &mut Client<Paced>) -> Result<BTreeMap<u16, SettingValue>> {
+    Ok(differences(rig, Baseline::Saved)?.into_iter().map(|difference| (difference.number, difference.baseline)).collect())
 }
 
 impl Borrowed {
     /// Puts a setting to a value for the time of the session.
     pub fn borrow(&mut self, rig: &mut Client<Paced>, name: &str, value: SettingValue) -> Result<()> {
         let number = named(name)?.number;
-        let before = experiment::setting(rig, name)?;
+        let before = setting(rig, name)?;
         if before != value {
             set(rig, number, value).with_context(|| format!("{name} cannot be set"))?;
             self.own.entry(number).or_insert(before);
@@ -75,7 +59,7 @@ impl Borrowed {
         let mut in_use = Vec::new();
         for (number, own) in &self.own {
             let name = INFO.iter().find(|info| info.number == *number).map_or("", |info| info.name);
-            in_use.push((name, experiment::setting(rig, name)?));
+            in_use.push((name, setting(rig, name)?));
             set(rig, *number, *own)?;
         }
         let done = does(rig);
@@ -96,14 +80,14 @@ impl Borrowed {
 
     /// Whether settings differ from the saved ones that the operator changed.
     pub fn are_unsaved(&self, rig: &mut Client<Paced>) -> Result<bool> {
-        let saved = differences(rig, Baseline::Saved)?;
+        let saved = saved_of_changed(rig)?;
         Ok(saved.iter().any(|(number, saved)| self.own.get(number).is_none_or(|own| own != saved))
             || self.own.iter().any(|(number, own)| saved.get(number).is_some_and(|saved| saved != own)))
     }
 
     /// Every setting as the operator has it.
     pub fn list(&self, rig: &mut Client<Paced>) -> Result<Vec<Setting>> {
-        let saved = differences(rig, Baseline::Saved)?;
+        let saved = saved_of_changed(rig)?;
         let mut listed = Vec::new();
         for info in INFO {
             let request = Request::SettingGet { number: info.number };

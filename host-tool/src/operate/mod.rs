@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use dashboard::{Account, Action, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample, Setting};
 use model_export::blob;
-use model_export::link::fault::{Blocker, Fault};
+use model_export::link::fault::Fault;
 use model_export::link::message::{Baseline, Quantity, Request, Status};
 use model_export::link::settings::SettingValue;
 use model_export::link::state::State;
@@ -26,6 +26,7 @@ pub use pace::Line;
 use self::borrow::Borrowed;
 use self::pace::Paced;
 use self::play::Play;
+use crate::device_settings;
 use crate::excitation::{self, ExcitationConfig, Limits};
 use crate::experiment;
 use crate::link::{Client, LinkError, Transport, refusal_in_words, version};
@@ -214,11 +215,10 @@ impl OperatedRig {
 
     /// Changed settings and a fresh vent make the device ask for a moment.
     fn wait_for_what_passes(&mut self) -> Result<()> {
-        let passing = [Blocker::LaserNotPlausible, Blocker::PressureNotPlausible, Blocker::VentNotVerified, Blocker::LoopLate];
         let until = Instant::now() + PASSING;
         loop {
             let blockers = experiment::status(&mut self.client)?.blockers;
-            if blockers.iter().all(|blocker| !passing.contains(&blocker)) || Instant::now() >= until {
+            if blockers.iter().all(|blocker| !experiment::PASSING.contains(&blocker)) || Instant::now() >= until {
                 return Ok(());
             }
             self.client.listen_for(Duration::from_millis(10))?;
@@ -383,11 +383,11 @@ impl OperatedRig {
 
 impl KnownLimits {
     fn read(rig: &mut Client<Paced>) -> Result<Self> {
-        let float = |rig: &mut Client<Paced>, name: &str| match experiment::setting(rig, name)? {
+        let float = |rig: &mut Client<Paced>, name: &str| match device_settings::setting(rig, name)? {
             SettingValue::Float(value) => Ok(value),
             _ => bail!("{name} is no number"),
         };
-        let SettingValue::Integer(host_timeout_ms) = experiment::setting(rig, "limits.host_timeout_ms")? else {
+        let SettingValue::Integer(host_timeout_ms) = device_settings::setting(rig, "limits.host_timeout_ms")? else {
             bail!("limits.host_timeout_ms is no time");
         };
         Ok(Self {

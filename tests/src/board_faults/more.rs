@@ -40,7 +40,7 @@ fn measured(bench: &mut Bench, from: usize, problem: Option<String>, remark: Str
 }
 
 fn ceiling_bar(bench: &mut Bench) -> Option<f32> {
-    match experiment::setting(&mut bench.rig, "limits.ceiling_bar") {
+    match host_tool::device_settings::setting(&mut bench.rig, "limits.ceiling_bar") {
         Ok(SettingValue::Float(bar)) => Some(bar),
         _ => None,
     }

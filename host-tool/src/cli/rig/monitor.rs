@@ -16,7 +16,7 @@ use super::motion::{rate, seconds};
 use super::reading::Reading;
 use crate::backend::Rig;
 use crate::cli::Outcome;
-use crate::energise;
+use crate::device_settings;
 use crate::experiment;
 use crate::interrupt;
 use crate::link::{Account, Client};
@@ -79,9 +79,9 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
         period_ms.map(|period| ("telemetry.period_ms", SettingValue::Integer(period))).into_iter().collect();
     // While armed settings stay; the samples then come as they do.
     let changeable = matches!(experiment::status(rig)?.state, State::Idle | State::Fault);
-    let borrowed = if changeable { energise::borrow(rig, &wanted)? } else { energise::Borrowed::default() };
+    let borrowed = if changeable { device_settings::borrow(rig, &wanted)? } else { device_settings::Borrowed::default() };
     let watched = watch(arguments, rig, which);
-    energise::give_back(rig, borrowed)?;
+    device_settings::give_back(rig, borrowed)?;
     watched
 }
 

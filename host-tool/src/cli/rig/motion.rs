@@ -17,6 +17,7 @@ use super::reading::{Reading, latest};
 use super::state::RecordWritten;
 use crate::backend::Rig;
 use crate::cli::Outcome;
+use crate::device_settings;
 use crate::energise::{self, Ended, Next};
 use crate::experiment;
 use crate::interrupt;
@@ -118,7 +119,7 @@ fn say_what_is_kept(which: &Which) {
 pub fn arm(arguments: ArmArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     interrupt::watch();
     energise::arm(rig)?;
-    let SettingValue::Integer(timeout_s) = experiment::setting(rig, "arming.timeout_s")? else { bail!("arming.timeout_s is no time") };
+    let SettingValue::Integer(timeout_s) = device_settings::setting(rig, "arming.timeout_s")? else { bail!("arming.timeout_s is no time") };
     say!("Armed: the dump valve is closed, the output is zero. Without a start it disarms itself after {timeout_s} s.");
     let begun = rig.elapsed();
     let mut last: Option<Reading> = None;
@@ -175,7 +176,7 @@ pub fn simple(request: &Request, done: &str, rig: &mut Client<Rig>, which: &Whic
 
 /// Starts with the control law of the settings and keeps the set-point where it is.
 pub fn start(time: While, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
-    let quantity = match experiment::setting(rig, "control.law")? {
+    let quantity = match device_settings::setting(rig, "control.law")? {
         SettingValue::Integer(1) => Quantity::Pressure,
         SettingValue::Integer(2) => Quantity::Displacement,
         _ => bail!(
@@ -195,7 +196,7 @@ pub fn start(time: While, rig: &mut Client<Rig>, which: &Which) -> Result<Outcom
 /// Holds a pressure.
 pub fn hold(arguments: HoldArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let HoldArguments { pressure_bar, time } = arguments;
-    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else {
+    let SettingValue::Float(ceiling_bar) = device_settings::setting(rig, "limits.ceiling_bar")? else {
         bail!("limits.ceiling_bar is no pressure")
     };
     ensure!(
@@ -240,13 +241,13 @@ fn run(
         // Settings cannot be changed any more.
         for (name, value) in settings {
             ensure!(
-                experiment::setting(rig, name)? == *value,
+                device_settings::setting(rig, name)? == *value,
                 "{name} is another one and cannot be changed while the rig is armed: `catheter rig ... disarm` first, then come with --arm"
             );
         }
-        energise::Borrowed::default()
+        device_settings::Borrowed::default()
     } else {
-        energise::borrow(rig, settings)?
+        device_settings::borrow(rig, settings)?
     };
     let armed = if state == State::Armed { Ok(()) } else { energise::arm(rig) };
     let begun = rig.elapsed();
@@ -268,13 +269,13 @@ fn run(
     match ended {
         Ok(ended) => {
             let outcome = finish(rig, which, ended, last, begun);
-            energise::give_back(rig, borrowed)?;
+            device_settings::give_back(rig, borrowed)?;
             outcome
         }
         Err(error) => {
             // Whatever went wrong: no pressure, and the settings as they were.
             let _ = energise::vent(rig);
-            let _ = energise::give_back(rig, borrowed);
+            let _ = device_settings::give_back(rig, borrowed);
             Err(error)
         }
     }
@@ -384,7 +385,7 @@ struct Jog {
 /// Small steps by hand.
 pub fn jog(arguments: JogArguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     let JogArguments { step_bar, dwell_s, arm } = arguments;
-    let SettingValue::Float(ceiling_bar) = experiment::setting(rig, "limits.ceiling_bar")? else {
+    let SettingValue::Float(ceiling_bar) = device_settings::setting(rig, "limits.ceiling_bar")? else {
         bail!("limits.ceiling_bar is no pressure")
     };
     ensure!(step_bar > 0.0 && step_bar <= ceiling_bar, "--step-bar {step_bar}: above 0, and up to {ceiling_bar} bar");

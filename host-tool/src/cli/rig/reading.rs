@@ -8,7 +8,7 @@ use model_export::link::settings::SettingValue;
 use serde::Serialize;
 
 use crate::backend::Rig;
-use crate::experiment;
+use crate::device_settings;
 use crate::link::{Client, fault_in_words, state_name};
 
 /// Reference of the simulated board's converters, V.
@@ -167,12 +167,12 @@ impl Reading {
 
 /// The unit of the set-point in force.
 pub fn quantity(rig: &mut Client<Rig>) -> Result<&'static str> {
-    Ok(if experiment::setting(rig, "control.law")? == SettingValue::Integer(2) { "mm" } else { "bar" })
+    Ok(if device_settings::setting(rig, "control.law")? == SettingValue::Integer(2) { "mm" } else { "bar" })
 }
 
 /// The newest sample, or the next one.
 pub(super) fn latest(rig: &mut Client<Rig>) -> Result<Telemetry> {
-    let SettingValue::Integer(period_ms) = experiment::setting(rig, "telemetry.period_ms")? else {
+    let SettingValue::Integer(period_ms) = device_settings::setting(rig, "telemetry.period_ms")? else {
         bail!("telemetry.period_ms is no time")
     };
     // What waited was heard before; one period, and one for the way.

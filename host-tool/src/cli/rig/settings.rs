@@ -13,7 +13,8 @@ use serde::Serialize;
 use super::Which;
 use crate::backend::Rig;
 use crate::cli::Outcome;
-use crate::experiment;
+use crate::device_settings;
+use crate::device_settings::differences;
 use crate::link::{Client, LinkError, version};
 use crate::setting_words::{self, named, shown, shown_by_number, wanted};
 use crate::{output, say};
@@ -215,7 +216,7 @@ fn send(info: &SettingInfo, value: SettingValue, rig: &mut Client<Rig>) -> Resul
 
 /// Every setting in use.
 fn in_use(rig: &mut Client<Rig>) -> Result<BTreeMap<u16, SettingValue>> {
-    INFO.iter().map(|info| Ok((info.number, experiment::setting(rig, info.name)?))).collect()
+    INFO.iter().map(|info| Ok((info.number, device_settings::setting(rig, info.name)?))).collect()
 }
 
 fn export(path: &Path, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
@@ -286,24 +287,10 @@ fn save(rig: &mut Client<Rig>, which: &Which) -> Result<()> {
 
 fn difference(baseline: Baseline, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     let mut written = Vec::new();
-    let mut from_number = 0;
-    loop {
-        let request = Request::SettingsDifference { baseline, from_number };
-        let Reply::Differences { entries, next_number } = rig.request(&request)? else { return Err(rig.unexpected(&request).into()) };
-        for SettingDifference { number, in_use, baseline } in &entries {
-            let name = by_number(*number).map_or_else(|| format!("number {number}"), |info| info.name.to_owned());
-            say!("{name:<36} {:>15}, not {}", shown_by_number(*number, *in_use), shown_by_number(*number, *baseline));
-            written.push(Difference { name, in_use: (*in_use).into(), baseline: (*baseline).into() });
-        }
-        if next_number == 0 {
-            break;
-        }
-        // A device that never gets to the end would be asked for ever.
-        anyhow::ensure!(
-            next_number > from_number,
-            "the device repeats settings it has told already; is this program made for its firmware?"
-        );
-        from_number = next_number;
+    for SettingDifference { number, in_use, baseline } in differences(rig, baseline)? {
+        let name = by_number(number).map_or_else(|| format!("number {number}"), |info| info.name.to_owned());
+        say!("{name:<36} {:>15}, not {}", shown_by_number(number, in_use), shown_by_number(number, baseline));
+        written.push(Difference { name, in_use: in_use.into(), baseline: baseline.into() });
     }
     if written.is_empty() {
         say!("No setting differs.");
