@@ -73,7 +73,7 @@ struct Hypothesis {
     level: f64,
     level_variance: f64,
     model_error: f64,
-    wander_variance: f64,
+    model_error_variance: f64,
     covariance: f64,
     /// Direction in which it slides, or zero.
     moving: f64,
@@ -97,7 +97,7 @@ const AT_REST: Hypothesis = Hypothesis {
     level: 0.0,
     level_variance: 0.0,
     model_error: 0.0,
-    wander_variance: 0.0,
+    model_error_variance: 0.0,
     covariance: 0.0,
     moving: 0.0,
     lowest: 0.0,
@@ -128,7 +128,7 @@ struct Motion {
     goes_on: f64,
     period_s: f64,
     /// How far a tip may run on, or stay behind, for the change of the quasi-static response's speed.
-    jolt: f64,
+    inertial_uncertainty: f64,
 }
 
 impl Motion {
@@ -137,10 +137,10 @@ impl Motion {
         let speed = (quasi_static - before).abs() / period_s / law.sliding_speed;
         let break_away = law.break_away / (1.0 + law.rate_weakening * speed);
         let scatter = law.scatter * break_away;
-        let jolt = (STOPS_S * ((quasi_static - before) - last_step).abs() / period_s).min(2.0 * law.break_away);
+        let inertial_uncertainty = (STOPS_S * ((quasi_static - before) - last_step).abs() / period_s).min(2.0 * law.break_away);
         let (slides, goes_on) = (chance((speed - 1.0) / TRANSITION), chance((speed - STICKS_AT) / TRANSITION));
         let (behind, follows) = (law.kinetic_friction * law.break_away, SLIDING_SCATTER * scatter);
-        Self { sample, quasi_static, before, break_away, scatter, behind, follows, slides, goes_on, period_s, jolt }
+        Self { sample, quasi_static, before, break_away, scatter, behind, follows, slides, goes_on, period_s, inertial_uncertainty }
     }
 
     fn step(&self) -> f64 {
@@ -151,11 +151,14 @@ impl Motion {
 impl Hypothesis {
     /// How far the quasi-static response is from the stick position, and the variance of that.
     fn stretch(&self, motion: &Motion) -> (f64, f64) {
-        (motion.quasi_static + self.model_error - self.level, (self.level_variance + self.wander_variance - 2.0 * self.covariance).max(0.0))
+        (
+            motion.quasi_static + self.model_error - self.level,
+            (self.level_variance + self.model_error_variance - 2.0 * self.covariance).max(0.0),
+        )
     }
 
     /// The largest distance that it has held out, the quasi-static response being at this one.
-    fn held_out(&self, stretch: f64, motion: &Motion) -> f64 {
+    fn largest_load(&self, stretch: f64, motion: &Motion) -> f64 {
         if stretch > 0.0 { stretch - (motion.quasi_static - self.highest) } else { -stretch - (self.lowest - motion.quasi_static) }
     }
 
@@ -166,7 +169,7 @@ impl Hypothesis {
         if deviations < CANNOT {
             return 0.0;
         }
-        let before = chance((self.held_out(stretch, motion) - motion.break_away) / spread);
+        let before = chance((self.largest_load(stretch, motion) - motion.break_away) / spread);
         let now = chance(deviations);
         ((now - before) / (1.0 - before).max(1e-12)).max(0.0)
     }
@@ -176,8 +179,10 @@ impl Hypothesis {
         Self {
             weight,
             level: motion.quasi_static + self.model_error - motion.step().signum() * motion.behind,
-            level_variance: self.wander_variance + motion.follows * motion.follows + motion.jolt * motion.jolt,
-            covariance: self.wander_variance,
+            level_variance: self.model_error_variance
+                + motion.follows * motion.follows
+                + motion.inertial_uncertainty * motion.inertial_uncertainty,
+            covariance: self.model_error_variance,
             moving: motion.step().signum(),
             ..self.arrived()
         }
@@ -213,20 +218,20 @@ impl Hypothesis {
 
     /// The same one after a slip of the tip.
     ///
-    /// It held out a distance of `held_out`, and no longer the one that the quasi-static response has reached: the distance by which it breaks away lies between
+    /// It bore a load of `largest_load`, and no longer the one that the quasi-static response has reached: the distance by which it breaks away lies between
     /// the two. That is a measurement of level, model error and distance together, as good as the sample is short; the tip then lands so far from
     /// where it sat.
-    fn leapt(&self, direction: f64, held_out: f64, law: &SlipLaw, motion: &Motion) -> Self {
+    fn slipped(&self, direction: f64, largest_load: f64, law: &SlipLaw, motion: &Motion) -> Self {
         let (stretch, variance) = self.stretch(motion);
         let stretch = stretch * direction;
         let of_distance = motion.scatter * motion.scatter;
         let whole = (variance + of_distance).max(1e-18);
-        let held_out = held_out.min(stretch - LEAST_STEP);
+        let largest_load = largest_load.min(stretch - LEAST_STEP);
         // The error of the stretch less that of the distance.
-        let (error, left) = between(motion.break_away - stretch, motion.break_away - held_out, whole.sqrt());
+        let (error, left) = between(motion.break_away - stretch, motion.break_away - largest_load, whole.sqrt());
         let (gain, sure) = (error / whole, (1.0 - left / whole) / whole);
         let with_level = direction * (self.covariance - self.level_variance);
-        let with_wander = direction * (self.wander_variance - self.covariance);
+        let with_model_error = direction * (self.model_error_variance - self.covariance);
         let distance = motion.break_away - of_distance * gain;
         // Slip overshoot is the level and the distance after the measurement; the variances are those of their sum. What a fast quasi-static response breaks away
         // by less it lands farther beyond: the travel stays, but for what its law says.
@@ -238,15 +243,15 @@ impl Hypothesis {
             sample: motion.sample,
             direction,
             // Where in the sample it broke away is not known.
-            quasi_static: self.level + direction * (motion.break_away + 0.5 * (stretch - held_out)),
-            variance: self.level_variance + of_distance + (stretch - held_out).powi(2) / 12.0,
+            quasi_static: self.level + direction * (motion.break_away + 0.5 * (stretch - largest_load)),
+            variance: self.level_variance + of_distance + (stretch - largest_load).powi(2) / 12.0,
         };
         let landed = Self {
             level: self.level + with_level * gain + direction * (distance + beyond),
             level_variance: self.level_variance + of_distance - with_overshoot * with_overshoot * sure,
-            model_error: self.model_error + with_wander * gain,
-            wander_variance: self.wander_variance - with_wander * with_wander * sure,
-            covariance: self.covariance - with_wander * with_overshoot * sure,
+            model_error: self.model_error + with_model_error * gain,
+            model_error_variance: self.model_error_variance - with_model_error * with_model_error * sure,
+            covariance: self.covariance - with_model_error * with_overshoot * sure,
             moving: 0.0,
             travel: direction * travel,
             since_s: ((stretch - motion.break_away + error) * per_way_s).clamp(0.0, motion.period_s),
@@ -259,11 +264,13 @@ impl Hypothesis {
 
     /// The same one after more slips than anyone counts: it holds somewhere about the quasi-static response.
     fn landed(&self, weight: f64, motion: &Motion) -> Self {
-        let level_variance = self.wander_variance + motion.break_away * motion.break_away / 3.0 + motion.jolt * motion.jolt;
+        let level_variance = self.model_error_variance
+            + motion.break_away * motion.break_away / 3.0
+            + motion.inertial_uncertainty * motion.inertial_uncertainty;
         let somewhere = Self {
             level: motion.quasi_static + self.model_error,
             level_variance,
-            covariance: self.wander_variance,
+            covariance: self.model_error_variance,
             moving: 0.0,
             ..self.arrived()
         };
@@ -286,15 +293,15 @@ impl Hypothesis {
         let ours = density(error, whole);
         self.weight *= (ours + OUTLIER_DENSITY) / total;
         let trust = ours / (ours + OUTLIER_DENSITY);
-        let (of_level, of_wander) = (self.level_variance / whole * trust, self.covariance / whole * trust);
+        let (of_level, of_model_error) = (self.level_variance / whole * trust, self.covariance / whole * trust);
         self.level += of_level * error;
-        self.model_error += of_wander * error;
-        self.wander_variance -= of_wander * self.covariance;
+        self.model_error += of_model_error * error;
+        self.model_error_variance -= of_model_error * self.covariance;
         self.covariance *= 1.0 - of_level;
         self.level_variance *= 1.0 - of_level;
         let unsure = inflation(trust, error);
         self.level_variance += unsure;
-        self.wander_variance += unsure;
+        self.model_error_variance += unsure;
         self.covariance += unsure;
         self.weight
     }
@@ -352,13 +359,13 @@ impl Hypotheses<'_> {
         let law = self.law;
         let mut leaves = [0.0; MOST_HYPOTHESES];
         let mut stretches = [0.0; MOST_HYPOTHESES];
-        let mut held_out = [0.0; MOST_HYPOTHESES];
+        let mut largest_load = [0.0; MOST_HYPOTHESES];
         // All that slide are in the same place: one history for them, with the initial state of the likeliest.
         let (mut sliding, mut slider) = (0.0, self.all[0]);
         let mut most = 0.0;
         for (at, history) in self.all.iter_mut().enumerate().filter(|(_, history)| history.weight >= PRUNING_THRESHOLD) {
             history.model_error *= self.stay;
-            history.wander_variance = self.stay * self.stay * history.wander_variance + self.kick;
+            history.model_error_variance = self.stay * self.stay * history.model_error_variance + self.kick;
             history.covariance *= self.stay;
             history.since_s += motion.period_s;
             *history = history.on_its_way(law.slip_s, motion.period_s);
@@ -372,7 +379,7 @@ impl Hypotheses<'_> {
             }
             history.level += law.presliding * motion.step();
             let (stretch, variance) = history.stretch(motion);
-            (stretches[at], held_out[at]) = (stretch, history.held_out(stretch, motion));
+            (stretches[at], largest_load[at]) = (stretch, history.largest_load(stretch, motion));
             leaves[at] = history.weight * history.breaks_away((stretch, variance), motion);
             history.weight -= leaves[at];
             history.lowest = history.lowest.min(motion.quasi_static);
@@ -394,8 +401,8 @@ impl Hypotheses<'_> {
                 break;
             }
             // What has just landed has held out no more than where it landed.
-            let before = if slip == 1 { held_out[parent] } else { history.stretch(motion).0 * direction - motion.step().abs() };
-            history = history.leapt(direction, before, law, motion);
+            let before = if slip == 1 { largest_load[parent] } else { history.stretch(motion).0 * direction - motion.step().abs() };
+            history = history.slipped(direction, before, law, motion);
             let (stretch, variance) = history.stretch(motion);
             let spread = (motion.scatter * motion.scatter + variance).sqrt().max(1e-9);
             let again = chance((stretch * direction - motion.break_away) / spread);
@@ -411,7 +418,7 @@ impl Hypotheses<'_> {
     /// What slid until now without the share that goes on: it holds where it was.
     const fn stuck(history: Hypothesis, goes_on: f64, motion: &Motion) -> Hypothesis {
         let held = history.holding(history.weight - goes_on, motion.before);
-        Hypothesis { moving: 0.0, level_variance: held.level_variance + motion.jolt * motion.jolt, ..held }
+        Hypothesis { moving: 0.0, level_variance: held.level_variance + motion.inertial_uncertainty * motion.inertial_uncertainty, ..held }
     }
 }
 
@@ -424,7 +431,7 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
         weight: 1e-12,
         level: before + law.begins,
         level_variance: law.break_away * law.break_away + law.model_error * law.model_error,
-        wander_variance: law.model_error * law.model_error,
+        model_error_variance: law.model_error * law.model_error,
         lowest: before,
         highest: before,
         ..AT_REST

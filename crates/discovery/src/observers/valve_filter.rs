@@ -24,10 +24,10 @@ struct Hypothesis {
     model_error: f64,
     /// Variances of level, model error and stick position, and the covariances of the level with model error and stick position.
     level_variance: f64,
-    wander_variance: f64,
-    seat_variance: f64,
-    with_wander: f64,
-    with_seat: f64,
+    model_error_variance: f64,
+    stick_position_variance: f64,
+    with_model_error: f64,
+    with_stick_position: f64,
 }
 
 /// Share of the way within a sample by which the moment of an opening is uncertain.
@@ -49,11 +49,11 @@ impl Hypothesis {
             let share = if left_s > 0.0 { (spent_s / left_s).clamp(0.0, 1.0) } else { 0.0 };
             self.stick_position = from + (to - from) * share - if error.abs() <= closing { error } else { aim };
             self.open = false;
-            self.seat_variance = (law.scatter * closing).powi(2);
+            self.stick_position_variance = (law.scatter * closing).powi(2);
         } else {
             self.stick_position = to - after;
             self.open = true;
-            self.seat_variance *= keep * keep;
+            self.stick_position_variance *= keep * keep;
         }
     }
 
@@ -74,11 +74,11 @@ impl Hypothesis {
         };
         self.level = made + self.model_error;
         // One that has closed again did so where its law says, whenever it opened.
-        let scatter = self.seat_variance + if self.open { (MOMENT * moved).powi(2) } else { 0.0 };
-        self.seat_variance = scatter;
-        self.with_seat = gain * scatter;
-        self.with_wander = self.wander_variance;
-        self.level_variance = self.wander_variance + gain * gain * (scatter + (law.scatter * law.break_away).powi(2));
+        let scatter = self.stick_position_variance + if self.open { (MOMENT * moved).powi(2) } else { 0.0 };
+        self.stick_position_variance = scatter;
+        self.with_stick_position = gain * scatter;
+        self.with_model_error = self.model_error_variance;
+        self.level_variance = self.model_error_variance + gain * gain * (scatter + (law.scatter * law.break_away).powi(2));
     }
 
     /// Takes in a measured sample; the likelihood of it.
@@ -87,19 +87,20 @@ impl Hypothesis {
         let error = measured - self.level;
         let ours = density(error, whole);
         let trust = ours / (ours + OUTLIER_DENSITY);
-        let [of_level, of_wander, of_seat] = [self.level_variance, self.with_wander, self.with_seat].map(|part| part / whole * trust);
+        let [of_level, of_model_error, of_stick_position] =
+            [self.level_variance, self.with_model_error, self.with_stick_position].map(|part| part / whole * trust);
         self.level += of_level * error;
-        self.model_error += of_wander * error;
-        self.stick_position += of_seat * error;
-        self.wander_variance -= of_wander * self.with_wander;
-        self.seat_variance -= of_seat * self.with_seat;
-        self.with_wander *= 1.0 - of_level;
-        self.with_seat *= 1.0 - of_level;
+        self.model_error += of_model_error * error;
+        self.stick_position += of_stick_position * error;
+        self.model_error_variance -= of_model_error * self.with_model_error;
+        self.stick_position_variance -= of_stick_position * self.with_stick_position;
+        self.with_model_error *= 1.0 - of_level;
+        self.with_stick_position *= 1.0 - of_level;
         self.level_variance *= 1.0 - of_level;
         let unsure = inflation(trust, error);
         self.level_variance += unsure;
-        self.wander_variance += unsure;
-        self.with_wander += unsure;
+        self.model_error_variance += unsure;
+        self.with_model_error += unsure;
         ours + OUTLIER_DENSITY
     }
 }
@@ -155,10 +156,10 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
         level: seen.quasi_static[0],
         model_error: 0.0,
         level_variance: (law.break_away * gains[0]).powi(2) + law.model_error * law.model_error,
-        wander_variance: law.model_error * law.model_error,
-        seat_variance: law.break_away * law.break_away / 3.0,
-        with_wander: 0.0,
-        with_seat: gains[0] * law.break_away * law.break_away / 3.0,
+        model_error_variance: law.model_error * law.model_error,
+        stick_position_variance: law.break_away * law.break_away / 3.0,
+        with_model_error: 0.0,
+        with_stick_position: gains[0] * law.break_away * law.break_away / 3.0,
     };
     let mut hypotheses = [Hypothesis { weight: 1e-12, ..first }; MOST_HYPOTHESES];
     hypotheses[0].weight = 1.0;
@@ -172,8 +173,8 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
         let mut leaves = [0.0; MOST_HYPOTHESES];
         for (at, history) in hypotheses.iter_mut().enumerate().filter(|(_, history)| history.weight >= PRUNING_THRESHOLD) {
             history.model_error *= stay;
-            history.wander_variance = stay * stay * history.wander_variance + kick;
-            history.with_wander *= stay;
+            history.model_error_variance = stay * stay * history.model_error_variance + kick;
+            history.with_model_error *= stay;
             if history.open {
                 let was = history.stick_position;
                 let direction = (before - was).signum();
@@ -181,7 +182,7 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
                 let muscle = muscles.as_mut().map(|muscles| &mut muscles[at]);
                 history.land(law, muscle, (quasi_static, followed), gain, direction, 0.5 * (history.stick_position - was).abs());
             } else {
-                let spread = (scatter * scatter + history.seat_variance.max(0.0)).sqrt().max(1e-9);
+                let spread = (scatter * scatter + history.stick_position_variance.max(0.0)).sqrt().max(1e-9);
                 let beyond = |command: f64| ((command - history.stick_position).abs() - law.break_away) / spread;
                 leaves[at] = history.weight * opens(beyond(before), beyond(command));
             }
@@ -196,7 +197,7 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
             let (error_before, error) = (before - was, command - was);
             let direction = error.signum();
             let share = share_until_it_opens(law, error_before, error);
-            landed.seat_variance = landed.seat_variance.max(0.0).min(scatter * scatter);
+            landed.stick_position_variance = landed.stick_position_variance.max(0.0).min(scatter * scatter);
             landed.follow(law, before + (command - before) * share, command, (1.0 - share) * seen.period_s);
             landed.land(law, muscle.as_mut(), (quasi_static, followed), gain, direction, landed.stick_position - was);
         }

@@ -1,7 +1,7 @@
 """Makes the files that `tests/formats.rs` reads, with the ordinary tool of each format.
 
-    python3 -m venv /tmp/formats && /tmp/formats/bin/pip install numpy==2.4.6 scipy==1.17.1 mcap==1.6.0
-    /tmp/formats/bin/python crates/recording/tests/formats/make.py
+    python3 -m venv formats-venv && formats-venv/bin/pip install numpy==2.4.6 scipy==1.17.1 mcap==1.6.0
+    formats-venv/bin/python crates/recording/tests/formats/make.py
 
 The same 80 samples stand in every file: `reference.csv` has them with all digits in s, bar and mm.
 """

@@ -9,7 +9,7 @@ const PERIOD_S: f64 = 0.02;
 
 /// A tip that sits at zero, sure of it, while the quasi-static response has come to `reached`.
 fn sticking(reached: f64) -> Hypothesis {
-    Hypothesis { weight: 1.0, level: 0.0, level_variance: 1e-6, wander_variance: 1e-6, highest: reached, ..AT_REST }
+    Hypothesis { weight: 1.0, level: 0.0, level_variance: 1e-6, model_error_variance: 1e-6, highest: reached, ..AT_REST }
 }
 
 fn expected(law: &SlipLaw, quasi_static: &[f64], measured: &[f64]) -> Vec<f64> {
@@ -31,13 +31,13 @@ fn expected(law: &SlipLaw, quasi_static: &[f64], measured: &[f64]) -> Vec<f64> {
 }
 
 #[test]
-fn what_has_held_out_a_distance_holds_it_out_again() {
+fn what_has_borne_a_load_bears_it_again() {
     let chance_of = |reached: f64, quasi_static: f64| {
         let motion = Motion::new(0, &TIP, quasi_static, reached, quasi_static - reached, PERIOD_S);
         let history = sticking(reached);
         history.breaks_away(history.stretch(&motion), &motion)
     };
-    assert_eq!(chance_of(0.05, 0.05), 0.0, "the pull rests where the tip has held it out");
+    assert_eq!(chance_of(0.05, 0.05), 0.0, "the quasi-static response rests where the tip has borne its load");
     assert_eq!(chance_of(0.052, 0.049), 0.0, "it goes back");
     let (slow, fast) = (chance_of(0.049, 0.0495), chance_of(0.02, 0.0495));
     assert!(slow > 0.01 && fast > 2.0 * slow, "{slow} of a short way, {fast} of a long one to the same place");
@@ -45,7 +45,7 @@ fn what_has_held_out_a_distance_holds_it_out_again() {
 }
 
 #[test]
-fn a_tip_leaps_by_its_travel_from_where_it_sat_and_a_fast_pull_takes_nothing_from_it() {
+fn a_tip_slips_by_its_travel_from_where_it_sat_and_a_fast_response_takes_nothing_from_it() {
     for (speed, direction) in [(0.01, 1.0), (0.3, 1.0), (0.3, -1.0)] {
         let law = SlipLaw { sliding_speed: 0.5, ..TIP };
         let break_away = law.break_away / (1.0 + law.rate_weakening * speed / law.sliding_speed);
@@ -53,7 +53,7 @@ fn a_tip_leaps_by_its_travel_from_where_it_sat_and_a_fast_pull_takes_nothing_fro
         let [before, quasi_static] = [break_away - half, break_away + half].map(|way| way * direction);
         let motion = Motion::new(0, &law, quasi_static, before, quasi_static - before, PERIOD_S);
         assert!((motion.break_away - break_away).abs() < 1e-12);
-        let landed = sticking(before).leapt(direction, break_away - half, &law, &motion);
+        let landed = sticking(before).slipped(direction, break_away - half, &law, &motion);
         let travel = direction * 1.6 * law.break_away;
         assert!((landed.level - travel).abs() < 1e-9, "{} instead of {travel}", landed.level);
     }
@@ -74,27 +74,27 @@ fn moments_between_bounds_are_those_of_the_whole_of_a_slice_and_of_a_tail() {
 }
 
 #[test]
-fn a_leap_tells_no_more_than_that_the_distance_lies_between_what_was_held_out_and_what_was_not() {
+fn a_slip_tells_no_more_than_that_the_distance_lies_between_what_was_borne_and_what_was_not() {
     // The quasi-static response went from 0.04 to 0.06 within the sample: where in it the tip broke away is not known, so nothing about the model error is.
     let motion = Motion::new(0, &TIP, 0.06, 0.04, 0.02, PERIOD_S);
     let held = sticking(0.04);
-    let landed = held.leapt(1.0, 0.04, &TIP, &motion);
-    assert!(landed.model_error.abs() < 1e-4 && (landed.wander_variance / held.wander_variance - 1.0).abs() < 0.05, "{landed:?}");
+    let landed = held.slipped(1.0, 0.04, &TIP, &motion);
+    assert!(landed.model_error.abs() < 1e-4 && (landed.model_error_variance / held.model_error_variance - 1.0).abs() < 0.05, "{landed:?}");
     assert!((landed.level - 0.08).abs() < 1e-3, "{}", landed.level);
 }
 
 #[test]
-fn a_tip_that_yields_creeps_after_the_pull_while_it_holds_and_leaps_by_more_or_less_with_speed() {
+fn a_tip_with_presliding_creeps_after_the_response_while_it_sticks_and_slips_by_more_or_less_with_speed() {
     let law = SlipLaw { presliding: 0.1, ..TIP };
     let quasi_static: Vec<f64> = (0..200).map(|sample| 1.5e-4 * f64::from(sample)).collect();
     let measured: Vec<f64> = quasi_static.iter().map(|quasi_static| 0.1 * quasi_static).collect();
     let found = expected(&law, &quasi_static, &measured);
     assert!((found[199] - measured[199]).abs() < 2e-4, "{} instead of {}", found[199], measured[199]);
     let stiff = expected(&TIP, &quasi_static, &measured)[199];
-    assert!(stiff < measured[199] - 4e-4, "{stiff} without yielding");
+    assert!(stiff < measured[199] - 4e-4, "{stiff} without presliding");
     let law = SlipLaw { slip_per_speed_s: -0.01, ..TIP };
     let motion = Motion::new(0, &law, 0.051, 0.049, 0.002, PERIOD_S);
-    let landed = sticking(0.049).leapt(1.0, 0.049, &law, &motion);
+    let landed = sticking(0.049).slipped(1.0, 0.049, &law, &motion);
     assert!((landed.level - (0.08 - 0.01 * 0.002 / PERIOD_S)).abs() < 1e-3, "{}", landed.level);
 }
 
@@ -103,19 +103,19 @@ fn a_leap_is_seen_on_its_way_and_arrives() {
     let law = SlipLaw { slip_s: 0.02, ..TIP };
     // It breaks away half a sample ago: half of a slip that takes a whole one.
     let motion = Motion::new(0, &law, 0.051, 0.049, 0.002, PERIOD_S);
-    let landed = sticking(0.049).leapt(1.0, 0.049, &law, &motion);
+    let landed = sticking(0.049).slipped(1.0, 0.049, &law, &motion);
     assert!((landed.to_come / 0.04 - 1.0).abs() < 0.1, "{} of a travel of 0.08 to come", landed.to_come);
     assert!(landed.to_come_variance > 0.0, "where in the sample it broke away is not known");
     let later = Hypothesis { since_s: landed.since_s + PERIOD_S, ..landed }.on_its_way(law.slip_s, PERIOD_S);
     assert_eq!((later.to_come, later.seen()), (0.0, landed.level));
-    let at_once = sticking(0.049).leapt(1.0, 0.049, &TIP, &motion);
+    let at_once = sticking(0.049).slipped(1.0, 0.049, &TIP, &motion);
     assert_eq!((at_once.to_come, at_once.seen()), (0.0, at_once.level));
     // What it lands at is the same.
     assert!((landed.level - at_once.level).abs() < 1e-12);
 }
 
 #[test]
-fn leaps_tell_the_pull_and_how_well_they_know_it_and_holding_tells_of_a_pull_that_is_too_far() {
+fn slips_tell_the_response_and_how_well_they_know_it_and_sticking_tells_of_a_response_that_is_too_far() {
     let law = SlipLaw { scatter: 0.01, model_error: 2e-4, ..TIP };
     let mut noise = deviates(0x9E37_79B9_7F4A_7C15);
     let (mut place, mut quasi_static, mut measured) = (0.0_f64, Vec::new(), Vec::new());
@@ -145,7 +145,7 @@ fn leaps_tell_the_pull_and_how_well_they_know_it_and_holding_tells_of_a_pull_tha
         observe(&seen, &law).pseudo_measurements
     };
     let right = pseudo_measurements(&quasi_static);
-    assert!(right.len() > 300, "{} leaps", right.len());
+    assert!(right.len() > 300, "{} slips", right.len());
     let errors: Vec<f64> = right
         .iter()
         .map(|pseudo_measurements| {
@@ -172,10 +172,10 @@ fn a_leap_that_comes_late_tells_that_the_pull_is_ahead() {
     let (before, quasi_static) = (0.0595, 0.06);
     let motion = Motion::new(0, &TIP, quasi_static, before, quasi_static - before, PERIOD_S);
     let held = sticking(before);
-    let landed = held.leapt(1.0, before, &TIP, &motion);
+    let landed = held.slipped(1.0, before, &TIP, &motion);
     assert!(landed.model_error < -5e-4, "{}", landed.model_error);
-    assert!(landed.wander_variance < held.wander_variance);
-    let sure = landed.level_variance * landed.wander_variance;
+    assert!(landed.model_error_variance < held.model_error_variance);
+    let sure = landed.level_variance * landed.model_error_variance;
     assert!(landed.covariance.powi(2) < sure, "a covariance of {} for variances with a product of {sure}", landed.covariance);
 }
 
@@ -186,13 +186,13 @@ fn behind_a_step(law: &SlipLaw, to: f64, tip: f64) -> Vec<f64> {
 }
 
 #[test]
-fn a_sample_may_hold_two_leaps() {
+fn a_sample_may_hold_two_slips() {
     let found = behind_a_step(&TIP, 0.14, 0.16)[100];
     assert!((found - 0.16).abs() < 0.004, "{found} instead of two travels of 0.08");
 }
 
 #[test]
-fn a_step_of_many_leaps_is_followed_at_once() {
+fn a_step_of_many_slips_is_followed_at_once() {
     let found = behind_a_step(&TIP, 0.9, 0.88);
     assert!((found[100] - 0.9).abs() < 1e-6, "{} at once", found[100]);
     assert!((found[101] - 0.88).abs() < 2e-3, "{} once it has been seen", found[101]);
