@@ -26,7 +26,7 @@ pub enum FeatureSource {
     Readout,
     /// `C_j`, the creep filter of this index.
     Creep(u8),
-    /// `u(k-n)`, the normalised input this many samples ago, 0 to [`MAX_DEAD_TIME_SAMPLES`]; before the first sample the input is taken
+    /// `u(k-n)`, the normalised input this many samples ago, 0 to [`MAX_DEAD_TIME_SAMPLES`](super::MAX_DEAD_TIME_SAMPLES); before the first sample the input is taken
     /// to have rested where it begins. From schema version 3 on.
     Past(u8),
 }
@@ -59,7 +59,7 @@ pub struct Curve {
 /// The physics part: see the module documentation for the equations.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrontEnd {
-    /// Dead time in samples, 0 to [`MAX_DEAD_TIME_SAMPLES`], linear interpolation between samples.
+    /// Dead time in samples, 0 to [`MAX_DEAD_TIME_SAMPLES`](super::MAX_DEAD_TIME_SAMPLES), linear interpolation between samples.
     pub dead_time_samples: f32,
     /// First-order lag, 0 < coefficient <= 1; 1 is no lag.
     pub lag_coefficient: f32,

@@ -160,9 +160,9 @@ impl Cell {
 pub struct Layer<'a> {
     /// What it computes; schema version 2 has LSTM layers only.
     pub cell: Cell,
-    /// Width of the input, 1 to [`MAX_WIDTH`].
+    /// Width of the input, 1 to [`MAX_WIDTH`](super::MAX_WIDTH).
     pub inputs: u16,
-    /// Hidden units, 1 to [`MAX_UNITS`].
+    /// Hidden units, 1 to [`MAX_UNITS`](super::MAX_UNITS).
     pub units: u16,
     /// `i8`, rows of `inputs`.
     pub input_weights: &'a [u8],
