@@ -209,7 +209,7 @@ fn every_profile_holds_pressure_on_the_image_and_ends_in_its_safe_state() {
             println!("{end:?}");
             assert!(end.rests && end.stays, "{end:?}");
             assert!((end.held_bar - 1.0).abs() < 0.05, "{end:?}");
-            // The figure, in every profile.
+            // What a single fault may take, whatever the valve and the sensors.
             assert!(end.safe_ms.is_some_and(|ms| ms <= 50), "{end:?}");
             assert_eq!(end.fault, fault.number(), "{end:?}");
         }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use support::fake::HOST_TIMEOUT;
 use support::{Bench, Page};
 
-/// The margin for whatever runs between the operator and the device, and 50 ms of this machine's.
+/// 50 ms for whatever runs between the operator and the device, and as much for a busy machine.
 const MARGIN: Duration = Duration::from_millis(100);
 
 /// A page that operates a running rig.
