@@ -1,8 +1,8 @@
-"""PyTorch's time to an error: a 2x64 LSTM with Adam on recordings, free running on those kept out; one line of JSON.
+"""PyTorch's time to an error: a 2x64 LSTM with Adam on one folder of recordings, free running on those of another; one line of JSON.
 
-The other side of `cargo xtask bench time-to-error`, with the same recordings, the same ones kept out, the same two features (the input and
-its change), the same scaling and the same lanes that walk from recording to recording with their state carried. Counted is the time of the
-optimiser's steps; validations are not.
+The other side of `cargo xtask bench time-to-error`, with the same recordings, the same two features (the input and its change), the same
+scaling and the same lanes that walk from recording to recording with their state carried. Counted is the time of the optimiser's steps;
+validations are not.
 """
 
 import argparse
@@ -18,8 +18,8 @@ import torch
 CHUNK = 100
 
 parser = argparse.ArgumentParser()
-parser.add_argument("folder", type=pathlib.Path)
-parser.add_argument("--kept-out", required=True, help="file names, separated by commas")
+parser.add_argument("training", type=pathlib.Path)
+parser.add_argument("test", type=pathlib.Path)
 parser.add_argument("--target-mm", type=float, required=True)
 parser.add_argument("--seed", type=int, required=True)
 parser.add_argument("--threads", type=int, required=True)
@@ -33,13 +33,6 @@ torch.set_num_threads(arguments.threads)
 torch.manual_seed(arguments.seed)
 random = np.random.default_rng(arguments.seed)
 
-kept_out = set(arguments.kept_out.split(","))
-files = sorted(arguments.folder.glob("*.csv"))
-missing = kept_out - {file.name for file in files}
-if missing:
-    raise SystemExit(f"not in {arguments.folder}: {sorted(missing)}")
-
-
 def read(file):
     with file.open() as lines:
         header = lines.readline().strip().split(",")
@@ -47,7 +40,9 @@ def read(file):
     return table[:, header.index("pressure_bar")], table[:, header.index("displacement_mm")]
 
 
-recordings = [(file.name in kept_out, *read(file)) for file in files]
+recordings = [
+    (folder == arguments.test, *read(file)) for folder in (arguments.training, arguments.test) for file in sorted(folder.glob("*.csv"))
+]
 training = [(pressure, output) for out, pressure, output in recordings if not out]
 pressures = np.concatenate([pressure for pressure, _ in training])
 outputs = np.concatenate([output for _, output in training])

@@ -302,21 +302,46 @@ pub fn train(
     plan: &CheckpointPlan,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(TrainedModel, TrainReport), TrainError> {
+    config.validate().map_err(TrainError::Config)?;
+    check(recordings)?;
+    let parts = split(recordings, config.validation_fraction, seed);
+    train_split(recordings, &parts, config, seed, threads, plan, progress)
+}
+
+/// Trains a model on the samples of `recordings` that `parts` says are for training; the others validate. Both have one entry a
+/// recording, and `parts` one flag a sample, as [`split`] gives them.
+///
+/// # Errors
+/// As [`train`]; also where the shapes differ, or all samples are on one side.
+pub fn train_split(
+    recordings: &[Recording],
+    parts: &[Vec<bool>],
+    config: &TrainConfig,
+    seed: u64,
+    threads: usize,
+    plan: &CheckpointPlan,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<(TrainedModel, TrainReport), TrainError> {
     let wall = Instant::now();
     let cpu = ProcessTime::now();
     config.validate().map_err(TrainError::Config)?;
     let sample_period_s = check(recordings)?;
-    let parts = split(recordings, config.validation_fraction, seed);
-    let channels = front_end::channels(recordings, &parts);
+    if !recordings.iter().map(Recording::len).eq(parts.iter().map(Vec::len)) {
+        return Err(TrainError::Config("the split is not one flag for every sample of every recording".to_owned()));
+    }
+    if [true, false].iter().any(|side| !parts.iter().flatten().any(|flag| flag == side)) {
+        return Err(TrainError::Config("the split has no sample on one of its sides: training, validation".to_owned()));
+    }
+    let channels = front_end::channels(recordings, parts);
     let mut front_end = match config.front_end {
         FrontEndKind::Input => front_end::plain(false, channels.inputs()),
         FrontEndKind::InputAndDifference => front_end::plain(true, channels.inputs()),
-        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, &parts, &channels, sample_period_s, config.stick_band)?,
+        FrontEndKind::Hybrid => super::hybrid::front_end(recordings, parts, &channels, sample_period_s, config.stick_band)?,
     };
-    front_end::scale_features(&mut front_end, &channels, recordings, &parts)?;
-    let synthetic = augment::synthetic(recordings, &parts, config.synthetic.saturating_sub(recordings.len()), config.synthetic_limit, seed);
+    front_end::scale_features(&mut front_end, &channels, recordings, parts)?;
+    let synthetic = augment::synthetic(recordings, parts, config.synthetic.saturating_sub(recordings.len()), config.synthetic_limit, seed);
     let synthetic_parts: Vec<Vec<bool>> = synthetic.iter().map(|recording| vec![true; recording.len()]).collect();
-    let mut tracks = prepare(recordings, &parts, &front_end, &channels)?;
+    let mut tracks = prepare(recordings, parts, &front_end, &channels)?;
     tracks.extend(prepare(&synthetic, &synthetic_parts, &front_end, &channels)?);
 
     let samples = tracks.iter().flat_map(|track| &track.training).filter(|&&training| training).count();
@@ -340,7 +365,7 @@ pub fn train(
             validation_rmse: 0.0,
         },
     };
-    let (val_rmse_front_end, _) = validation_rmse(&model, recordings, &parts)?;
+    let (val_rmse_front_end, _) = validation_rmse(&model, recordings, parts)?;
     let samples_a_step = match config.mode {
         Mode::Streaming => config.lanes * config.chunk,
         Mode::Window { .. } => config.lanes,
@@ -377,7 +402,7 @@ pub fn train(
         finished
     };
     model.provenance.optimiser_steps = finished.steps;
-    let (val_rmse, validation) = validation_rmse(&model, recordings, &parts)?;
+    let (val_rmse, validation) = validation_rmse(&model, recordings, parts)?;
     model.provenance.validation_rmse = val_rmse;
     let macs_per_step = model.network.as_ref().map_or(0, Network::macs_per_step);
     let trained = 3.0 * macs_per_step as f64 * (config.lanes * config.chunk) as f64 * finished.steps_here as f64;

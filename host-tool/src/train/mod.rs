@@ -21,7 +21,7 @@ mod validation;
 
 pub use checkpoint::CheckpointPlan;
 pub use config::{PRESETS, TrainConfig};
-pub use fit::{Ended, Milestone, Progress, TrainError, TrainReport, train};
+pub use fit::{Ended, Milestone, Progress, TrainError, TrainReport, train, train_split};
 
 #[cfg(test)]
 use fit::starting_network;

@@ -52,6 +52,23 @@ fn small_config() -> TrainConfig {
     }
 }
 
+#[test]
+fn a_split_of_ones_own_decides_what_is_learned_and_what_validates() {
+    let (recordings, plan) = (recordings(), CheckpointPlan::default());
+    let config = TrainConfig { epochs: Some(3.0), ..small_config() };
+    let trained = |parts: &[Vec<bool>]| train_split(&recordings, parts, &config, 3, 1, &plan, &mut |_| {});
+    let last = recordings.len() - 1;
+    let parts: Vec<Vec<bool>> = recordings.iter().enumerate().map(|(index, one)| vec![index != last; one.len()]).collect();
+    let (_, report) = trained(&parts).unwrap();
+    let validated: Vec<_> = report.validation.iter().map(|one| one.path.clone()).collect();
+    assert_eq!(validated, [recordings[last].path.display().to_string()]);
+    let missing = &parts[..last];
+    let none: Vec<Vec<bool>> = recordings.iter().map(|one| vec![true; one.len()]).collect();
+    for wrong in [missing, &none] {
+        assert!(matches!(trained(wrong), Err(TrainError::Config(text)) if text.contains("split")));
+    }
+}
+
 fn run(config: &TrainConfig, seed: u64, threads: usize, plan: &CheckpointPlan) -> (TrainedModel, TrainReport) {
     train(&recordings(), config, seed, threads, plan, &mut |_| {}).unwrap()
 }

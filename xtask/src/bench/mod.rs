@@ -56,7 +56,7 @@ pub struct Arguments {
     /// torch and numpy.
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: String,
-    /// Of `time-to-error`, the error on recordings kept out, free running, in mm.
+    /// Of `time-to-error`, the error on the test recordings, free running, in mm.
     #[arg(long, default_value_t = 0.003, value_name = "MM")]
     target_mm: f64,
     /// Record the firmware's instruction counts as those that the tests compare with.
