@@ -9,34 +9,15 @@
 // Standard output goes through `say!`, which does not panic when its reader has left.
 #![cfg_attr(not(test), warn(clippy::print_stdout))]
 
+pub use modelling::{discover, evaluate, export, fit, identify, import, model, network, train};
+pub use rig_link::{
+    backend, bootloader, calibrate, device_settings, energise, experiment, feed, history, interrupt, journal, link, operate, setting_words,
+};
+pub use simulation::{excitation, plant};
 pub use {output, output::say, recording, virtual_rig as rig};
 
-pub mod backend;
-pub mod bootloader;
-pub mod calibrate;
 pub mod cli;
 pub mod demo;
-pub mod device_settings;
-pub mod discover;
-pub mod energise;
-pub mod evaluate;
-pub mod excitation;
-pub mod experiment;
-pub mod export;
-pub mod feed;
-pub mod fit;
-pub mod history;
-pub mod identify;
-pub mod import;
-pub mod interrupt;
-pub mod journal;
-pub mod link;
-pub mod model;
-pub mod network;
-pub mod operate;
-pub mod plant;
 pub mod report;
-pub mod setting_words;
 pub mod track;
-pub mod train;
 pub mod tune;

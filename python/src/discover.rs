@@ -71,7 +71,8 @@ pub fn discover_effects<'py>(
         let start = start.transpose()?;
         let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| teller.tell(stage.to_owned()))?;
         if let Some(out) = &out {
-            folder::write(&finding, &recordings, out)?;
+            let page = host_tool::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
+            folder::write(&finding, &recordings, &page, out)?;
         }
         Ok(finding.discovery)
     })?;

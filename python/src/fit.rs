@@ -109,7 +109,7 @@ impl Fit {
     ///     When a file cannot be written.
     fn save<'py>(&self, py: Python<'py>, folder: PathBuf) -> PyResult<Bound<'py, PyDict>> {
         output::check_folder(&folder).map_err(|problem| refusal(format!("{}: {problem}", folder.display())))?;
-        let blob = briefly(py, || folder::write(&self.outcome, &folder))?;
+        let blob = briefly(py, || folder::write(&self.outcome, &host_tool::report::fit::page(&self.outcome), &folder))?;
         let result = PyDict::new(py);
         result.set_item("model", folder.join("model").display().to_string())?;
         result.set_item("blob", arrays::object(py, &blob)?)?;

@@ -4,6 +4,7 @@ mod input;
 mod lock;
 mod plain;
 pub mod provenance;
+pub mod text;
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, IsTerminal, Write};

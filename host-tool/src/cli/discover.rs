@@ -67,7 +67,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     })?;
     bar.finish_and_clear();
     let discovery = &finding.discovery;
-    let Written { model, for_the_board } = folder::write(&finding, &recordings, &arguments.out)?;
+    let page = crate::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
+    let Written { model, for_the_board } = folder::write(&finding, &recordings, &page, &arguments.out)?;
     if let Some(path) = &arguments.common.json {
         output::write_result(path, discovery)?;
     }

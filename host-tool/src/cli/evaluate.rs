@@ -306,7 +306,7 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
         description.macs_per_step
     );
     say!();
-    let width = files.iter().map(|file| file.errors_name().chars().count()).max().unwrap_or(0).max(9);
+    let width = files.iter().map(|file| name_of(file).chars().count()).max().unwrap_or(0).max(9);
     let beside = calibrated.map_or(String::new(), |_| format!("  {:>13}", format!("calibrated/{unit}")));
     say!(
         "{:width$}  {:>6}  {:>8}  {:>11}  {:>10}  {:>11}{beside}",
@@ -322,7 +322,7 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
         let beside = calibrated.map_or(String::new(), |one| format!("  {:>13.6}", one.files[index].errors.rmse));
         say!(
             "{:width$}  {:>6}  {:>8}  {:>11.6}  {:>10}  {:>11.6}{beside}",
-            file.errors_name(),
+            name_of(file),
             file.family,
             errors.n,
             errors.rmse,
@@ -353,10 +353,9 @@ fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyE
     );
 }
 
-impl FileErrors {
-    fn errors_name(&self) -> String {
-        self.path.file_name().map_or_else(|| self.path.display().to_string(), |name| name.to_string_lossy().into_owned())
-    }
+/// The file's name alone.
+fn name_of(file: &FileErrors) -> String {
+    file.path.file_name().map_or_else(|| file.path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 fn print_ladder(ladder: &Ladder, unit: &str) {

@@ -134,7 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(error) = failed.into_inner().ok().flatten() {
         return Err(error);
     }
-    let blob = folder::write(&fitted, &arguments.out)?;
+    let blob = folder::write(&fitted, &crate::report::fit::page(&fitted), &arguments.out)?;
     print(&fitted, &model_path, blob.as_ref());
     say!("report: {}", arguments.out.join(folder::REPORT).display());
     if let Some(path) = &arguments.common.json {

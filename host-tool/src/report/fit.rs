@@ -2,13 +2,15 @@
 
 use super::page::{Cell, Page};
 use super::text::{count, number};
-use super::{Example, primer, sections};
+use super::{primer, sections};
 use crate::fit::Outcome;
+use crate::fit::folder::left_out;
 use crate::fit::judging::Calibrated;
 
 /// The page.
 #[must_use]
-pub fn page(fitted: &Outcome, examples: &[Example]) -> String {
+pub fn page(fitted: &Outcome) -> String {
+    let examples = super::examples("left out", &fitted.prepared.recordings, &left_out(fitted));
     let output = &fitted.prepared.output;
     let (unit, range) = (&output.unit, output.maximum - output.minimum);
     let chosen = &fitted.ladder[fitted.chosen];
@@ -47,7 +49,7 @@ pub fn page(fitted: &Outcome, examples: &[Example]) -> String {
     nuisances(&mut page, fitted, unit);
     page.section("On recordings that took no part");
     sections::examples_help(&mut page);
-    sections::examples(&mut page, examples);
+    sections::examples(&mut page, &examples);
     primer::add(&mut page);
     page.finish(&format!("Made by catheter {}. All figures are in the JSON result (--json).", env!("CARGO_PKG_VERSION")))
 }

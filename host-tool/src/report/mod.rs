@@ -15,7 +15,7 @@ mod page;
 mod primer;
 mod sections;
 mod svg;
-pub mod text;
+pub use output::text;
 pub mod track;
 
 use std::path::PathBuf;

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::model::interpolate;
+use crate::recording::simulation::interpolate;
 use crate::recording::{self, ColumnMap, ColumnName, Recording};
 
 /// Time from one point to the next, s.

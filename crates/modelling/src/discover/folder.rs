@@ -1,0 +1,81 @@
+//! The folder of a discovery: the model with the effects, the second best, the form for the microcontroller, the result and the report.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use super::file::{DiscoveredModel, Origin};
+use super::{Discovery, Finding, Model, physics};
+use recording::Recording;
+
+/// The files that may be there afterwards.
+pub const FILES: [&str; 5] = ["model.toml", "runner_up.toml", "microcontroller.toml", "discovery.json", "report.html"];
+
+/// What was written.
+pub struct Written {
+    /// `model.toml`.
+    pub model: DiscoveredModel,
+    /// Whether there is a `microcontroller.toml`; else the effect that the microcontroller does not know.
+    pub for_the_board: Result<(), String>,
+}
+
+/// Writes the files of a finding, with the report's `page`; those of an earlier one are replaced or removed.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(finding: &Finding, recordings: &[Recording], page: &str, folder: &Path) -> Result<Written> {
+    let discovery = &finding.discovery;
+    let model = model_of(finding, &finding.after, discovery, recordings);
+    write_model(&folder.join("model.toml"), &model)?;
+    // What an earlier discovery left must not pass for a part of this one.
+    for name in ["runner_up.toml", "microcontroller.toml"] {
+        match std::fs::remove_file(folder.join(name)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("{}: an old file cannot be removed", folder.join(name).display()));
+            }
+            _ => {}
+        }
+    }
+    let for_the_board = match physics::physics_model(&model, recordings) {
+        Ok(physics) => {
+            physics.write(&folder.join("microcontroller.toml"))?;
+            Ok(())
+        }
+        Err(effect) => Err(effect),
+    };
+    if let Some(second) = &finding.second {
+        write_model(&folder.join("runner_up.toml"), &model_of(finding, second, discovery, recordings))?;
+    }
+    output::write_json(&folder.join("discovery.json"), discovery)?;
+    output::write_atomic(&folder.join("report.html"), page.as_bytes())?;
+    Ok(Written { model, for_the_board })
+}
+
+fn write_model(path: &Path, model: &DiscoveredModel) -> Result<()> {
+    let text = model.encode().context("cannot encode the model as TOML")?;
+    output::write_atomic(path, text.as_bytes())
+}
+
+/// The file of a model that was found.
+fn model_of(finding: &Finding, model: &Model, discovery: &Discovery, recordings: &[Recording]) -> DiscoveredModel {
+    let mut written = DiscoveredModel::bare(model, &finding.session, &recordings[0]);
+    for entry in &mut written.effects {
+        if let Some(named) = discovery.effects.iter().find(|effect| effect.name == entry.name && effect.form == entry.form) {
+            entry.parameters.clone_from(&named.parameters);
+            entry.intervals.clone_from(&named.intervals);
+        }
+    }
+    written.origin = Origin {
+        program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
+        recordings: recordings
+            .iter()
+            .map(|recording| {
+                let name = recording.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                format!("{name} {}", recording.sha256)
+            })
+            .collect(),
+        rmse: discovery.rmse_after,
+        rmse_before: discovery.rmse_before,
+    };
+    written
+}

@@ -1,0 +1,19 @@
+//! The host's end of a rig.
+//!
+//! [`link`] speaks to it through a [`backend`]; [`experiment`] plays excitations to it and [`operate`] lets people operate it; [`calibrate`] measures its
+//! sensors and its valve; [`journal`] keeps what it did and runs it again; [`bootloader`] writes a new image into it. [`device_settings`] is the one
+//! place that reads, compares and borrows its settings, [`history`] what it remembers of a fault.
+
+pub mod backend;
+pub mod bootloader;
+pub mod calibrate;
+pub mod device_settings;
+pub mod energise;
+pub mod experiment;
+pub mod feed;
+pub mod history;
+pub mod interrupt;
+pub mod journal;
+pub mod link;
+pub mod operate;
+pub mod setting_words;
