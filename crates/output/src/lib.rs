@@ -18,7 +18,7 @@ use anyhow::{Context, Result, bail};
 pub use input::{MOST_BYTES, open, read, read_text};
 pub use lock::{Locked, lock};
 pub use manner::{Loudness, allow_replacing, loudness, may_replace, refuse_replacing, set_loudness};
-pub use plain::plain;
+pub use plain::{brief, plain};
 pub use progress::{Working, progress, stages, working};
 
 /// Prints a line on standard output like `println!`, but a reader that left early (`catheter inspect M.blob | head`) is no error: the

@@ -197,7 +197,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             fit.rmse,
             fit.model.output.unit
         );
-        arguments.common.write("A physics model", &lead, &result, |page| report::on_recordings(page, &drawn.0, &drawn.1, &fit.model.output.unit))?;
+        arguments
+            .common
+            .write("A physics model", &lead, &result, |page| report::on_recordings(page, &drawn.0, &drawn.1, &fit.model.output.unit))?;
     }
     print(&fit, &recordings, arguments);
     print_kinds(&kinds, chosen, &fit.model.output.unit);
@@ -205,7 +207,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 }
 
 /// What the page shows of the model on the recordings: an example of each family, and the errors. Nothing without a page.
-fn drawn(fit: &Fit, recordings: &[Recording], arguments: &Arguments, skip_s: f64, threads: usize) -> Result<(Vec<Example>, Vec<FamilyErrors>)> {
+fn drawn(
+    fit: &Fit,
+    recordings: &[Recording],
+    arguments: &Arguments,
+    skip_s: f64,
+    threads: usize,
+) -> Result<(Vec<Example>, Vec<FamilyErrors>)> {
     if arguments.common.html.is_none() {
         return Ok((Vec::new(), Vec::new()));
     }

@@ -197,7 +197,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             cost,
             golden_check,
         };
-        arguments.common.write("A blob", &format!("{path}: what is in it, and whether it does what it did when it was made."), &summary, |_| {})?;
+        arguments.common.write(
+            "A blob",
+            &format!("{path}: what is in it, and whether it does what it did when it was made."),
+            &summary,
+            |_| {},
+        )?;
     }
     Ok(outcome)
 }

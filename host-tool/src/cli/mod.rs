@@ -236,7 +236,7 @@ pub fn main() -> ExitCode {
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
             // Not eprintln: it panics when nobody reads standard error any more.
-            let _ = writeln!(std::io::stderr(), "{}", output::plain(&format!("error: {error:#}")));
+            let _ = writeln!(std::io::stderr(), "{}", output::plain(&output::brief(&format!("error: {error:#}"))));
             ExitCode::from(2)
         }
     }

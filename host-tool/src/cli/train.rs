@@ -179,6 +179,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             report.val_rmse,
             report.val_rmse_front_end,
         );
+        if report.ended == Ended::EarlyStop {
+            crate::say!(
+                "stopped after {} of {} steps: {} validations without improvement; the best weights are kept",
+                report.optimiser_steps,
+                report.planned_steps,
+                config.patience
+            );
+        }
         let [low, high] = next_interval(&report, recordings.len());
         crate::say!("expect {:.5} {unit} on the next recording, {low:.5} to {high:.5} with 95 %", report.val_rmse);
         if arguments.inverse {

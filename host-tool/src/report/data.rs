@@ -103,7 +103,14 @@ fn values(table: &Table) -> Value {
         // Through text: the shortest digits that are this number.
         value.is_finite().then(|| value.to_string().parse::<f64>().ok()).flatten()
     };
-    Value::from(table.columns.iter().map(|column| kept.iter().map(|row| short(row, column)).collect::<Vec<_>>()).map(Value::from).collect::<Vec<_>>())
+    Value::from(
+        table
+            .columns
+            .iter()
+            .map(|column| kept.iter().map(|row| short(row, column)).collect::<Vec<_>>())
+            .map(Value::from)
+            .collect::<Vec<_>>(),
+    )
 }
 
 #[cfg(test)]
@@ -117,7 +124,13 @@ mod tests {
         output[54_321] = 9.0;
         output[7] = f64::NAN;
         let input: Vec<f64> = time.iter().map(|time| (0.01 * time).sin()).collect();
-        let plot = |series: Vec<Series>| Plot { frame: [0.0, 1.0, 0.0, 1.0], x: [0.0, 1.0], y: [0.0, 1.0], labels: ["x".into(), "</script>".into()], series };
+        let plot = |series: Vec<Series>| Plot {
+            frame: [0.0, 1.0, 0.0, 1.0],
+            x: [0.0, 1.0],
+            y: [0.0, 1.0],
+            labels: ["x".into(), "</script>".into()],
+            series,
+        };
         let over_time = plot(vec![Series::new("measured", "measured", &time, &output)]);
         let over_input = plot(vec![Series::new("measured", "measured", &input, &output)]);
         let text = group(&[("f1".into(), vec![over_time]), ("f2".into(), vec![over_input])]).expect("plots");

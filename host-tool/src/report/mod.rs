@@ -138,7 +138,8 @@ pub fn training(page: &mut Page, history: &[Milestone], unit: &str) {
         line("validation", "model", &|at| at.validation_rmse),
     ];
     let panel = chart::Panel { label: format!("log10(RMSE / {unit})"), series, height: 240.0, zero: false };
-    let caption = chart::Caption { title: "Errors over the training", description: "Training and validation error over the optimiser's steps." };
+    let caption =
+        chart::Caption { title: "Errors over the training", description: "Training and validation error over the optimiser's steps." };
     page.figure(
         chart::panels(caption, "optimiser steps", 760.0, &[panel]),
         page::Width::Full,

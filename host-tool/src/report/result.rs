@@ -55,7 +55,9 @@ fn shown(value: &Value) -> String {
 fn table(page: &mut Page, name: &str, value: &Value) {
     match value {
         Value::Array(values) if values.iter().all(Value::is_object) => {
-            let Some(names) = values.first().and_then(Value::as_object).map(|first| first.keys().cloned().collect::<Vec<_>>()) else { return };
+            let Some(names) = values.first().and_then(Value::as_object).map(|first| first.keys().cloned().collect::<Vec<_>>()) else {
+                return;
+            };
             let header: Vec<&str> = names.iter().map(String::as_str).collect();
             let row = |value: &Value| names.iter().map(|name| Cell::Text(shown(&value[name]))).collect();
             let rows: Vec<Vec<Cell>> = values.iter().take(MOST_ROWS).map(row).collect();
