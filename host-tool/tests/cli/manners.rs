@@ -25,8 +25,7 @@ fn every_computing_command_leaves_a_page_and_replaces_nothing_without_force() {
         if !ending.is_empty() {
             bench.refuses(&line, &[&format!("result-{number}.{ending}"), "exists already", "--force"]);
         }
-        let line = if ending.is_empty() { line } else { format!("{line} --force") };
-        let other = line.replace(" --force", "").replace("result-", "other-");
+        let other = line.replace("result-", "other-");
         bench.refuses(&format!("{other} --html page-{number}.html"), &["exists already", "--force"]);
         bench.write("kept.json", "{}");
         bench.refuses(&format!("{other} --json kept.json"), &["kept.json", "exists already"]);
