@@ -44,7 +44,7 @@ pub fn model(bytes: &[u8]) -> Result<(), Wrong> {
         let model = model::load(path).map_err(refused)?;
         let recording = &seeds::recordings()[0];
         let predicted = model::predict(&*model, recording, Fit { resample: true, ..Fit::default() }).map_err(refused)?;
-        if predicted.len() != recording.len() || predicted.iter().any(|value| !(value.abs() <= 1e30)) {
+        if predicted.len() != recording.len() || predicted.iter().any(|value| value.is_nan() || value.abs() > 1e30) {
             return Err(garbage(format!("an output of {} samples that is not finite", predicted.len())));
         }
         Ok(())

@@ -15,7 +15,7 @@ pub struct Target {
     /// Reads one file: the refusal, or what is wrong with what was accepted.
     pub read: fn(&[u8]) -> Result<(), Wrong>,
     /// Makes a changed file's checksums right again, so that it is not refused at the door; every second file goes through it.
-    pub seal: Option<fn(&mut Vec<u8>)>,
+    pub seal: Option<fn(&mut [u8])>,
 }
 
 impl Target {
@@ -79,7 +79,7 @@ pub fn all() -> Vec<Target> {
 }
 
 /// Content hash and checksum of a blob.
-fn seal_blob(bytes: &mut Vec<u8>) {
+fn seal_blob(bytes: &mut [u8]) {
     use model_export::blob::{HEADER_BYTES, crc32};
     use sha2::{Digest, Sha256};
     if bytes.len() > HEADER_BYTES {
@@ -91,7 +91,7 @@ fn seal_blob(bytes: &mut Vec<u8>) {
 }
 
 /// Checksum of a journal.
-fn seal_journal(bytes: &mut Vec<u8>) {
+fn seal_journal(bytes: &mut [u8]) {
     if bytes.len() > 16 {
         let checksum = model_export::blob::crc32(0, &bytes[16..]);
         bytes[12..16].copy_from_slice(&checksum.to_le_bytes());

@@ -259,7 +259,7 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
         _ => model.simulate_in(&Context::of(recording, fit.start_up_s), &recording.inputs(), gaps),
     }?;
     // Numbers that are finite one by one need not have a sum that is.
-    match predicted.iter().position(|value| !(value.abs() <= recording::LARGEST)) {
+    match predicted.iter().position(|value| value.is_nan() || value.abs() > recording::LARGEST) {
         Some(sample) => {
             let problem = format!(
                 "its output on {} is {} from sample {sample} on, which no sensor gives; make it again",
