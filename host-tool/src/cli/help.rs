@@ -191,6 +191,12 @@ Examples:
   catheter completions fish > ~/.config/fish/completions/catheter.fish
   catheter completions zsh > ~/.zfunc/_catheter";
 
+/// Below the help of `man`.
+pub const MAN: &str = "\
+Examples:
+  catheter man ~/.local/share/man/man1
+  catheter man manual";
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;

@@ -18,6 +18,7 @@ mod fit;
 mod help;
 mod import_network;
 mod lab_effects;
+mod manners;
 mod operate;
 mod refusals;
 mod rig;

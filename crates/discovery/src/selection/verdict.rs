@@ -243,7 +243,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     } else {
         Verdict::Named
     };
-    let kept_out = session.runs.iter().filter(|run| run.role.contains(&Role::Test)).map(|run| run.name.clone()).collect();
+    let kept_out = session.runs.iter().flat_map(kept_out_of).collect();
     let side_unknown = session.runs.iter().zip(&in_a_gap).filter(|(_, in_a_gap)| **in_a_gap).map(|(run, _)| run.name.clone()).collect();
     let noise_floor = floor * scale;
     Discovery {
@@ -273,4 +273,21 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         kept_out,
         side_unknown,
     }
+}
+
+/// What of a recording takes no part in any choice: all of it by its name, or its blocks by their times.
+fn kept_out_of(run: &Run) -> Vec<String> {
+    if !run.is_worked_with() {
+        return run.role.contains(&Role::Test).then(|| run.name.clone()).into_iter().collect();
+    }
+    let mut first = 0;
+    let mut names = Vec::new();
+    for block in run.role.chunk_by(|one, other| one == other) {
+        let last = first + block.len() - 1;
+        if block[0] == Role::Test {
+            names.push(format!("{} from {:.2} to {:.2} s", run.name, run.time_s[first], run.time_s[last]));
+        }
+        first = last + 1;
+    }
+    names
 }
