@@ -19,6 +19,7 @@ mod help;
 mod import_network;
 mod lab_effects;
 mod operate;
+mod pages;
 mod refusals;
 mod rig;
 mod streams;
