@@ -107,8 +107,8 @@ fn mathml(equation: &str, display_mode: DisplayMode) -> Result<String> {
     let config = RenderConfig { display_mode, ..RenderConfig::default() };
     push_mathml(&mut out, Parser::new(equation, &storage), config).with_context(|| format!("the equation {equation}"))?;
     ensure!(!out.contains("<merror"), "the equation {equation} is not understood: {out}");
-    // One line, and nothing that Markdown reads.
-    Ok(out.replace('\n', " ").replace('*', "&#42;").replace('_', "&#95;"))
+    // One line, and nothing that Markdown reads. The converter leaves out a space before this attribute.
+    Ok(out.replace("\"minsize", "\" minsize").replace('\n', " ").replace('*', "&#42;").replace('_', "&#95;"))
 }
 
 #[cfg(test)]
