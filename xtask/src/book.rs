@@ -108,7 +108,7 @@ fn mathml(equation: &str, display_mode: DisplayMode) -> Result<String> {
     push_mathml(&mut out, Parser::new(equation, &storage), config).with_context(|| format!("the equation {equation}"))?;
     ensure!(!out.contains("<merror"), "the equation {equation} is not understood: {out}");
     // One line, and nothing that Markdown reads. The converter leaves out a space before this attribute.
-    Ok(out.replace("\"minsize", "\" minsize").replace('\n', " ").replace('*', "&#42;").replace('_', "&#95;"))
+    Ok(out.replace("\"minsize", "\" minsize").replace("&nbsp;", "\u{a0}").replace('\n', " ").replace('*', "\u{2217}"))
 }
 
 #[cfg(test)]
