@@ -1,13 +1,13 @@
 //! The book: mdBook builds it, with equations as MathML, so that a page needs neither a network nor a script.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use pulldown_latex::config::{DisplayMode, RenderConfig};
 use pulldown_latex::{Parser, Storage, push_mathml};
 use serde_json::Value;
 
-use crate::process::{cargo, command, exists, run, target_folder};
+use crate::process::{cargo, command, exists, root, run, target_folder};
 
 const VERSION: &str = "0.5.4";
 
@@ -15,7 +15,35 @@ const VERSION: &str = "0.5.4";
 pub fn build(open: bool) -> Result<()> {
     let program = mdbook()?;
     run("book", command(program).arg("build").args(open.then_some("--open")))?;
-    ensure!(target_folder().join("book/index.html").exists(), "mdBook left no page");
+    let (mut dead, mut seen) = (Vec::new(), 0);
+    links(&root().join("target/book"), &mut dead, &mut seen)?;
+    ensure!(dead.is_empty(), "links of the built book that lead nowhere:\n{}", dead.join("\n"));
+    ensure!(seen > 500, "only {seen} links found in the built book: is the pattern still right?");
+    Ok(())
+}
+
+/// What the built pages point to and is not there.
+fn links(folder: &Path, dead: &mut Vec<String>, seen: &mut usize) -> Result<()> {
+    for entry in std::fs::read_dir(folder).with_context(|| format!("no {}", folder.display()))? {
+        let path = entry?.path();
+        if path.is_dir() {
+            links(&path, dead, seen)?;
+            continue;
+        }
+        // The page of errors has addresses of its own, the printed one those of all pages.
+        let is_page =
+            path.extension().is_some_and(|ending| ending == "html") && !path.ends_with("404.html") && !path.ends_with("print.html");
+        let page = if is_page { std::fs::read_to_string(&path)? } else { String::new() };
+        for target in page.split("href=\"").skip(1).chain(page.split("src=\"").skip(1)).filter_map(|rest| rest.split('"').next()) {
+            let file = target.split('#').next().unwrap_or_default();
+            if !file.is_empty() && !file.contains(':') {
+                *seen += 1;
+                if !folder.join(file).exists() {
+                    dead.push(format!("{}: {target}", path.display()));
+                }
+            }
+        }
+    }
     Ok(())
 }
 
@@ -91,7 +119,7 @@ fn inline(line: &str) -> Result<String> {
             out.push('`');
         }
         let pieces: Vec<&str> = part.split('$').collect();
-        if index % 2 == 1 || pieces.len() % 2 == 0 {
+        if index % 2 == 1 || pieces.len().is_multiple_of(2) {
             out += part;
             continue;
         }
@@ -108,7 +136,12 @@ fn mathml(equation: &str, display_mode: DisplayMode) -> Result<String> {
     push_mathml(&mut out, Parser::new(equation, &storage), config).with_context(|| format!("the equation {equation}"))?;
     ensure!(!out.contains("<merror"), "the equation {equation} is not understood: {out}");
     // One line, and nothing that Markdown reads. The converter leaves out a space before this attribute.
-    Ok(out.replace("\"minsize", "\" minsize").replace("&nbsp;", "\u{a0}").replace('\n', " ").replace('*', "\u{2217}"))
+    Ok(out
+        .replace("\"minsize", "\" minsize")
+        .replace("&amp;nbsp;", "\u{a0}")
+        .replace("&nbsp;", "\u{a0}")
+        .replace('\n', " ")
+        .replace('*', "\u{2217}"))
 }
 
 #[cfg(test)]
