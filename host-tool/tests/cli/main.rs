@@ -20,6 +20,7 @@ mod import_network;
 mod lab_effects;
 mod manners;
 mod operate;
+mod pages;
 mod refusals;
 mod rig;
 mod streams;
