@@ -136,7 +136,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
     {
         let (law, own) = SlipLaw::of_parameters(drive, &slot.parameters);
         let smooth = without_jumps(model);
-        let quasi_static = |times: f64| QuasiStatic::new(session, &smooth, own * times, slot.form.feels_sensor());
+        let quasi_static = |times: f64| QuasiStatic::new(session, &smooth, own * times, slot.form.spec().feels_sensor);
         let times = most(NOISES, |&times| quasi_static(times).fitting(&law));
         return quasi_static(times).of_every_recording(|seen| jumps::observe(seen, &law).log_likelihood);
     }
@@ -181,7 +181,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
 
 /// What a model simulates of every recording, of which it sees the measured output of the start-up only.
 fn simulate(model: &Model, session: &Session, start_up_s: f64) -> Vec<Vec<f64>> {
-    if !model.slots.iter().any(|slot| slot.form.reads_output()) {
+    if !model.slots.iter().any(|slot| slot.form.spec().reads_output) {
         return model.outputs(session, |_| true);
     }
     let mut shown = session.clone();

@@ -132,7 +132,7 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
         let mut grid: Vec<&Started> = of_this.filter_map(|(_, started)| started.as_ref()).collect();
         grid.sort_by(|x, y| x.square.total_cmp(&y.square));
         let gain = |started: &Started| 1.0 - started.square / was;
-        let most = grid.iter().filter(|started| !started.form.discrete()).map(|started| gain(started)).fold(0.0, f64::max);
+        let most = grid.iter().filter(|started| !started.form.spec().discrete).map(|started| gain(started)).fold(0.0, f64::max);
         grid.retain(|started| gain(started) > FAR_BEHIND * most);
         // The grid says little about a narrow valley, but it must show something.
         let (narrow, broad): (Vec<&Started>, Vec<&Started>) = grid.into_iter().partition(|started| is_narrow(started.form));

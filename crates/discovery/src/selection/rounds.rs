@@ -137,7 +137,7 @@ impl Bench<'_> {
         let started: Vec<Started> = started.into_iter().flatten().collect();
         let was = forms::screened(&with_sensitivities, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
-        let broad = |started: &&Started| !started.form.discrete();
+        let broad = |started: &&Started| !started.form.spec().discrete;
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
         let worth = (HOPELESS * least).max(FAR_BEHIND * most);
         let mut tried = in_parallel_by(
@@ -211,7 +211,7 @@ impl Judged {
     pub fn pays(&self, before: &Self, least: f64) -> bool {
         let gain = self.gain_over(before);
         let beyond_grid = before.select - self.select > GRID_ERROR * GRID_ERROR;
-        let reads = |judged: &Self| judged.model.slots.iter().filter(|slot| slot.form.reads_output()).count();
+        let reads = |judged: &Self| judged.model.slots.iter().filter(|slot| slot.form.spec().reads_output).count();
         let worth_its_penalty = reads(self) <= reads(before) || self.penalised() < before.penalised();
         worth_its_penalty && gain >= least && beyond_grid && is_no_chance(gain, deviations(&before.blocks, &self.blocks))
     }
@@ -230,7 +230,7 @@ mod tests {
         let judged =
             |model: &Model, square: f64| Judged { model: model.clone(), fine: model.clone(), select: square, blocks: vec![square; 200] };
         let (loose, drift) = (periodic_disturbance::FORMS[2], offset_drift::FORMS[0]);
-        assert!(loose.reads_output() && !drift.reads_output());
+        assert!(loose.spec().reads_output && !drift.spec().reads_output);
         let pays = |form, square| judged(&base.with(form, vec![1.0]), square).pays(&judged(&base, 1.0), 0.024);
         // Coloured noise gives way to a loose rhythm by a twentieth.
         assert!(pays(drift, 0.95) && !pays(loose, 0.95) && pays(loose, 0.9));

@@ -117,7 +117,7 @@ fn jumps(
     noise: f64,
 ) -> Vec<Judged> {
     let drive = form.jumps().unwrap_or(Drive::QuasiStatic);
-    let feels = form.feels_sensor();
+    let feels = form.spec().feels_sensor;
     // Whether a stick position feels the sensor makes a difference where the sensor moves within the time that a stick position holds.
     let differs = |model: &Model| !feels || model.names().any(|name| name == PERIODIC);
     let on = |model: &Model, lag_s: f64| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, feels);
@@ -282,7 +282,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     };
     let smoothest = smoothest_of(&|_| true);
     // What a simulated valve begins its search at is where the observer of one may begin, too.
-    let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.across().is_some());
+    let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.spec().across.is_some());
     let likely = simulated_valve.map_or_else(Vec::new, |form| form.starts(session, &base.residuals(session)));
     let of_forms = parallel::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, &likely, noise));
     let mut judged: Vec<Vec<Judged>> = Vec::new();
@@ -323,7 +323,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         return outcome;
     }
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
-    let polished = QuasiStatic::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.feels_sensor()).jumping(&law);
+    let polished = QuasiStatic::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.spec().feels_sensor).jumping(&law);
     let polished = Judged { log_likelihood: polished, form: one.form, law, quasi_static: one.quasi_static, model };
     let is_polished = polished.log_likelihood.mean() > one.log_likelihood.mean();
     let one = if is_polished { &polished } else { one };
@@ -360,7 +360,8 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         outcome.second = Some(with_jumps(other, false).0);
     }
     outcome.found.jump_scatter = Some(
-        QuasiStatic::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.feels_sensor()).scatter(&one.law),
+        QuasiStatic::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.spec().feels_sensor)
+            .scatter(&one.law),
     );
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });

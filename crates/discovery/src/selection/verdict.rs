@@ -87,7 +87,7 @@ fn is_confounded(session: &Session, slot: &Slot) -> bool {
     let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
     sources.sort_unstable();
     sources.dedup();
-    slot.form.is_between_recordings() && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
+    slot.form.spec().is_between_recordings && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
 }
 
 /// Share of a parameter's range next to a limit that counts as the limit.
@@ -96,7 +96,7 @@ const AT_A_LIMIT: f64 = 1e-3;
 /// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`UNDETERMINED`] when
 /// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
 fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
-    if slot.form.discrete() {
+    if slot.form.spec().discrete {
         return 1.0;
     }
     let of = |((parameter, &value), &half): ((&Parameter, &f64), &f64)| {
@@ -130,7 +130,7 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     let residual = after.residuals(session);
     let smooth = switching_refits::without_jumps(after);
     let floor = noise::floor(session, &residual);
-    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.feels_sensor()).by(threads).missed_smoothly();
+    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
 }
 
