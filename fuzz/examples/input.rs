@@ -7,6 +7,6 @@ fn main() {
     let [_, target, seed, _] = &words[..] else { panic!("TARGET SEED NUMBER are wanted") };
     let target = fuzz::targets::all().into_iter().find(|known| known.name == target).expect("a target");
     let number = |text: &String| text.parse().expect("a number");
-    let bytes = fuzz::mutate::mutated(&target.files, number(seed), number(&words[3]));
+    let bytes = target.input(&(target.files)(), number(seed), number(&words[3]));
     std::io::stdout().write_all(&bytes).expect("standard output");
 }

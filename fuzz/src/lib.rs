@@ -8,6 +8,8 @@
 
 pub mod mutate;
 pub mod parent;
+pub mod readers;
+pub mod seeds;
 pub mod targets;
 
 /// Longer than this is a hang, s.

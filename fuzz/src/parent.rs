@@ -1,5 +1,6 @@
 //! The parent process: starts children, and tells which input crashed, hung, took too much memory, or was garbage that was accepted.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -11,7 +12,7 @@ use anyhow::{Context, Result};
 use crate::{SECONDS, targets};
 
 /// Inputs of one child.
-const BATCH: u64 = 250;
+const BATCH: u64 = 100;
 
 /// What a run found.
 #[derive(Debug, Default)]
@@ -20,6 +21,8 @@ pub struct Found {
     pub inputs: u64,
     /// Of them accepted.
     pub accepted: u64,
+    /// Inputs and accepted ones of each target.
+    pub targets: BTreeMap<String, (u64, u64)>,
     /// Target, seed, number and what happened, of each input that ended wrongly.
     pub wrong: Vec<String>,
 }
@@ -38,7 +41,10 @@ pub fn run(program: &Path, seed: u64, duration: Duration) -> Result<Found> {
             if begin.elapsed() >= duration {
                 break;
             }
+            let before = (found.inputs, found.accepted);
             batch(program, name, seed, round * BATCH, &mut found)?;
+            let of_target = found.targets.entry((*name).to_owned()).or_default();
+            *of_target = (of_target.0 + found.inputs - before.0, of_target.1 + found.accepted - before.1);
         }
         round += 1;
     }

@@ -3,32 +3,22 @@
 use std::f64::consts::PI;
 use std::path::Path;
 
-use host_tool::discover::catalogue::{self, Form, Parameter, Place, Quantity};
+use host_tool::discover::catalogue::{self, Form, Parameter, Place, Quantity, Spec};
 use host_tool::discover::file::DiscoveredModel;
-use host_tool::discover::{DiscoverConfig, Run, Session, Verdict, discover, folder};
+use host_tool::discover::{DiscoverConfig, Run, Verdict, discover, folder};
 use host_tool::recording::{Recording, Signal};
 
 /// A gear with three teeth over the span: `v = u + a sin(3 pi u)`.
 struct Gear;
 
 impl Form for Gear {
-    fn name(&self) -> &'static str {
-        "gear"
-    }
-    fn form(&self) -> &'static str {
-        "three teeth"
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "depth", quantity: Quantity::Ratio, low: 0.005, high: 0.3, logarithmic: true }]
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.02, 0.05, 0.15].map(|depth| vec![depth]).to_vec()
-    }
-    fn is_static(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "depth", quantity: Quantity::Ratio, low: 0.005, high: 0.3, logarithmic: true }],
+            starts: &[&[0.02], &[0.05], &[0.15]],
+            is_static: true,
+            ..Spec::new("gear", ("three-teeth", "three teeth"), Place::Muscle)
+        }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         path.iter_mut().for_each(|value| *value += parameters[0] * (3.0 * PI * *value).sin());
@@ -69,7 +59,7 @@ fn an_effect_of_another_crate_is_named_and_its_model_runs() {
     let depth = discovery.effects[0].parameters["depth"];
     assert!((depth / 0.06 - 1.0).abs() < 0.1, "{depth}");
     let folder_of_it = tempfile::tempdir().expect("a folder");
-    folder::write(&finding, &recordings, folder_of_it.path()).expect("written");
+    folder::write(&finding, &recordings, "", folder_of_it.path()).expect("written");
     let model = DiscoveredModel::read(&folder_of_it.path().join("model.toml")).expect("a model that can be read");
     assert!(model.simulate(&[0.0, 0.5, 1.0]).expect("it runs").iter().all(|value| value.is_finite()));
 }

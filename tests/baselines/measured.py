@@ -4,7 +4,7 @@
     ENV/bin/python tests/baselines/measured.py prepare --data FOLDER --out PREPARED
     ENV/bin/python tests/baselines/measured.py baselines --prepared PREPARED --json baselines.json [--role development] [--map NAME...]
 
-FOLDER holds the public sets (docs/your-own-recordings.md says where they come from), `maps.toml` beside this file says what is fitted
+FOLDER holds the public sets (docs/how-to/import-recordings.md says where they come from), `maps.toml` beside this file says what is fitted
 and judged. `prepare` needs no packages. It writes one CSV per recording, PREPARED/MAP/{train,test}/*.csv with the columns
 `time_s`, inputs, output, and PREPARED/index.json; both programs read these files, so both see the same samples.
 """

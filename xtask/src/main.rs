@@ -1,7 +1,8 @@
-//! The project's chores: `cargo xtask test | ci | bench | fuzz | firmware | flash | python | setup`, the same for a person and for continuous integration.
+//! The project's tasks, the same for a person and for continuous integration. `cargo xtask --help` lists each with its time.
 
 mod bench;
 mod board_model;
+mod book;
 mod browser;
 mod checks;
 mod demo;
@@ -15,38 +16,65 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// The project's chores.
+/// The project's tasks. Times are of two idle cores; the first run of most of them also builds.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", max_term_width = 120)]
 struct Cli {
     #[command(subcommand)]
-    chore: Chore,
+    task: Task,
 }
 
 #[derive(Subcommand)]
-enum Chore {
-    /// Everything: installs what is missing, then format, lints, documentation, tests, target builds, the emulated target, the board's
-    /// model, the demo, the Python package.
+enum Task {
+    /// Everything, as continuous integration: format, lints, documentation, tests, target builds, the emulated target, the board's model, the
+    /// browser, the demo, the Python package, the book. Installs what is missing. 30 min.
     Test,
-    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing.
+    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. 15 min.
     Ci,
+    /// Measurements behind the Results of the book; each bench's help says its time. Minutes to hours.
     Bench(bench::Arguments),
-    /// Build and seal the flashable image of a board.
+    /// Build the book into target/book. 2 s; 2 min more when mdBook must be installed.
+    Book(OfBook),
+    /// Check licences, sources and duplicates of dependencies by deny.toml. Needs cargo-deny. 10 s.
+    Deny(OfDeny),
+    /// Build the flashable image of a board and add its CRC. 2 min.
     Firmware(OfBoard),
-    /// Build the flashable image, and the program that runs it on a model of its chip (`catheter ... --backend board-model`).
+    /// Build the flashable image, and the program that runs it on a model of its chip (`catheter ... --backend board-model`). 4 min once.
     BoardModel,
-    /// Prove at link time that no panic is reachable from the tick.
+    /// Prove at link time that no panic is reachable from the tick. 2 min.
     PanicFree,
-    /// Build, seal and flash the image with a debug probe, then show its logs.
+    /// Build and flash the image with a debug probe, then show its logs. 2 min, then until Ctrl-C.
     Flash(OfBoard),
-    /// Build the image in this folder and in another one, and see that both are the same file.
+    /// Build the image in this folder and in another one, and see that both are the same file. 4 min.
     Reproducible(OfBoard),
-    /// Change files at random, and see that every reader ends in a result or a clear refusal, soon and in little memory.
+    /// Change files at random, and see that every reader ends in a result or a clear refusal, soon and in little memory. 60 min, or `--minutes`.
     Fuzz(FuzzArguments),
-    /// Build the Python package in an environment of its own and run its tests and its notebook.
+    /// Build the Python package in an environment of its own and run its tests and its notebook. 4 min.
     Python,
-    /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU.
+    /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU, a browser. Minutes once.
     Setup,
+    /// Turn the equations of the book into MathML; mdBook calls this.
+    #[command(hide = true)]
+    Equations {
+        /// `supports RENDERER`: whether that is possible; it always is.
+        asked: Vec<String>,
+    },
+}
+
+/// How to show the book.
+#[derive(clap::Args)]
+struct OfBook {
+    /// Open it in the browser.
+    #[arg(long)]
+    open: bool,
+}
+
+/// What to check.
+#[derive(clap::Args)]
+struct OfDeny {
+    /// Also ask the advisory database, which is fetched from the network.
+    #[arg(long)]
+    advisories: bool,
 }
 
 /// How long to search.
@@ -69,18 +97,22 @@ struct OfBoard {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().chore {
-        Chore::Test => test(),
-        Chore::Ci => checks::desktop(),
-        Chore::Bench(arguments) => bench::bench(&arguments),
-        Chore::Firmware(of) => setup::target().and_then(|()| firmware::build(of.board)).map(drop),
-        Chore::BoardModel => setup::target().and_then(|()| firmware::build(&firmware::BOARDS[0])).and_then(|_| board_model::build()),
-        Chore::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
-        Chore::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
-        Chore::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
-        Chore::Fuzz(of) => checks::fuzz(of.minutes, of.seed),
-        Chore::Python => python::tests(),
-        Chore::Setup => setup::everything(),
+    let result = match Cli::parse().task {
+        Task::Test => test(),
+        Task::Ci => checks::desktop(),
+        Task::Bench(arguments) => bench::bench(&arguments),
+        Task::Firmware(of) => setup::target().and_then(|()| firmware::build(of.board)).map(drop),
+        Task::BoardModel => setup::target().and_then(|()| firmware::build(&firmware::BOARDS[0])).and_then(|_| board_model::build()),
+        Task::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
+        Task::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
+        Task::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
+        Task::Fuzz(of) => checks::fuzz(of.minutes, of.seed),
+        Task::Python => python::tests(),
+        Task::Setup => setup::everything(),
+        Task::Book(of) => book::build(of.open),
+        Task::Deny(of) => book::deny(of.advisories),
+        Task::Equations { asked } if asked.is_empty() => book::equations(),
+        Task::Equations { .. } => Ok(()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -107,5 +139,6 @@ fn test() -> anyhow::Result<()> {
     board_model::tests()?;
     browser::tests()?;
     demo::runs()?;
-    python::tests()
+    python::tests()?;
+    book::build(false)
 }

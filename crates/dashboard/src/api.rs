@@ -1,4 +1,4 @@
-//! The same state and actions for scripts, as JSON under `/api/`; `docs/dashboard.md` describes them.
+//! The same state and actions for scripts, as JSON under `/api/`; `docs/reference/dashboard-interface.md` describes them.
 
 use axum::Json;
 use axum::body::Bytes;

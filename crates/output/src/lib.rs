@@ -2,21 +2,25 @@
 
 mod input;
 mod lock;
+mod manner;
+mod piped;
 mod plain;
+mod progress;
 pub mod provenance;
 pub mod text;
 
 use std::fmt::Arguments;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 pub use input::{MOST_BYTES, open, read, read_text};
 pub use lock::{Locked, lock};
-pub use plain::plain;
+pub use manner::{Loudness, allow_replacing, loudness, may_replace, refuse_replacing, set_loudness};
+pub use plain::{brief, plain};
+pub use progress::{Working, progress, stages, working};
 
 /// Prints a line on standard output like `println!`, but a reader that left early (`catheter inspect M.blob | head`) is no error: the
 /// command goes on and still leaves its files.
@@ -29,15 +33,37 @@ macro_rules! say {
 /// The first error of standard output other than a closed pipe, for example a full disk behind `> report.txt`.
 static STANDARD_OUTPUT_ERROR: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
+/// Prints a line on standard error with `--verbose`, with the time since the command began: what is read, written, decided on the way.
+#[macro_export]
+macro_rules! detail {
+    ($($argument:tt)*) => { $crate::print_detail(format_args!($($argument)*)) };
+}
+
 /// Prints a line on standard output; see [`say!`]. Names from files may hold what a terminal obeys: it is shown, see [`plain`].
+/// With `--quiet` only warnings and failed checks are printed, on standard error.
 pub fn print_line(text: Arguments<'_>) {
     let text = text.to_string();
+    if loudness() == Loudness::Quiet {
+        if ["warning:", "FAILED", "DIFFERENT", "CUT"].iter().any(|word| text.trim_start().starts_with(word)) {
+            // Nobody who reads it is no error.
+            let _ = writeln!(std::io::stderr(), "{}", plain(&text));
+        }
+        return;
+    }
     let mut output = std::io::stdout().lock();
     let result = output.write_all(plain(&text).as_bytes()).and_then(|()| output.write_all(b"\n"));
     remember(result);
 }
 
-/// Prints bytes on standard output as they are; see [`say!`].
+/// Prints a line on standard error with `--verbose`; see [`detail!`].
+pub fn print_detail(text: Arguments<'_>) {
+    if loudness() == Loudness::Verbose {
+        let line = format!("[{:8.2} s] {text}", provenance::elapsed_s());
+        let _ = writeln!(std::io::stderr(), "{}", plain(&line));
+    }
+}
+
+/// Prints bytes on standard output as they are, with `--quiet`, too; see [`say!`].
 pub fn print_bytes(bytes: &[u8]) {
     remember(std::io::stdout().lock().write_all(bytes));
 }
@@ -95,6 +121,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     if let Ok(folder) = std::fs::File::open(folder) {
         let _ = folder.sync_all();
     }
+    detail!("wrote {}, {} bytes", path.display(), bytes.len());
     Ok(())
 }
 
@@ -204,9 +231,14 @@ pub fn check_folder(path: &Path) -> Result<(), String> {
     check_writable(path)
 }
 
-/// The folder itself while it is absent or empty, else the first free one of `name-2`, `name-3` and so on.
+/// The folder itself while it is absent or empty, else the first free one of `name-2`, `name-3` and so on: a report's folder, so that a
+/// command can be typed twice. With `--force` the folder itself.
 #[must_use]
 pub fn free_folder(path: &Path) -> PathBuf {
+    if may_replace() { path.to_path_buf() } else { numbered(path) }
+}
+
+fn numbered(path: &Path) -> PathBuf {
     let is_free = |path: &Path| match std::fs::read_dir(path) {
         Ok(mut entries) => entries.next().is_none(),
         Err(_) => !path.exists(),
@@ -267,7 +299,7 @@ fn new_temporary(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
 }
 
 /// A file the user asks for, checked while the command line is read: with the right ending (`toml`, or `.toml`; any when empty), where
-/// a file can be written.
+/// a file can be written and, without `--force`, none is that holds something.
 pub fn file_argument(ending: &'static str) -> impl clap::builder::TypedValueParser<Value = PathBuf> {
     use clap::builder::{PathBufValueParser, TypedValueParser};
     let ending = ending.trim_start_matches('.');
@@ -276,6 +308,7 @@ pub fn file_argument(ending: &'static str) -> impl clap::builder::TypedValuePars
             return Err(format!("the name must end in .{ending}"));
         }
         check_file(&path)?;
+        refuse_replacing(&path)?;
         Ok(path)
     })
 }
@@ -306,30 +339,6 @@ pub fn refuse_overwriting(inputs: &[PathBuf], outputs: &[&Path]) -> Result<()> {
         }
     }
     Ok(())
-}
-
-mod piped;
-
-/// A progress bar on standard error with message and time left. Where standard error is no terminal, a plain line every few seconds.
-#[must_use]
-pub fn progress(length: u64, label: &str) -> ProgressBar {
-    let bar = if std::io::stderr().is_terminal() {
-        let bar = ProgressBar::new(length);
-        if let Ok(style) = ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}% {msg} {eta}") {
-            bar.set_style(style.progress_chars("=> "));
-        }
-        bar
-    } else {
-        let target = ProgressDrawTarget::term_like_with_hz(Box::new(piped::Piped::stderr()), 1);
-        ProgressBar::with_draw_target(Some(length), target).with_style(plain_style())
-    };
-    bar.set_prefix(label.to_owned());
-    bar
-}
-
-/// A line of a log.
-fn plain_style() -> ProgressStyle {
-    ProgressStyle::with_template("{prefix}: {percent} % {msg}, {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 #[cfg(test)]

@@ -125,7 +125,7 @@ mod tests {
         let kept = Kept::default();
         let target = indicatif::ProgressDrawTarget::term_like_with_hz(Box::new(Piped::new(kept.clone(), first_after, every)), 100);
         let bar = indicatif::ProgressBar::with_draw_target(Some(30), target);
-        bar.set_style(super::super::plain_style());
+        bar.set_style(crate::progress::plain_style());
         bar.set_prefix("count");
         for _ in 0..30 {
             bar.inc(1);

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
+use std::time::Instant;
 
 /// What a process knows about its run.
 struct Run {
@@ -14,8 +15,16 @@ struct Run {
 
 static RUN: Mutex<Run> = Mutex::new(Run { version: String::new(), seed: None, inputs: BTreeMap::new() });
 
+static BEGAN: OnceLock<Instant> = OnceLock::new();
+
+/// Time since the command began, s.
+pub(super) fn elapsed_s() -> f64 {
+    BEGAN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
 /// Says what a command line was; without it, as in another program's tests, results carry no provenance.
 pub fn begin(version: &str, seed: Option<u64>) {
+    BEGAN.get_or_init(Instant::now);
     if let Ok(mut run) = RUN.lock() {
         (run.version, run.seed) = (version.to_owned(), seed);
     }

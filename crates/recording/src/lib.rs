@@ -44,6 +44,7 @@ pub use columns::{ColumnMap, ColumnName, signal};
 pub use error::RecordingError;
 pub use note::{Note, Subject};
 pub use options::{Prepare, ReadOptions, Resample};
+pub use parts::LARGEST;
 pub use read::{files, load, load_with, parse, read};
 pub use write::{ENDINGS, encode, write, write_as};
 

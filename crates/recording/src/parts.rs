@@ -17,7 +17,7 @@ const LONGEST_NAME: usize = 300;
 /// Numbers that are kept of one file, at most: 384 MB.
 pub(super) const MOST_VALUES: usize = 48 << 20;
 /// No sensor reads more, in any unit: squares and products of such numbers stay finite.
-const LARGEST: f64 = 1e30;
+pub const LARGEST: f64 = 1e30;
 
 /// What a file holds.
 pub(super) struct Read {

@@ -3,7 +3,6 @@
 
 use std::io::Write;
 
-use fuzz::mutate::mutated;
 use fuzz::targets::{self, Wrong};
 
 fn main() {
@@ -18,10 +17,11 @@ fn main() {
         let own = 256 << 20;
         rlimit::setrlimit(rlimit::Resource::AS, fuzz::MEMORY_BYTES + own, fuzz::MEMORY_BYTES + own).expect("a limit");
     }
+    let files = (target.files)();
     let mut out = std::io::stdout().lock();
     let mut accepted = 0;
     for number in first..first + count {
-        let bytes = mutated(&target.files, seed, number);
+        let bytes = target.input(&files, seed, number);
         writeln!(out, "{number}").and_then(|()| out.flush()).expect("a parent that listens");
         match (target.read)(&bytes) {
             Ok(()) => accepted += 1,

@@ -61,9 +61,6 @@ struct Discover {
     /// The virtual rig.
     #[arg(long, value_enum, default_value = "physics")]
     rig: Generator,
-    /// Print every case.
-    #[arg(long)]
-    verbose: bool,
     /// Go on with an interrupted run: cases that are in the file of --json already are not run again.
     #[arg(long, requires = "json")]
     resume: bool,
@@ -99,9 +96,7 @@ fn run_control(control: &Control) -> Result<Outcome> {
             row.max_mm
         );
     }
-    if let Some(path) = &control.common.json {
-        crate::output::write_json(path, &table)?;
-    }
+    control.common.write("Control, measured", "Controllers on virtual rigs.", &table, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -127,7 +122,7 @@ fn run_discover(discover: &Discover) -> Result<Outcome> {
     };
     let results = corpus::run(&config, done, |cases| {
         let Some(case) = cases.last() else { return Ok(()) };
-        if discover.verbose {
+        if crate::output::loudness() == crate::output::Loudness::Verbose {
             crate::say!(
                 "{:<4}{:<32}{:>5} {:<10}{:<40} gap {:.3} rmse {:.5} {:.5} floor {:.5} left {:.3} {:.2} s  [{}] 2nd {}",
                 if corpus::right(case) { "" } else { "***" },

@@ -17,9 +17,6 @@ use crate::{output, report, say};
 pub struct Arguments {
     #[command(flatten)]
     data: Data,
-    /// Write a report with pictures to this file.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".html"))]
-    html: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -34,15 +31,17 @@ const TOLD_APART: usize = 3;
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let recordings = arguments.data.load()?;
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
-    let outputs: Vec<&Path> = arguments.common.json.as_deref().into_iter().chain(arguments.html.as_deref()).collect();
+    let outputs: Vec<&Path> = arguments.common.files().collect();
     output::refuse_overwriting(&inputs, &outputs)?;
+    let working = output::working("check", "clocks, noise, what repeats");
     let check = check(&recordings);
+    drop(working);
     print(&check, &recordings);
     tell_limits(&recordings, super::lab::find()?.and_then(|lab| lab.limits.maximum_pressure_bar));
     if let Some(path) = &arguments.common.json {
         output::write_result(path, &check)?;
     }
-    if let Some(path) = &arguments.html {
+    if let Some(path) = &arguments.common.html {
         output::write_atomic(path, report::check::page(&check, &recordings).as_bytes())?;
     }
     Ok(Outcome::Success)

@@ -20,9 +20,6 @@ pub struct Arguments {
     /// Format of the files in a folder.
     #[arg(long, value_name = "FORMAT", value_parser = ENDINGS)]
     to: Option<String>,
-    /// Replace earlier files.
-    #[arg(long)]
-    force: bool,
     #[command(flatten)]
     reading: Reading,
 }
@@ -37,7 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let outputs: Vec<&Path> = names.iter().map(PathBuf::as_path).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
-    if let Some(there) = names.iter().find(|path| path.exists() && !arguments.force) {
+    if let Some(there) = names.iter().find(|path| path.exists() && !output::may_replace()) {
         anyhow::bail!("{}: exists already; choose another name, or say --force to replace it", there.display());
     }
     for (recording, path) in recordings.iter().zip(&names) {

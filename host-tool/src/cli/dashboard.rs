@@ -89,7 +89,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let server = Server::bind(config)?;
     let addresses = server.addresses();
     let first = addresses.first().map(|(_, address)| address.clone()).context("no role is given out")?;
-    say!("listening on {first}");
+    // Scripts read it, with --quiet, too.
+    output::print_bytes(format!("listening on {first}\n").as_bytes());
     for (role, address) in addresses.iter().skip(1) {
         say!("to {} only: {address}", role.name());
     }
@@ -164,7 +165,8 @@ fn check(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
 }
 
 fn identify(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
-    line("identify", data, &[("--out", &folder.join("model.toml")), ("--json", &folder.join("result.json"))])
+    let [model, result, page] = ["model.toml", "result.json", "report.html"].map(|name| folder.join(name));
+    line("identify", data, &[("--out", &model), ("--json", &result), ("--html", &page)])
 }
 
 fn fit(data: &[PathBuf], folder: &Path) -> Vec<OsString> {

@@ -41,5 +41,6 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(path) = &arguments.common.json {
         output::write_result(path, &demo)?;
     }
+    arguments.common.copy_page(&out.join("report.html"))?;
     Ok(if demo.passed { Outcome::Success } else { Outcome::CheckFailed })
 }

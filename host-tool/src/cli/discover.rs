@@ -31,7 +31,7 @@ pub struct Arguments {
     /// Effects of your own that take part, TOML files; may be repeated.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     effects: Vec<PathBuf>,
-    /// Folder for the model and the result.
+    /// Folder for the model and the result; where it holds something already, a number is added to its name.
     #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
     out: PathBuf,
     #[command(flatten)]
@@ -43,8 +43,10 @@ pub struct Arguments {
 /// # Errors
 /// On bad input or when the result cannot be written.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let outputs = folder::FILES.map(|name| arguments.out.join(name));
-    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
+    // Typed twice, the second leaves the first as it is.
+    let out = output::free_folder(&arguments.out);
+    let outputs = folder::FILES.map(|name| out.join(name));
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.files()).collect();
     let recordings = arguments.data.load()?;
     let kept =
         if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options()?)? };
@@ -60,7 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(threads) = arguments.common.threads {
         config.threads = threads;
     }
-    let bar = output::progress(5, "discover");
+    let bar = output::stages(5, "discover");
     let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| {
         bar.set_message(stage.to_owned());
         bar.inc(1);
@@ -68,13 +70,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     bar.finish_and_clear();
     let discovery = &finding.discovery;
     let page = crate::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
-    let Written { model, for_the_board } = folder::write(&finding, &recordings, &page, &arguments.out)?;
+    let Written { model, for_the_board } = folder::write(&finding, &recordings, &page, &out)?;
     if let Some(path) = &arguments.common.json {
         output::write_result(path, discovery)?;
     }
-    tell(discovery, &model, arguments);
+    arguments.common.copy_page(&out.join("report.html"))?;
+    tell(discovery, &model, &out);
     match for_the_board {
-        Ok(_) => say!("For the microcontroller: catheter export {} ...", arguments.out.join("microcontroller.toml").display()),
+        Ok(_) => say!("For the microcontroller: catheter export {} ...", out.join("microcontroller.toml").display()),
         Err(effect) => say!("The microcontroller does not know {effect}: this model runs on the desktop only."),
     }
     Ok(Outcome::Success)
@@ -87,7 +90,7 @@ fn start_from(path: &Path, recordings: &[Recording], kept: &[Recording]) -> Resu
 }
 
 /// Says what was found.
-fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
+fn tell(discovery: &Discovery, model: &DiscoveredModel, out: &Path) {
     let unit = &model.output.unit;
     say!("{}", discovery.summary);
     say!("{}", report::discovery::headline(discovery));
@@ -104,7 +107,7 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
         let words = if second.separable { "told apart by these recordings" } else { "not told apart by these recordings" };
         say!("Second best: {}, {words}.", second.name);
         if !second.separable {
-            let (first, second) = (arguments.out.join("model.toml"), arguments.out.join("runner_up.toml"));
+            let (first, second) = (out.join("model.toml"), out.join("runner_up.toml"));
             say!("The experiment that would: catheter plan-experiment --models {} {} --out next.toml", first.display(), second.display());
         }
     }
@@ -130,5 +133,5 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, arguments: &Arguments) {
         let names = discovery.side_unknown.join(", ");
         say!("These figures leave out {names}: made about when the set-up changed, and the other recordings do not tell on which side.");
     }
-    say!("Model in {}, report in {}", arguments.out.join("model.toml").display(), arguments.out.join("report.html").display());
+    say!("Model in {}, report in {}", out.join("model.toml").display(), out.join("report.html").display());
 }

@@ -52,9 +52,6 @@ pub struct Arguments {
     /// Further models for the ladder.
     #[arg(long, num_args = 1.., value_name = "FILE", requires = "ladder")]
     compare: Vec<PathBuf>,
-    /// Write a self-contained report with plots.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(".html"))]
-    html: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -108,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs = arguments.data.data.clone();
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.reference.iter().chain(&arguments.ladder_train).chain(&arguments.compare).cloned());
-    let outputs: Vec<&Path> = arguments.common.json.as_deref().into_iter().chain(arguments.html.as_deref()).collect();
+    let outputs: Vec<&Path> = arguments.common.files().collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let model = model::load(&arguments.model)?;
     let reference = arguments.reference.as_deref().map(model::load).transpose()?;
@@ -127,6 +124,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let judging = Judging { fit, skip_s: skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
+    let working = output::working("evaluate", "the model on the recordings");
     let judged = judge(&*model, &recordings, judging, threads)?;
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
@@ -147,6 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         }
         _ => None,
     };
+    drop(working);
     print_errors(&*model, &files, &families, calibrated.as_ref());
     if let Some(calibrated) = &calibrated {
         let unit = &model.description().output.unit;
@@ -167,7 +166,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     promise.nuisances.iter().for_each(|one| say!("when it was fitted, {}; that is no part of the model", one.sentence()));
     beyond.iter().for_each(|one| say!("warning: {}", one.sentence()));
+    let working = output::working("evaluate", "the ladder");
     let ladder = if arguments.ladder { Some(climb(arguments, &*model, &recordings, judging, threads)?) } else { None };
+    drop(working);
     if let Some(ladder) = &ladder {
         print_ladder(ladder, &model.description().output.unit);
     }
@@ -191,6 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             seed: arguments.common.seed,
             threads,
         };
+        let _working = output::working("evaluate", "the acceptance suite");
         Some(suite::run(&request)?)
     } else {
         None
@@ -219,7 +221,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         };
         output::write_result(path, &written)?;
     }
-    if let Some(path) = &arguments.html {
+    if let Some(path) = &arguments.common.html {
         let examples = report::examples("model", &recordings, &judged);
         let page = report::evaluation_page(model.description(), &examples, &families, ladder.as_ref(), suite.as_ref());
         output::write_atomic(path, page.as_bytes())?;

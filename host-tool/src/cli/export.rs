@@ -77,8 +77,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.compensation.clone());
     refuse_overwriting(arguments, c.as_ref(), &inputs)?;
+    let working = output::working("export", "calibrating and quantising");
     let export =
         export::export_with(&model, &recordings, compensation).with_context(|| format!("cannot export {}", arguments.model.display()))?;
+    drop(working);
     if let Some(c) = &c {
         write_c(c, &blob::decode(&export.bytes)?)?;
     }
@@ -87,10 +89,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         say!("{}: {} bytes", out.display(), export.bytes.len());
     }
     print(&model, &export, recordings.len());
-    if let Some(path) = &arguments.common.json {
-        let summary = Summary::of(&model, &export, c.map(CFiles::into_paths).unwrap_or_default());
-        output::write_result(path, &summary)?;
-    }
+    let summary = Summary::of(&model, &export, c.map(CFiles::into_paths).unwrap_or_default());
+    let lead = format!("{} for the microcontroller: what fixed point changes, and what a step costs.", arguments.model.display());
+    arguments.common.write("A model in fixed point", &lead, &summary, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -111,10 +112,8 @@ fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
     }
     refuse_overwriting(arguments, Some(c), std::slice::from_ref(path))?;
     write_c(c, &blob).with_context(|| format!("cannot export {}", path.display()))?;
-    if let Some(json) = &arguments.common.json {
-        let summary = Summary::of_blob(&bytes, &blob, vec![c.source.clone(), c.header.clone()]);
-        output::write_result(json, &summary)?;
-    }
+    let summary = Summary::of_blob(&bytes, &blob, vec![c.source.clone(), c.header.clone()]);
+    arguments.common.write("A model as C", &format!("{} as C.", path.display()), &summary, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -128,7 +127,7 @@ fn write_c(files: &CFiles, blob: &Blob<'_>) -> Result<()> {
 }
 
 fn refuse_overwriting(arguments: &Arguments, c: Option<&CFiles>, inputs: &[PathBuf]) -> Result<()> {
-    let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.json.as_deref()).collect();
+    let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.files()).collect();
     outputs.extend(c.iter().flat_map(|c| [c.source.as_path(), c.header.as_path()]));
     output::refuse_overwriting(inputs, &outputs)
 }

@@ -30,7 +30,7 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     data: Data,
-    /// Folder for the results; files of an earlier fit in it are replaced.
+    /// Folder for the results; where it holds something already, a number is added to its name. With `--force` an earlier fit is replaced.
     #[arg(long, value_name = "DIR", value_parser = output::folder_argument())]
     out: PathBuf,
     /// Leave the network rungs out.
@@ -82,12 +82,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     );
     let recordings = arguments.data.load()?;
     let inputs: Vec<PathBuf> = recordings.iter().map(|recording| recording.file()).collect();
-    let model_path = arguments.out.join("model");
-    let written = folder::files(&arguments.out);
-    if let Some(json) = arguments.common.json.as_ref().filter(|json| written.contains(json)) {
-        anyhow::bail!("--json {}: the fit writes a file of that name itself; choose another", json.display());
+    // Typed twice, the second leaves the first as it is.
+    let out = output::free_folder(&arguments.out);
+    let model_path = out.join("model");
+    let written = folder::files(&out);
+    if let Some(json) = arguments.common.files().find(|file| written.iter().any(|one| one == file)) {
+        anyhow::bail!("{}: the fit writes a file of that name itself; choose another", json.display());
     }
-    let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.json.as_deref()).collect();
+    let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.files()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let settings = Settings {
@@ -134,9 +136,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(error) = failed.into_inner().ok().flatten() {
         return Err(error);
     }
-    let blob = folder::write(&fitted, &crate::report::fit::page(&fitted), &arguments.out)?;
+    let blob = folder::write(&fitted, &crate::report::fit::page(&fitted), &out)?;
     print(&fitted, &model_path, blob.as_ref());
-    say!("report: {}", arguments.out.join(folder::REPORT).display());
+    arguments.common.copy_page(&out.join(folder::REPORT))?;
+    say!("report: {}", out.join(folder::REPORT).display());
     if let Some(path) = &arguments.common.json {
         let range = &fitted.prepared.output;
         let summary = Summary {

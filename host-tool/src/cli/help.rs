@@ -191,6 +191,12 @@ Examples:
   catheter completions fish > ~/.config/fish/completions/catheter.fish
   catheter completions zsh > ~/.zfunc/_catheter";
 
+/// Below the help of `man`.
+pub const MAN: &str = "\
+Examples:
+  catheter man ~/.local/share/man/man1
+  catheter man manual";
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
@@ -209,10 +215,20 @@ mod tests {
     /// The README and the book; `$ catheter` there is a command to type.
     fn book() -> Vec<String> {
         let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        let mut pages = vec![root.join("README.md")];
-        pages.extend(std::fs::read_dir(root.join("docs")).expect("the book").map(|entry| entry.expect("an entry of a folder").path()));
-        let pages = pages.iter().filter(|page| page.extension().is_some_and(|ending| ending == "md"));
-        pages.map(|page| joined(&std::fs::read_to_string(page).expect("a page of the book")).replace("$ catheter ", "catheter ")).collect()
+        let (mut pages, mut folders) = (vec![root.join("README.md")], vec![root.join("docs")]);
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).expect("a folder of the book") {
+                let path = entry.expect("an entry of a folder").path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else if path.extension().is_some_and(|ending| ending == "md") {
+                    pages.push(path);
+                }
+            }
+        }
+        let texts = pages.iter().map(|page| std::fs::read_to_string(page).expect("a page of the book"));
+        // What a program wrote is no example.
+        texts.filter(|text| !text.contains("<!-- generated")).map(|text| joined(&text).replace("$ catheter ", "catheter ")).collect()
     }
 
     /// Lines that a backslash at their end joins to the next, as one.

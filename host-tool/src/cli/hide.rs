@@ -62,20 +62,17 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         measured_pressure: arguments.measured_pressure,
     };
     let case = rig::hide(&config)?;
-    rig::write(&arguments.out, &case)?;
+    let out = crate::output::free_folder(&arguments.out);
+    rig::write(&out, &case)?;
     crate::say!(
         "{} recordings in {}, {} kept-out recordings in {}, the truth in {}",
         case.recordings.len(),
-        arguments.out.join("recordings").display(),
+        out.join("recordings").display(),
         case.kept_out.len(),
-        arguments.out.join("holdout").display(),
-        arguments.out.join("truth.sealed.json").display()
+        out.join("holdout").display(),
+        out.join("truth.sealed.json").display()
     );
-    if let Some(path) = &arguments.common.json {
-        crate::output::write_json(
-            path,
-            &serde_json::json!({"recordings": case.recordings.len(), "holdout": case.kept_out.len(), "noise_mm": case.truth.noise_mm}),
-        )?;
-    }
+    let result = serde_json::json!({"recordings": case.recordings.len(), "holdout": case.kept_out.len(), "noise_mm": case.truth.noise_mm});
+    arguments.common.write("Recordings with a hidden effect", "What was made; the truth is in a file of its own.", &result, |_| {})?;
     Ok(Outcome::Success)
 }

@@ -6,10 +6,13 @@ use anyhow::Result;
 use serde::Serialize;
 
 use super::{Common, Data, Outcome};
+use crate::evaluate::{FamilyErrors, Judging, by_family, judge};
 use crate::identify::choose::Judged;
 use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
+use crate::model::PhysicsPredictor;
 use crate::recording::{self, Recording, Timing};
-use crate::{output, say};
+use crate::report::Example;
+use crate::{output, report, say};
 
 /// Fit a physics model to recordings.
 ///
@@ -155,7 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![arguments.out.as_path()];
-    outputs.extend(arguments.common.json.as_deref());
+    outputs.extend(arguments.common.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     // A setting that the user gave is kept in every kind.
@@ -171,16 +174,53 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             .collect(),
         _ => vec![("this model".to_owned(), config.clone())],
     };
-    let (kinds, chosen) = identify::choose::judge(&recordings, &candidates, threads)?;
+    let bar = output::progress(0, "identify");
+    bar.set_message("kinds of model, on what is left out");
+    let told = |done: usize, of: usize| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    };
+    let (kinds, chosen) = identify::choose::judge(&recordings, &candidates, threads, &told)?;
+    bar.finish_and_clear();
+    let working = output::working("identify", "the model of all recordings");
     let config = candidates.get(chosen).map_or(config, |(_, config)| config.clone());
     let fit = identify::fit(&recordings, &config)?;
+    drop(working);
     fit.model.write(&arguments.out)?;
-    if let Some(path) = &arguments.common.json {
-        output::write_result(path, &summary(&fit, &recordings, &kinds, chosen))?;
+    if arguments.common.files().next().is_some() {
+        let result = summary(&fit, &recordings, &kinds, chosen);
+        let drawn = drawn(&fit, &recordings, arguments, skip_s, threads)?;
+        let lead = format!(
+            "{}: {} operators, RMSE {:.3e} {} on the recordings it was fitted to.",
+            arguments.out.display(),
+            fit.model.thresholds.len(),
+            fit.rmse,
+            fit.model.output.unit
+        );
+        arguments
+            .common
+            .write("A physics model", &lead, &result, |page| report::on_recordings(page, &drawn.0, &drawn.1, &fit.model.output.unit))?;
     }
     print(&fit, &recordings, arguments);
     print_kinds(&kinds, chosen, &fit.model.output.unit);
     Ok(Outcome::Success)
+}
+
+/// What the page shows of the model on the recordings: an example of each family, and the errors. Nothing without a page.
+fn drawn(
+    fit: &Fit,
+    recordings: &[Recording],
+    arguments: &Arguments,
+    skip_s: f64,
+    threads: usize,
+) -> Result<(Vec<Example>, Vec<FamilyErrors>)> {
+    if arguments.common.html.is_none() {
+        return Ok((Vec::new(), Vec::new()));
+    }
+    let model = PhysicsPredictor::new(fit.model.clone(), &arguments.out);
+    let judged = judge(&model, recordings, Judging { skip_s, ..Judging::default() }, threads)?;
+    let examples = report::examples("model", recordings, &judged);
+    Ok((examples, by_family(judged.iter().map(|judged| &judged.errors))))
 }
 
 fn summary<'a>(fit: &'a Fit, recordings: &'a [Recording], kinds: &'a [Judged], chosen: usize) -> Summary<'a> {

@@ -24,9 +24,6 @@ pub struct Arguments {
     /// What no pressure may exceed, bar.
     #[arg(long, value_name = "BAR", value_parser = seconds)]
     maximum_pressure_bar: Option<f64>,
-    /// Replace an earlier file.
-    #[arg(long)]
-    force: bool,
     #[command(flatten)]
     reading: Reading,
 }
@@ -37,7 +34,7 @@ pub struct Arguments {
 /// When there is a file already, an option makes no sense, or the recordings cannot be read so.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let path = arguments.folder.join(FILE);
-    ensure!(arguments.force || !path.exists(), "{}: exists already; say --force to replace it", path.display());
+    ensure!(output::may_replace() || !path.exists(), "{}: exists already; say --force to replace it", path.display());
     let reading = &arguments.reading;
     let lab = Lab {
         recordings: Recordings {

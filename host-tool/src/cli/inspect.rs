@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::{Common, Outcome};
 use crate::export::hexadecimal;
 use crate::network::described;
-use crate::{output, say};
+use crate::say;
 
 /// Print everything about a model, and check it.
 ///
@@ -116,9 +116,7 @@ fn describe(arguments: &Arguments) -> Result<Outcome> {
     say!("  parameters    {}", description.parameters);
     say!("  step          {} multiplications", description.macs_per_step);
     say!("`catheter export` makes a blob of what the microcontroller can run; `inspect` of a blob tells its memory and cost there.");
-    if let Some(path) = &arguments.common.json {
-        output::write_json(path, &description)?;
-    }
+    arguments.common.write("A model", &format!("{}: {}.", arguments.blob.display(), description.kind), &description, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -185,7 +183,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         if golden_check.same_bits { "as exported" } else { "DIFFER from the export" }
     );
     let outcome = if golden_check.passed { Outcome::Success } else { Outcome::CheckFailed };
-    if let Some(json) = &arguments.common.json {
+    if arguments.common.files().next().is_some() {
         let summary = Summary {
             schema_version: blob.schema_version,
             bytes: bytes.len(),
@@ -199,7 +197,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             cost,
             golden_check,
         };
-        output::write_result(json, &summary)?;
+        arguments.common.write(
+            "A blob",
+            &format!("{path}: what is in it, and whether it does what it did when it was made."),
+            &summary,
+            |_| {},
+        )?;
     }
     Ok(outcome)
 }

@@ -40,7 +40,7 @@ pub struct Arguments {
 /// # Errors
 /// On models that do not belong together, or limits that nothing fits.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let outputs = std::iter::once(arguments.out.as_path()).chain(arguments.common.json.as_deref()).collect::<Vec<_>>();
+    let outputs = std::iter::once(arguments.out.as_path()).chain(arguments.common.files()).collect::<Vec<_>>();
     output::refuse_overwriting(&arguments.models, &outputs)?;
     for (name, value) in
         [("--maximum-pressure-bar", arguments.maximum_pressure_bar), ("--maximum-slew-bar-per-s", arguments.maximum_slew_bar_per_s)]
@@ -59,12 +59,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         maximum_slew_bar_per_s: arguments.maximum_slew_bar_per_s,
         ..Limits::default()
     };
+    let working = output::working("plan", "both models on every excitation");
     let plans = plan::rank(&first, &second, noise, &limits, arguments.common.seed)?;
+    drop(working);
     let best = &plans[0];
     output::write_atomic(&arguments.out, excitation::to_toml(&best.excitation).as_bytes())?;
-    if let Some(path) = &arguments.common.json {
-        output::write_result(path, &serde_json::json!({ "best": best.name, "noise": noise, "plans": plans }))?;
-    }
+    let result = serde_json::json!({ "best": best.name, "noise": noise, "plans": plans });
+    arguments.common.write("Which experiment tells two models apart?", &format!("The best is {}.", best.name), &result, |_| {})?;
     let unit = &first.output.unit;
     let width = plans.iter().map(|plan| plan.name.len()).max().unwrap_or(0);
     say!("{:width$}  {:>14}  {:>22}", "excitation", format!("differ by/{unit}"), "ln(likelihood ratio)");

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::lab;
 use crate::recording::{self, Prepare, ReadOptions, Recording, Resample, Subject};
-use crate::say;
+use crate::{output, say};
 
 /// What columns mean, and what is done to recordings before they are used.
 #[derive(Args, Clone, Debug, Default)]
@@ -131,6 +131,9 @@ impl Reading {
         };
         anyhow::ensure!(!paths.is_empty(), "--data is missing: name recordings, or their folder; or let `catheter init` write it down");
         let recordings = recording::load_with(paths, options)?;
+        for one in &recordings {
+            output::detail!("read {}: {} samples, {} s apart", one.path.display(), one.len(), one.sample_period_s);
+        }
         tell(&recordings);
         Ok(recordings)
     }

@@ -11,7 +11,7 @@ use crate::excitation::{self, Limits};
 use crate::plant::Plant;
 use crate::plant::dataset::{self, Dataset, SetKind};
 use crate::recording::{self, Recording};
-use crate::{output, say};
+use crate::{output, report, say};
 
 /// Make data sets with the simulated rig.
 ///
@@ -119,9 +119,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             })
             .collect(),
     };
-    if let Some(path) = &arguments.common.json {
-        output::write_result(path, &summary)?;
-    }
+    arguments.common.write("Simulated recordings", &format!("What the plant {} did.", arguments.plant), &summary, |page| {
+        let longest = recordings.iter().take(4).collect::<Vec<_>>();
+        longest.into_iter().for_each(|recording| report::check::picture(page, recording));
+    })?;
     let samples: usize = summary.files.iter().map(|file| file.n).sum();
     let peak = summary.files.iter().map(|file| file.peak_pressure_bar).fold(f64::NEG_INFINITY, f64::max);
     say!("{} recording(s), {samples} samples, peak {peak:.3} bar -> {}", summary.files.len(), arguments.out.display());
@@ -130,6 +131,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 fn simulate_set(kind: SetKind, arguments: &Arguments, limits: &Limits, plant: &Plant) -> Result<Vec<Recording>> {
     output::check_folder(&arguments.out).map_err(|problem| anyhow::anyhow!("{}: {problem}", arguments.out.display()))?;
+    let earlier = arguments.out.join("train");
+    anyhow::ensure!(
+        output::may_replace() || !earlier.exists(),
+        "{}: exists already; choose another folder, or say --force to replace its recordings",
+        earlier.display()
+    );
+    let working = output::working("simulate", "playing excitations");
     let config = SetConfig {
         seed: arguments.common.seed,
         amplitude_bar: arguments.amplitude_bar,
@@ -138,6 +146,7 @@ fn simulate_set(kind: SetKind, arguments: &Arguments, limits: &Limits, plant: &P
         ..SetConfig::default()
     };
     let set = Dataset::simulate(kind, &config, limits, plant, &arguments.out)?;
+    working.say("writing recordings");
     set.write(&arguments.out, plant)?;
     Ok(set.made.into_iter().map(|made| made.recording).collect())
 }
@@ -152,6 +161,7 @@ fn play_file(file: &Path, arguments: &Arguments, limits: &Limits, plant: &Plant)
     let path = if is_file { arguments.out.clone() } else { arguments.out.join(format!("{stem}.csv")) };
     output::check_file(&path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))?;
     output::refuse_overwriting(&[file.to_path_buf()], &[&path])?;
+    output::refuse_replacing(&path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))?;
     let recording = dataset::play(&excitation, limits, plant, &path).with_context(|| file.display().to_string())?;
     recording::write(&path, &recording)?;
     Ok(recording)

@@ -45,7 +45,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
     /// The virtual rig.
-    #[arg(long, value_enum, default_value_t = Preset::AllEffects)]
+    #[arg(long, value_enum, alias = "plant", default_value_t = Preset::AllEffects)]
     preset: Preset,
     /// Name of a reference, or a CSV file.
     #[arg(long, value_name = "FILE|NAME")]
@@ -78,9 +78,6 @@ pub struct Arguments {
     /// Lowest and highest displacement of a named reference, mm; where the recordings lay when absent.
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_reach)]
     reach_mm: Option<Reach>,
-    /// Write a page with plots.
-    #[arg(long = "html", alias = "report", value_name = "FILE.html", value_parser = output::file_argument("html"))]
-    report: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -187,7 +184,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let control = match given {
                 Some(control) => control,
                 None => {
+                    let working = output::working("track", "tuning on recordings of the virtual rig");
                     let (tuned, recordings) = compare::tune_virtual_rig(seed, seed)?;
+                    drop(working);
                     if let Some(folder) = &arguments.keep {
                         for recording in &recordings {
                             recording::write(&folder.join("recordings").join(&recording.path), recording)?;
@@ -202,18 +201,25 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             if beyond.is_empty() {
                 note_what_is_out_of_reach(&reference, control.reach());
             }
+            // The same reference for each: their times are alike.
+            let bar = output::progress(chosen.len() as u64, "track");
             let one = |controller: &Controller| -> Result<Run> {
+                bar.set_message(controller.name);
+                bar.tick();
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
                 let blob = control.blob_for(*controller, inverse.as_deref());
                 let on = Simulated { arguments, settings, blob, controller: *controller, reference: &reference };
-                match simulated {
+                let run = match simulated {
                     Backend::Qemu => on.run(rig::emulator(arguments.image.as_deref())?, "qemu"),
                     Backend::BoardModel => on.run_traced(rig::board_model(arguments.image.as_deref())?, BOARD_MODEL),
                     _ => on.run(InProcess::new(FlashMemory::default()), "virtual"),
-                }
+                };
+                bar.inc(1);
+                run
             };
             let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
+            bar.finish_and_clear();
             (reference, beyond, runs)
         }
     };
@@ -231,7 +237,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             recording::write(&path, &run.recording(&path)?)?;
         }
     }
-    if let Some(path) = &arguments.report {
+    if let Some(path) = &arguments.common.html {
         let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).chain(missed.iter().cloned()).collect();
         let rig = match backend {
             Backend::Virtual => "the all-effects rig",

@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     inputs.extend(arguments.config.clone());
     let mut outputs = vec![arguments.out.as_path()];
-    outputs.extend(arguments.common.json.as_deref());
+    outputs.extend(arguments.common.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let plan = CheckpointPlan {
@@ -140,6 +140,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         resume: arguments.resume,
         stop_after: arguments.stop_after_steps,
     };
+    // Hours of somebody's computer may be in it.
+    if let Some(path) = plan.path.as_ref().filter(|path| path.exists() && !arguments.resume && !output::may_replace()) {
+        bail!("{}: an interrupted training left it; say --resume to go on with that, or --force to begin anew", path.display());
+    }
     let unit = recordings.first().map_or(String::new(), |recording| recording.output_signal.unit.clone());
     let bar = output::progress(0, "train");
     let mut show = |progress: Progress| {
@@ -175,6 +179,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             report.val_rmse,
             report.val_rmse_front_end,
         );
+        if report.ended == Ended::EarlyStop {
+            crate::say!(
+                "stopped after {} of {} steps: {} validations without improvement; the best weights are kept",
+                report.optimiser_steps,
+                report.planned_steps,
+                config.patience
+            );
+        }
         let [low, high] = next_interval(&report, recordings.len());
         crate::say!("expect {:.5} {unit} on the next recording, {low:.5} to {high:.5} with 95 %", report.val_rmse);
         if arguments.inverse {
@@ -183,7 +195,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             crate::say!("export it with --compensation, and set control.learned_look_ahead_ms to {ahead_ms:.0}");
         }
     }
-    if let Some(path) = &arguments.common.json {
+    if arguments.common.files().next().is_some() {
         let result = Written {
             report: &report,
             next_interval: next_interval(&report, recordings.len()),
@@ -192,7 +204,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             threads,
             model: arguments.out.display().to_string(),
         };
-        output::write_result(path, &result)?;
+        let lead = format!("{}: {} parameters, validation {:.5} {unit}.", arguments.out.display(), report.parameters, report.val_rmse);
+        arguments.common.write("A trained network", &lead, &result, |page| crate::report::training(page, &report.history, &unit))?;
     }
     Ok(Outcome::Success)
 }

@@ -11,7 +11,7 @@ use super::{Common, Data, Outcome};
 use crate::recording::Recording;
 use crate::track::{CONTROLLERS, SettingValues, controller};
 use crate::tune::{self, Gains, Tuned, simulate::Limits};
-use crate::{output, say, setting_words};
+use crate::{output, report, say, setting_words};
 
 /// Propose controllers from recordings; sends nothing.
 ///
@@ -27,7 +27,7 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     data: Data,
-    /// Folder for `settings.toml` and `control.blob`.
+    /// Folder for `settings.toml` and `control.blob`; where it holds something already, a number is added to its name.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// The controller that the settings choose.
@@ -85,13 +85,17 @@ fn named(settings: &SettingValues) -> BTreeMap<&'static str, serde_json::Value> 
 /// On bad input.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let recordings = arguments.data.load()?;
-    let (settings_path, blob_path) = (arguments.out.join("settings.toml"), arguments.out.join("control.blob"));
+    let out = output::free_folder(&arguments.out);
+    output::check_folder(&out).map_err(|problem| anyhow::anyhow!("--out {}: {problem}", out.display()))?;
+    let (settings_path, blob_path) = (out.join("settings.toml"), out.join("control.blob"));
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![settings_path.as_path(), blob_path.as_path()];
-    outputs.extend(arguments.common.json.as_deref());
+    outputs.extend(arguments.common.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let limits = Limits { ceiling_bar: arguments.ceiling_bar, slew_bar_per_s: arguments.slew_bar_per_s };
+    let working = output::working("tune", "fitting the actuator, then gains for every actuator within its intervals");
     let tuned = tune::tune(&recordings, limits, arguments.common.seed)?;
+    drop(working);
     let chosen = controller(&arguments.controller).context("no such controller")?;
     let settings = named(&tuned.settings(chosen));
     let values: BTreeMap<u16, SettingValue> = tuned.settings(chosen).into_iter().collect();
@@ -100,9 +104,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::write_atomic(&blob_path, &tuned.blob)?;
     print(&tuned);
     say!("settings for {} -> {}, model -> {}", chosen.name, settings_path.display(), blob_path.display());
-    if let Some(path) = &arguments.common.json {
-        output::write_result(path, &summary(&tuned, chosen.name, settings))?;
-    }
+    let lead = format!(
+        "The controller {}: the actuator explains the recordings to {:.4} mm, 95 % of its errors are below {:.4} mm.",
+        chosen.name, tuned.fitted.rmse_mm, tuned.fitted.error_mm
+    );
+    arguments.common.write("A controller from recordings", &lead, &summary(&tuned, chosen.name, settings), |page| {
+        unknown(&tuned).iter().for_each(|warning| page.paragraph(&format!("**Warning:** {warning}")));
+        recordings.iter().take(4).for_each(|recording| report::check::picture(page, recording));
+    })?;
     Ok(Outcome::Success)
 }
 

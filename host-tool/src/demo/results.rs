@@ -38,19 +38,24 @@ impl Demo {
     /// criterion of the suite on the blob, which decides nothing and is told all the same.
     #[must_use]
     pub fn count_of_checks(&self) -> (usize, usize, Vec<String>) {
-        let mut checks: Vec<(String, bool)> = self.checks.iter().map(|check| (check.name.clone(), check.passed)).collect();
-        for rig in &self.rigs {
-            let of_blob = rig.suites.last().map(|suite| &suite.report.criteria[..]).unwrap_or_default();
-            for criterion in of_blob {
-                let name = format!("{}: {}", rig.name, criterion.name);
-                if !checks.iter().any(|(known, _)| *known == name) {
-                    checks.push((name, criterion.passed));
-                }
+        let of_blob = |rig: &Rig| rig.suites.last().map(|suite| suite.report.criteria.clone()).unwrap_or_default();
+        counted(&self.checks, &self.rigs.iter().map(|rig| (rig.name.clone(), of_blob(rig))).collect::<Vec<_>>())
+    }
+}
+
+/// As [`Demo::count_of_checks`], of the checks and of each rig's criteria.
+fn counted(checks: &[Criterion], suites: &[(String, Vec<Criterion>)]) -> (usize, usize, Vec<String>) {
+    let mut all: Vec<(String, bool)> = checks.iter().map(|check| (check.name.clone(), check.passed)).collect();
+    for (rig, criteria) in suites {
+        for criterion in criteria {
+            let name = format!("{rig}: {}", criterion.name);
+            if !all.iter().any(|(known, _)| *known == name) {
+                all.push((name, criterion.passed));
             }
         }
-        let missed: Vec<String> = checks.iter().filter(|(_, passed)| !passed).map(|(name, _)| name.clone()).collect();
-        (checks.len() - missed.len(), checks.len(), missed)
     }
+    let missed: Vec<String> = all.iter().filter(|(_, passed)| !passed).map(|(name, _)| name.clone()).collect();
+    (all.len() - missed.len(), all.len(), missed)
 }
 
 /// One stage.
@@ -148,4 +153,19 @@ pub struct NamedSuite {
     /// The result.
     #[serde(flatten)]
     pub report: SuiteReport,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_headline_counts_every_check_of_the_suite_once_and_names_those_that_failed() {
+        let criterion =
+            |name: &str, passed| Criterion { name: name.into(), what: String::new(), value: 0.0, limit: 1.0, unit: String::new(), passed };
+        let checks = [criterion("effects: recordings", true), criterion("golden vectors", true)];
+        let suite = vec![criterion("recordings", true), criterion("long-run", false), criterion("holds", true)];
+        let (held, all, missed) = counted(&checks, &[("effects".to_owned(), suite)]);
+        assert_eq!((held, all, missed), (3, 4, vec!["effects: long-run".to_owned()]));
+    }
 }

@@ -43,6 +43,26 @@ impl Axis {
         Self { low: floor, high: ceiling.max(floor + 1.0), start, end, logarithmic: true }
     }
 
+    /// The values at the start and at the end of a linear axis.
+    #[must_use]
+    pub fn ends(&self) -> [f64; 2] {
+        [self.low, self.high]
+    }
+
+    /// On a logarithmic axis, two to nine times each decade: where the lines lie closer and closer.
+    #[must_use]
+    pub fn between_decades(&self) -> Vec<f64> {
+        if !self.logarithmic || self.high - self.low > 8.0 {
+            return Vec::new();
+        }
+        let (mut values, mut exponent) = (Vec::new(), self.low);
+        while exponent < self.high {
+            values.extend((2..10).map(|times| f64::from(times) * 10f64.powf(exponent)));
+            exponent += 1.0;
+        }
+        values
+    }
+
     /// The drawing coordinate of a value; on a logarithmic axis what is not positive lies at the start.
     #[must_use]
     pub fn at(&self, value: f64) -> f64 {

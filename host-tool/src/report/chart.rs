@@ -1,6 +1,7 @@
 //! The kinds of plots: lines over a common axis, loops, dots on a logarithmic scale, bars and heat maps.
 
 use super::axis::Axis;
+use super::data::Plot;
 use super::decimate::decimate;
 use super::svg::{Anchor, Svg};
 use super::text::{number, superscript};
@@ -78,7 +79,19 @@ impl Frame {
         Self { left, right, top, bottom, x, y: Axis::over(values, 0.06, bottom, top) }
     }
 
+    /// What the page's script needs of it.
+    fn plot(&self, labels: [&str; 2], series: &[Series]) -> Plot {
+        Plot {
+            frame: [self.left, self.right, self.top, self.bottom],
+            x: self.x.ends(),
+            y: self.y.ends(),
+            labels: labels.map(str::to_owned),
+            series: series.to_vec(),
+        }
+    }
+
     fn grid(&self, svg: &mut Svg, x_label: Option<&str>, y_label: &str, ticks: (usize, usize)) {
+        svg.begin_group(if x_label.is_some() { "ticks below" } else { "ticks" }, "");
         for tick in self.y.ticks(ticks.1) {
             let at = self.y.at(tick.value);
             svg.line("grid", (self.left, at), (self.right, at));
@@ -91,6 +104,7 @@ impl Frame {
                 svg.text("tick", (at, self.bottom + 17.0), Anchor::Middle, &tick.label);
             }
         }
+        svg.end_group();
         svg.line("axis", (self.left, self.bottom), (self.right, self.bottom));
         svg.line("axis", (self.left, self.top), (self.left, self.bottom));
         if let Some(label) = x_label {
@@ -101,10 +115,12 @@ impl Frame {
     }
 
     fn lines(&self, svg: &mut Svg, series: &[Series]) {
-        for line in series {
+        for (number, line) in series.iter().enumerate() {
             let points: Vec<(f64, f64)> =
                 decimate(&line.points, MOST_POINTS).into_iter().map(|(x, y)| (self.x.at(x), self.y.at(y))).collect();
+            svg.begin_group("series", &number.to_string());
             svg.polyline(line.class, &points);
+            svg.end_group();
         }
         if series.iter().all(|line| line.points.is_empty()) {
             let middle = (0.5 * (self.left + self.right), 0.5 * (self.top + self.bottom));
@@ -131,8 +147,10 @@ fn legend<'a>(svg: &mut Svg, series: impl Iterator<Item = &'a Series>, width: f6
     let total: f64 = named.iter().map(|line| extent(line)).sum();
     let mut x = LEFT.min(width - total).max(4.0);
     for line in named {
+        svg.begin_group("entry", &line.name);
         svg.line(line.class, (x, baseline - 4.0), (x + 22.0, baseline - 4.0));
         svg.text("legend", (x + 28.0, baseline), Anchor::Start, &line.name);
+        svg.end_group();
         x += extent(line);
     }
 }
@@ -152,11 +170,15 @@ pub fn panels(caption: Caption<'_>, x_label: &str, width: f64, panels: &[Panel])
         frame.x = common;
         let last = index + 1 == panels.len();
         let lines = if panel.height < 110.0 { 3 } else { 5 };
+        svg.begin_plot(frame.plot([x_label, &panel.label], &panel.series));
         frame.grid(&mut svg, last.then_some(x_label), &panel.label, (8, lines));
         if panel.zero {
+            svg.begin_group("zeros", "");
             svg.line("zero", (frame.left, frame.y.at(0.0)), (frame.right, frame.y.at(0.0)));
+            svg.end_group();
         }
         frame.lines(&mut svg, &panel.series);
+        svg.end_group();
         top += panel.height + BETWEEN;
     }
     legend(&mut svg, all.iter(), width, 14.0);
@@ -168,8 +190,10 @@ pub fn panels(caption: Caption<'_>, x_label: &str, width: f64, panels: &[Panel])
 pub fn loops(caption: Caption<'_>, x_label: &str, y_label: &str, size: (f64, f64), series: &[Series]) -> Svg {
     let mut svg = Svg::new(size.0, size.1, caption.title, caption.description);
     let frame = Frame::new(LEFT, size.0 - RIGHT, TOP, size.1 - BOTTOM, series, 0.04, false);
+    svg.begin_plot(frame.plot([x_label, y_label], series));
     frame.grid(&mut svg, Some(x_label), y_label, (5, 6));
     frame.lines(&mut svg, series);
+    svg.end_group();
     legend(&mut svg, series.iter(), size.0, 14.0);
     svg
 }
@@ -199,6 +223,9 @@ pub fn dots(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &
     let mut svg = Svg::new(width, bottom + BOTTOM, caption.title, caption.description);
     let high = rows.iter().flat_map(|row| row.dots.iter().map(|dot| dot.1).chain([row.value])).filter(|value| value.is_finite());
     let axis = Axis::decades(floor, high.fold(10.0 * floor, f64::max), NAMES, width - FIGURES);
+    for value in axis.between_decades() {
+        svg.line("grid minor", (axis.at(value), 8.0), (axis.at(value), bottom));
+    }
     for tick in axis.ticks(8) {
         svg.line("grid", (axis.at(tick.value), 8.0), (axis.at(tick.value), bottom));
         svg.text("tick", (axis.at(tick.value), bottom + 17.0), Anchor::Middle, &tick.label);

@@ -4,27 +4,27 @@ use super::chart::{Caption, Panel, Series, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::number;
 use crate::recording::Recording;
-use crate::recording::check::{Check, Checked};
+use crate::recording::check::{Check, Checked, check};
 
 /// Recordings that are drawn; the rest stands in the JSON result.
 const MOST_DRAWN: usize = 12;
 
 /// The whole document.
 #[must_use]
-pub fn page(check: &Check, recordings: &[Recording]) -> String {
+pub fn page(checked: &Check, recordings: &[Recording]) -> String {
     let unit = recordings.first().map_or("", |recording| recording.output_signal.unit.as_str());
     let lead = format!("{} recording(s) as they are, before anything is fitted to them.", recordings.len());
     let mut page = Page::new("What the recordings show", &lead);
     page.section("All recordings");
-    let found = &check.repeatability;
+    let found = &checked.repeatability;
     let known = |value: Option<f64>| value.map_or_else(|| "not known".to_owned(), |value| format!("{} {unit}", number(value, 3)));
     page.tiles(&[
         (known(Some(found.noise)), "sensor **noise**, from sample to sample".to_owned(), None),
         (known(found.repeatability), "what the rig **repeats**: no model gets below it".to_owned(), None),
-        (format!("{} s", number(check.common_period_s, 3)), "the **period** of a fit".to_owned(), None),
+        (format!("{} s", number(checked.common_period_s, 3)), "the **period** of a fit".to_owned(), None),
     ]);
-    table(&mut page, "All recordings together.", &check.lines(unit));
-    for (checked, recording) in check.recordings.iter().zip(recordings).take(MOST_DRAWN) {
+    table(&mut page, "All recordings together.", &checked.lines(unit));
+    for (checked, recording) in checked.recordings.iter().zip(recordings).take(MOST_DRAWN) {
         let name = recording.path.file_name().map_or_else(|| "recording".to_owned(), |name| name.to_string_lossy().into_owned());
         page.section(&name);
         table(&mut page, "What was found.", &checked.lines());
@@ -40,6 +40,13 @@ pub fn page(check: &Check, recordings: &[Recording]) -> String {
 fn table(page: &mut Page, caption: &str, lines: &[(&'static str, String)]) {
     let rows: Vec<Vec<Cell>> = lines.iter().map(|(name, value)| vec![Cell::Text((*name).to_owned()), Cell::Text(value.clone())]).collect();
     page.table(caption, &["what", "value"], &rows, None);
+}
+
+/// A recording as a picture, in a section of its own.
+pub fn picture(page: &mut Page, recording: &Recording) {
+    let name = recording.path.file_name().map_or_else(|| "recording".to_owned(), |name| name.to_string_lossy().into_owned());
+    page.section(&name);
+    draw(page, &name, &check(std::slice::from_ref(recording)).recordings[0], recording);
 }
 
 /// Inputs and output over time, and the loop of the first input.

@@ -7,12 +7,14 @@ mod axis;
 pub mod calibration;
 pub mod chart;
 pub mod check;
+mod data;
 mod decimate;
 pub mod demo;
 pub mod discovery;
 pub mod fit;
 mod page;
 mod primer;
+pub mod result;
 mod sections;
 mod svg;
 pub use output::text;
@@ -30,6 +32,7 @@ use crate::evaluate::suite::SuiteReport;
 use crate::evaluate::{Errors, FamilyErrors, Judged, by_family};
 use crate::model::Description;
 use crate::recording::{Recording, Signal};
+use crate::train::Milestone;
 
 /// Most examples of one report.
 const MOST_EXAMPLES: usize = 8;
@@ -109,6 +112,39 @@ fn example(name: &str, recording: &Recording, judged: &Judged) -> Example {
         first: judged.first,
         predictions: vec![prediction(name, judged)],
     }
+}
+
+/// The errors of a model on recordings, by family, and the worst of each as plots; nothing without any.
+pub fn on_recordings(page: &mut Page, examples: &[Example], families: &[FamilyErrors], unit: &str) {
+    if families.is_empty() {
+        return;
+    }
+    page.section("On the recordings");
+    sections::families(page, families, unit);
+    sections::examples_help(page);
+    sections::examples(page, examples);
+}
+
+/// How a training went: its error and that of validation, on a logarithmic scale.
+pub fn training(page: &mut Page, history: &[Milestone], unit: &str) {
+    page.section("How the training went");
+    let steps: Vec<f64> = history.iter().map(|at| at.steps as f64).collect();
+    let line = |name: &str, class, value: &dyn Fn(&Milestone) -> f64| {
+        let values: Vec<f64> = history.iter().map(|at| value(at).log10()).collect();
+        chart::Series::new(name, class, &steps, &values)
+    };
+    let series = vec![
+        line("training", "one", &|at| at.training_rmse), //
+        line("validation", "model", &|at| at.validation_rmse),
+    ];
+    let panel = chart::Panel { label: format!("log10(RMSE / {unit})"), series, height: 240.0, zero: false };
+    let caption =
+        chart::Caption { title: "Errors over the training", description: "Training and validation error over the optimiser's steps." };
+    page.figure(
+        chart::panels(caption, "optimiser steps", 760.0, &[panel]),
+        page::Width::Full,
+        "Validation runs freely over recordings that are not trained on; the weights with its least error are kept.",
+    );
 }
 
 /// The report of one evaluation.

@@ -1,7 +1,13 @@
-//! One self-contained HTML document: style inside, no script, no external resource, readable in light, dark and on paper.
+//! One self-contained HTML document: style and script inside, no external resource, readable in light, dark, on paper and without the script,
+//! which only adds zooming, reading off values, hiding lines and downloads.
 
 use std::fmt::Write;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use sha2::{Digest, Sha256};
+
+use super::data::{self, Plot};
 use super::svg::Svg;
 use super::text::escape;
 
@@ -12,6 +18,9 @@ pub struct Page {
     contents: Vec<(String, String)>,
     figures: usize,
     open_section: bool,
+    /// Figures whose plots belong together, while their row is open.
+    group: Vec<(String, Vec<Plot>)>,
+    open_row: bool,
 }
 
 /// A cell of a table.
@@ -43,7 +52,7 @@ impl Page {
     #[must_use]
     pub fn new(title: &str, lead: &str) -> Self {
         let body = format!("<header><h1>{}</h1><p class=\"lead\">{}</p></header>", escape(title), escape(lead));
-        Self { title: title.to_owned(), body, contents: Vec::new(), figures: 0, open_section: false }
+        Self { title: title.to_owned(), body, contents: Vec::new(), figures: 0, open_section: false, group: Vec::new(), open_row: false }
     }
 
     /// Starts a section; its heading appears in the contents.
@@ -98,16 +107,26 @@ impl Page {
 
     /// Starts a row of figures.
     pub fn begin_row(&mut self) {
+        self.open_row = true;
         self.body.push_str("<div class=\"row\">");
     }
 
     /// Ends a row of figures.
     pub fn end_row(&mut self) {
         self.body.push_str("</div>");
+        self.open_row = false;
+        self.write_group();
+    }
+
+    /// The numbers behind the figures so far, for the script.
+    fn write_group(&mut self) {
+        if let Some(numbers) = data::group(&std::mem::take(&mut self.group)) {
+            let _ = write!(self.body, "<script type=\"application/json\">{numbers}</script>");
+        }
     }
 
     /// A figure with its caption (`**words**` stand out).
-    pub fn figure(&mut self, svg: Svg, width: Width, caption: &str) {
+    pub fn figure(&mut self, mut svg: Svg, width: Width, caption: &str) {
         self.figures += 1;
         let class = match width {
             Width::Full => "full",
@@ -115,9 +134,14 @@ impl Page {
             Width::Third => "third",
             Width::Half => "half",
         };
-        let drawing = svg.finish(&format!("f{}", self.figures));
+        let id = format!("f{}", self.figures);
+        self.group.push((id.clone(), svg.take_plots()));
+        let drawing = svg.finish(&id);
         let caption = if caption.is_empty() { String::new() } else { format!("<figcaption>{}</figcaption>", emphasised(caption)) };
         let _ = write!(self.body, "<figure class=\"{class}\">{drawing}{caption}</figure>");
+        if !self.open_row {
+            self.write_group();
+        }
     }
 
     /// A table with a caption; the first column names the row.
@@ -162,8 +186,9 @@ impl Page {
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
              <meta name=\"color-scheme\" content=\"light dark\">\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\
-             <title>{}</title><style>{STYLE}</style></head><body>{body}<footer>{}</footer></body></html>\n",
+             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; script-src 'sha256-{}'\">\
+             <title>{}</title><style>{STYLE}</style></head><body>{body}<footer>{}</footer><script>{SCRIPT}</script></body></html>\n",
+            STANDARD.encode(Sha256::digest(SCRIPT)),
             escape(&self.title),
             emphasised(footer)
         )
@@ -189,3 +214,6 @@ fn emphasised(text: &str) -> String {
 }
 
 const STYLE: &str = include_str!("style.css");
+
+/// The only script that the page's policy allows, by its hash.
+const SCRIPT: &str = include_str!("script.js");

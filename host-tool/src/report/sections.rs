@@ -107,6 +107,12 @@ fn one_example(page: &mut Page, example: &Example) {
         &[
             Panel { label: format!("{} / {unit}", output.quantity), series: lines(&example.time_s), height: 206.0, zero: false },
             Panel { label: format!("error / {unit}"), series: error_lines, height: 92.0, zero: true },
+            Panel {
+                label: format!("{} / {}", input.quantity, input.unit),
+                series: vec![Series::new("", "input", &example.time_s, &example.input)],
+                height: 64.0,
+                zero: false,
+            },
         ],
     );
     let loop_plot = loops(
@@ -116,7 +122,7 @@ fn one_example(page: &mut Page, example: &Example) {
         },
         &format!("{} / {}", input.quantity, input.unit),
         &format!("{} / {unit}", output.quantity),
-        (372.0, 388.0),
+        (372.0, 470.0),
         &lines(&example.input),
     );
     page.begin_row();

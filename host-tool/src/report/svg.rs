@@ -4,6 +4,7 @@
 
 use std::fmt::Write;
 
+use super::data::Plot;
 use super::text::escape;
 
 /// A drawing under construction.
@@ -13,6 +14,7 @@ pub struct Svg {
     title: String,
     description: String,
     body: String,
+    plots: Vec<Plot>,
 }
 
 /// How text is placed at its point.
@@ -41,7 +43,29 @@ impl Svg {
     /// see it.
     #[must_use]
     pub fn new(width: f64, height: f64, title: &str, description: &str) -> Self {
-        Self { width, height, title: title.to_owned(), description: description.to_owned(), body: String::new() }
+        Self { width, height, title: title.to_owned(), description: description.to_owned(), body: String::new(), plots: Vec::new() }
+    }
+
+    /// Begins the drawing of a plot, whose numbers the page keeps beside it.
+    pub fn begin_plot(&mut self, plot: Plot) {
+        let _ = write!(self.body, "<g class=\"plot\" data-plot=\"{}\">", self.plots.len());
+        self.plots.push(plot);
+    }
+
+    /// Begins a group of elements of a class.
+    pub fn begin_group(&mut self, class: &str, name: &str) {
+        let name = if name.is_empty() { String::new() } else { format!(" data-n=\"{}\"", escape(name)) };
+        let _ = write!(self.body, "<g class=\"{}\"{name}>", escape(class));
+    }
+
+    /// Ends the newest plot or group.
+    pub fn end_group(&mut self) {
+        self.body.push_str("</g>");
+    }
+
+    /// The plots in the drawing; they are not kept.
+    pub fn take_plots(&mut self) -> Vec<Plot> {
+        std::mem::take(&mut self.plots)
     }
 
     /// A straight line.
@@ -132,7 +156,7 @@ impl Svg {
     pub fn finish(self, id: &str) -> String {
         let id = escape(id);
         format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" role=\"img\" aria-labelledby=\"{id}-t {id}-d\">\
+            "<svg id=\"{id}\" xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" role=\"img\" aria-labelledby=\"{id}-t {id}-d\">\
              <title id=\"{id}-t\">{}</title><desc id=\"{id}-d\">{}</desc>{}</svg>",
             coordinate(self.width),
             coordinate(self.height),

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, colour, dots, heat, loops, panels};
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, bars_from, colour, dots, heat, loops, panels};
 use super::page::{Cell, Width};
 use super::*;
 use crate::evaluate::Errors;
@@ -10,9 +10,11 @@ const CAPTION: Caption<'_> = Caption { title: "a < b & \"c\"", description: "d" 
 
 /// Checks that every element is closed in order and every attribute is quoted, and returns the text of all attributes.
 fn well_formed(markup: &str) -> Vec<String> {
+    // What stands in a script is no markup.
+    let markup = &markup.split("<script").map(|part| part.split_once("</script>").map_or(part, |(_, rest)| rest)).collect::<String>();
     let mut open: Vec<String> = Vec::new();
     let mut attributes = Vec::new();
-    let mut rest = markup;
+    let mut rest = markup.as_str();
     while let Some(start) = rest.find('<') {
         let text = &rest[..start];
         assert!(!text.contains('>'), "a bare > in {text}");
@@ -103,6 +105,49 @@ fn an_error_plot_shows_zero_and_the_same_time_axis_as_the_plot_above() {
 }
 
 #[test]
+fn figures_in_a_row_share_their_numbers_and_each_plot_finds_its_own() {
+    let time: Vec<f64> = (0..50).map(f64::from).collect();
+    let (input, output): (Vec<f64>, Vec<f64>) = time.iter().map(|time| ((0.3 * time).sin(), (0.3 * time - 0.5).sin())).unzip();
+    let mut page = Page::new("t", "l");
+    let panel = |zero| Panel { label: "y / mm".into(), series: vec![Series::new("one", "model", &time, &output)], height: 80.0, zero };
+    page.begin_row();
+    page.figure(panels(CAPTION, "time / s", 500.0, &[panel(false), panel(true)]), Width::TwoThirds, "");
+    page.figure(loops(CAPTION, "u / bar", "y / mm", (300.0, 300.0), &[Series::new("one", "model", &input, &output)]), Width::Third, "");
+    page.end_row();
+    page.figure(Svg::new(1.0, 1.0, "t", "d"), Width::Full, "");
+    let html = page.finish("");
+    let numbers: Vec<&str> =
+        html.split("<script type=\"application/json\">").skip(1).map(|part| part.split_once("</script>").unwrap().0).collect();
+    assert_eq!(numbers.len(), 1, "a drawing without a plot has no numbers");
+    let group: serde_json::Value = serde_json::from_str(numbers[0]).unwrap();
+    let columns = group["tables"][0].as_array().unwrap();
+    assert_eq!(columns.len(), 3, "time, output and input, each once");
+    assert_eq!(group["figures"][0]["plots"].as_array().unwrap().len(), 2);
+    for figure in group["figures"].as_array().unwrap() {
+        let id = figure["id"].as_str().unwrap();
+        let (_, drawing) = html.split_once(&format!("<svg id=\"{id}\"")).unwrap();
+        let drawing = drawing.split_once("</svg>").unwrap().0;
+        let plots = figure["plots"].as_array().unwrap();
+        assert_eq!(drawing.matches("<g class=\"plot\"").count(), plots.len());
+        assert_eq!(
+            drawing.matches("<g class=\"series\"").count(),
+            plots.iter().map(|plot| plot["s"].as_array().unwrap().len()).sum::<usize>()
+        );
+        // Without the script the whole curve is there.
+        assert!(drawing.matches("<path class=\"model\"").count() >= plots.len());
+    }
+}
+
+#[test]
+fn a_bar_that_is_cut_short_says_its_true_value() {
+    let rows = [("bad".to_owned(), -350.0), ("good".to_owned(), 30.0)];
+    let markup = well_formed_and_finite(bars_from(CAPTION, "x", 500.0, -20.0, &rows));
+    let figures: Vec<&str> = markup.split("class=\"figure\"").skip(1).map(|part| part.split(['<', '>']).nth(1).unwrap()).collect();
+    assert_eq!(figures, ["-350", "30.0"]);
+    assert!(markup.contains("bad: -350"));
+}
+
+#[test]
 fn colours_run_from_dark_to_bright_and_nonsense_is_dark() {
     assert_eq!(colour(0.0), "#440154");
     assert_eq!(colour(1.0), "#fde725");
@@ -111,7 +156,7 @@ fn colours_run_from_dark_to_bright_and_nonsense_is_dark() {
 }
 
 #[test]
-fn a_page_is_one_document_without_any_outside_resource_or_script() {
+fn a_page_is_one_document_without_any_outside_resource_and_its_script_is_the_only_one_allowed() {
     let mut page = Page::new("<script>alert(1)</script>", "a & b");
     page.section("one");
     page.paragraph("**bold** <i> and **unclosed");
@@ -131,7 +176,13 @@ fn a_page_is_one_document_without_any_outside_resource_or_script() {
     let (before, after) = html.split_once("<style>").unwrap();
     let (style, after) = after.split_once("</style>").unwrap();
     let attributes = well_formed(&format!("{before}{after}"));
-    assert!(!html.contains("<script") && !html.contains("<i>") && !html.contains("<link"));
+    assert!(!html.contains("<i>") && !html.contains("<link") && !html.contains("<script>alert"));
+    let (_, script) = html.split_once("<script>").unwrap();
+    let (script, rest) = script.split_once("</script>").unwrap();
+    assert_eq!(rest, "</body></html>\n", "nothing stands behind the only script");
+    let hash = base64::Engine::encode(&base64::engine::general_purpose::STANDARD, <sha2::Sha256 as sha2::Digest>::digest(script));
+    assert!(html.contains(&format!("script-src 'sha256-{hash}'")), "the policy allows this script and no other");
+    assert!(!script.contains("fetch(") && !script.contains("XMLHttpRequest") && !script.contains("eval("));
     assert!(!style.contains("url(") && !style.contains("@import"));
     // Namespaces are names, not addresses to fetch from.
     assert!(attributes.iter().all(|value| !value.contains("://") || value == "http://www.w3.org/2000/svg"), "{attributes:?}");

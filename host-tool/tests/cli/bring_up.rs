@@ -9,22 +9,22 @@ use crate::support::Bench;
 
 /// A command of the page.
 #[derive(Debug)]
-struct Step {
-    line: usize,
-    command: String,
+pub struct Step {
+    pub line: usize,
+    pub command: String,
     situation: String,
     ends: i32,
-    read: Vec<String>,
+    pub read: Vec<String>,
 }
 
-const PAGE: &str = include_str!("../../../docs/bring-up.md");
+const PAGE: &str = include_str!("../../../docs/tutorials/first-light.md");
 
 /// What stands behind the name of a comment.
 fn comment<'a>(line: &'a str, name: &str) -> Option<&'a str> {
     line.trim().strip_prefix("<!-- ")?.strip_suffix(" -->")?.strip_prefix(name)?.strip_prefix(": ")
 }
 
-fn steps(page: &str) -> Vec<Step> {
+pub fn steps(page: &str) -> Vec<Step> {
     let (mut steps, mut inside, mut situation, mut ends): (Vec<Step>, bool, String, i32) = (Vec::new(), false, String::new(), 0);
     for (index, line) in page.lines().enumerate() {
         if let Some(found) = comment(line, "situation") {
@@ -64,6 +64,16 @@ fn matches(pattern: &[&str], words: &[&str]) -> bool {
     }
 }
 
+/// Every reading is in what a command said, in this order.
+pub fn says(place: &str, readings: &[String], output: &str) {
+    let mut said = output.lines();
+    for wanted in readings {
+        let pattern: Vec<&str> = wanted.split_whitespace().collect();
+        let found = said.any(|line| matches(&pattern, &line.split_whitespace().collect::<Vec<_>>()));
+        assert!(found, "{place}: `{wanted}` is not in what it said, or not in this order:\n{output}");
+    }
+}
+
 #[test]
 fn readings_are_compared_word_by_word_and_numbers_within_their_tolerance() {
     let is =
@@ -95,14 +105,9 @@ fn every_command_of_the_page_says_what_the_page_says() {
             .output()
             .expect("the built command starts");
         let stdout = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-        let place = format!("docs/bring-up.md, line {}: `{}`", step.line, step.command);
+        let place = format!("docs/tutorials/first-light.md, line {}: `{}`", step.line, step.command);
         assert_eq!(output.status.code(), Some(step.ends), "{place} said\n{stdout}");
-        let mut said = stdout.lines();
-        for wanted in &step.read {
-            let pattern: Vec<&str> = wanted.split_whitespace().collect();
-            let found = said.any(|line| matches(&pattern, &line.split_whitespace().collect::<Vec<_>>()));
-            assert!(found, "{place}: `{wanted}` is not in what it said, or not in this order:\n{stdout}");
-        }
+        says(&place, &step.read, &stdout);
         played += 1;
     }
     assert!(played >= 20, "only {played} commands found: is the pattern still right?");

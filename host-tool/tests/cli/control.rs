@@ -99,6 +99,34 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
 }
 
 #[test]
+fn tuning_tells_which_parameters_the_recordings_do_not_tell_and_tracking_what_it_cannot_follow() {
+    let bench = Bench::new();
+    recordings(&bench);
+    let said = bench.works("tune --data recordings --out tuned --controller pid --json tuned.json --html tuned.html");
+    let warnings = bench.json("tuned.json")["warnings"].clone();
+    let warnings = warnings.as_array().expect("an array");
+    // The actuator has no hysteresis and no creep: their parameters lie within their intervals of zero.
+    assert!(
+        !warnings.is_empty() && warnings.iter().all(|text| text.as_str().is_some_and(|text| text.contains("do not tell it"))),
+        "{warnings:?}"
+    );
+    assert_eq!(said.stdout.matches("warning: ").count(), warnings.len(), "{}", said.stdout);
+    let page = String::from_utf8(bench.read("tuned.html")).expect("text");
+    assert!(page.contains("<strong>Warning:</strong>") && page.contains("<svg"));
+    // A reference far outside of what the rig can do: the command says so and its exit code is 1.
+    let mut path = "time_s,reference_mm\n".to_owned();
+    (0..300)
+        .for_each(|point| path.push_str(&format!("{:.2},{}\n", f64::from(point) * 0.02, 60.0 + 20.0 * (f64::from(point) * 0.05).sin())));
+    bench.write("far.csv", path);
+    let missed = bench.run(
+        "track --settings tuned/settings.toml --model tuned/control.blob --reference far.csv --controllers open-loop --json far.json --html far.html",
+    );
+    assert_eq!(missed.code, 1, "{}\n{}", missed.stdout, missed.stderr);
+    assert!(missed.stdout.contains("FAILED: open-loop") && missed.stdout.contains("warning: "), "{}", missed.stdout);
+    assert_eq!(bench.json("far.json")["missed"].as_array().map(Vec::len), Some(1));
+}
+
+#[test]
 fn what_cannot_be_tracked_or_tuned_is_refused_by_name() {
     let bench = Bench::new();
     bench.refuses("track --reference a --controllers nonsense", &["nonsense"]);

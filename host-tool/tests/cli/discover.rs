@@ -119,6 +119,20 @@ fn without_a_holdout_some_recordings_are_kept_out_and_named_and_equal_seeds_agre
 }
 
 #[test]
+fn of_one_file_blocks_are_kept_out_and_the_report_says_so_instead_of_naming_the_file() {
+    let bench = Bench::new();
+    bench.works(&format!("hide --seed {SEED} --out case"));
+    let one = std::fs::read_dir(bench.path("case/recordings")).expect("a folder").flatten().next().expect("a recording").file_name();
+    let one = one.to_string_lossy().into_owned();
+    bench.works(&format!("discover --data case/recordings/{one} --out found --threads 2"));
+    let page = String::from_utf8(bench.read("found/report.html")).expect("text");
+    assert!(page.contains("blocks of them were left out instead"), "{one}");
+    let kept = &bench.json("found/discovery.json")["kept_out"];
+    let names: Vec<&str> = kept.as_array().expect("an array").iter().filter_map(|name| name.as_str()).collect();
+    assert!(!names.is_empty() && names.iter().all(|name| *name != one), "{names:?} are no recordings that were left out whole");
+}
+
+#[test]
 fn foreign_columns_other_units_and_a_session_clock_are_understood() {
     let bench = Bench::new();
     bench.works(&format!("hide --effect offset-drift --seed {} --out case", SEED + 3));

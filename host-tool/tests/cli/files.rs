@@ -4,7 +4,7 @@ use crate::support::{Bench, recording_csv};
 
 #[test]
 fn a_recording_goes_through_every_format_and_comes_back_to_the_byte() {
-    let bench = Bench::new();
+    let bench = Bench::careful();
     bench.write("run.csv", recording_csv(0.5));
     let mut from = "run.csv".to_owned();
     for ending in ["npz", "mat", "mcap", "csv.gz"] {
@@ -30,7 +30,7 @@ fn a_recording_goes_through_every_format_and_comes_back_to_the_byte() {
 
 #[test]
 fn the_labs_file_is_taken_and_the_command_line_comes_first() {
-    let bench = Bench::new();
+    let bench = Bench::careful();
     let lab = recording_csv(0.5).replacen("time_s,pressure_bar,displacement_mm", "t,P,x", 1);
     bench.write("runs/run.csv", &lab);
     bench.refuses("check --data runs", &["there is no column"]);

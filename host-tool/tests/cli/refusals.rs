@@ -155,7 +155,7 @@ fn a_blob_with_a_flipped_bit_or_a_missing_tail_is_refused() {
 fn a_blob_of_another_schema_is_refused_by_its_version() {
     let bench = Bench::with_models();
     let mut blob = bench.read("model.blob");
-    // docs/formats.md: version at byte 8, CRC-32 of every other byte at byte 16; a valid checksum leaves only the version to complain about.
+    // docs/reference/formats.md: version at byte 8, CRC-32 of every other byte at byte 16; a valid checksum leaves only the version to complain about.
     blob[8] += 100;
     let checksum = crc32(blob[..16].iter().chain(&blob[20..]));
     blob[16..20].copy_from_slice(&checksum.to_le_bytes());

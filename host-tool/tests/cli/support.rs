@@ -11,6 +11,8 @@ use serde_json::Value;
 /// A working folder that vanishes with the test.
 pub struct Bench {
     folder: tempfile::TempDir,
+    /// Whether commands may replace results of earlier ones, as most tests let them.
+    replaces: bool,
 }
 
 /// What one run said.
@@ -23,7 +25,12 @@ pub struct Said {
 
 impl Bench {
     pub fn new() -> Self {
-        Self { folder: tempfile::tempdir().expect("a temporary folder") }
+        Self { folder: tempfile::tempdir().expect("a temporary folder"), replaces: true }
+    }
+
+    /// A working folder in which nothing is replaced without `--force`, as for a user.
+    pub fn careful() -> Self {
+        Self { replaces: false, ..Self::new() }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -50,6 +57,7 @@ impl Bench {
         let output = Command::new(env!("CARGO_BIN_EXE_catheter"))
             .args(line.split_whitespace())
             .current_dir(self.folder.path())
+            .env("CATHETER_FORCE", if self.replaces { "1" } else { "0" })
             .timeout(std::time::Duration::from_secs(300))
             .output()
             .expect("the built command starts");
@@ -173,6 +181,11 @@ pub fn models() -> &'static Path {
 }
 
 impl Bench {
+    /// As [`Self::careful`], with the files of [`models`] in it.
+    pub fn careful_with_models() -> Self {
+        Self { replaces: false, ..Self::with_models() }
+    }
+
     /// A working folder with the files of [`models`] in it.
     pub fn with_models() -> Self {
         let bench = Self::new();

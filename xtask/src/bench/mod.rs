@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Of `accuracy`, only the data of this name: paper, rich or all-effects.
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
-    /// Folder with the public measured sets (`piezo-picma` and so on); docs/your-own-recordings.md says where to get them.
+    /// Folder with the public measured sets (`piezo-picma` and so on); docs/how-to/import-recordings.md says where to get them.
     #[arg(long, value_name = "FOLDER")]
     recordings: Option<PathBuf>,
     /// Of `measured`, only these maps of tests/baselines/maps.toml. Tune on `development`, publish `reporting`.
@@ -134,7 +134,7 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
             }
             None if arguments.what.contains(&What::Measured) => {
                 anyhow::bail!(
-                    "the measured sets are not part of the project; name their folder with --recordings (docs/your-own-recordings.md says where to get them)"
+                    "the measured sets are not part of the project; name their folder with --recordings (docs/how-to/import-recordings.md says where to get them)"
                 )
             }
             None => eprintln!("the measured sets are left out: no --recordings"),
@@ -179,6 +179,8 @@ fn machine() -> Value {
 /// The built command, with the words of `line`.
 fn catheter(folder: &Path, line: &str) -> Command {
     let mut command = command(target_folder().join("release/catheter"));
+    // Benchmarks write where they wrote before.
+    command.env("CATHETER_FORCE", "1");
     command.args(line.split_whitespace()).current_dir(folder);
     command
 }

@@ -168,98 +168,103 @@ pub enum Place {
     Reading,
 }
 
-/// One form of an effect: what it does to the signals. All values are normalised; the defaults do nothing.
-pub trait Form: Sync {
+/// A key for files, in lower case with hyphens, and a sentence for people.
+pub type Told = (&'static str, &'static str);
+
+/// What a form says of itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Spec {
     /// Name of the effect, from the vocabulary.
-    fn name(&self) -> &'static str;
-    /// What distinguishes this form.
-    fn form(&self) -> &'static str;
+    pub name: &'static str,
+    /// What distinguishes this form from others of the effect: a key for files, and a sentence for people.
+    pub form: Told,
+    /// Where it acts.
+    pub place: Place,
+    /// Non-linear parameters.
+    pub parameters: &'static [Parameter],
+    /// Where to begin the search, where that does not hang on the session.
+    pub starts: &'static [&'static [f64]],
+    /// First step of the search around a start for each parameter (the last one for all further), in the logarithm or in a quarter of the range.
+    pub steps: &'static [f64],
+    /// Number of linear weights that it adds.
+    pub weights: usize,
+    /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
+    pub cost: Option<usize>,
+    /// Logarithmic parameter across which the valleys of the search are much narrower than any grid.
+    pub across: Option<usize>,
+    /// Whether its input path has no memory.
+    pub is_static: bool,
+    /// Whether it leaves the turning points of the input as they are.
+    pub keeps_turning_points: bool,
+    /// Whether its parameters are searched on the grid only, and there by all samples that are not kept out.
+    pub discrete: bool,
+    /// What it breaks away by, if its stick position is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
+    /// what the output shows.
+    pub jumps: Option<Drive>,
+    /// Whether it reads values from every recording that it explains, those included that judge it. Coloured noise gives way to any such form by a
+    /// little: a gain must be worth its price beside everything else.
+    pub reads_output: bool,
+    /// Whether what it does differs between recordings rather than within them: with few recordings it has as many values as there are recordings.
+    pub is_between_recordings: bool,
+    /// Whether it is a zero that each recording has of its own: what it reads then counts from the constant.
+    pub is_a_zero: bool,
+    /// Whether a stick position that is seen in the output feels what the sensor's effects add.
+    pub feels_sensor: bool,
+    /// Whether it needs the model's own output.
+    pub needs_sum: bool,
+}
+
+impl Spec {
+    /// A form that has no parameters and does nothing special.
+    #[must_use]
+    pub const fn new(name: &'static str, form: Told, place: Place) -> Self {
+        Self {
+            name,
+            form,
+            place,
+            parameters: &[],
+            starts: &[&[]],
+            steps: &[0.15],
+            weights: 0,
+            cost: None,
+            across: None,
+            is_static: false,
+            keeps_turning_points: false,
+            discrete: false,
+            jumps: None,
+            reads_output: false,
+            is_between_recordings: false,
+            is_a_zero: false,
+            feels_sensor: false,
+            needs_sum: false,
+        }
+    }
+}
+
+/// One form of an effect: what it says of itself and what it does to the signals. All values are normalised; the defaults do nothing.
+pub trait Form: Sync {
+    /// What it says of itself.
+    fn spec(&self) -> Spec;
     /// Its definition, where it is one of a file: a model then carries it along.
     fn definition(&self) -> Option<&Definition> {
         None
-    }
-    /// Where it acts.
-    fn place(&self) -> Place;
-    /// Non-linear parameters.
-    fn parameters(&self) -> &'static [Parameter] {
-        &[]
-    }
-    /// Number of linear weights it adds.
-    fn weights(&self) -> usize {
-        0
     }
     /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
     fn nested_limits(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         Vec::new()
     }
-    /// Number of parameters it counts as when effects compete.
-    fn cost(&self) -> usize {
-        self.parameters().len() + self.weights()
-    }
-    /// First step of the search for one parameter around a start, in the logarithm or in a quarter of the range.
-    fn step(&self, _parameter: usize) -> f64 {
-        0.15
-    }
-    /// Logarithmic parameter across which the valleys of the search are much narrower than any grid.
-    fn across(&self) -> Option<usize> {
-        None
-    }
-    /// Whether its input path has no memory.
-    fn is_static(&self) -> bool {
-        false
-    }
-    /// Whether operators that remember earlier recordings must be told what it made of all of them, not of their turning points alone. A
-    /// delay changes none of these, and searching a narrow valley takes long enough without.
-    fn follows_history(&self) -> bool {
-        self.place() < Place::Operators && !self.is_static() && self.across().is_none()
-    }
-    /// Whether its parameters are searched on the grid only, and there by all samples that are not kept out.
-    fn discrete(&self) -> bool {
-        false
-    }
     /// Places in the session at which it changes everything, by the recordings' numbers.
     fn changes_at<'a>(&self, _parameters: &'a [f64]) -> &'a [f64] {
         &[]
     }
-    /// Where to begin the search; without parameters there is one place only.
+    /// Where to begin the search.
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![]]
-    }
-    /// What it breaks away by, if its stick position is seen in the output: such a form is tried when nothing smooth explains enough, and judged by
-    /// what the output shows.
-    fn jumps(&self) -> Option<Drive> {
-        None
-    }
-    /// Whether it reads values from every recording that it explains, those included that judge it. Coloured noise gives way to any such form by a
-    /// little: a gain must be worth its price beside everything else.
-    fn reads_output(&self) -> bool {
-        false
-    }
-    /// Whether what it does differs between recordings rather than within them: with few recordings it has as many values as there are recordings.
-    fn is_between_recordings(&self) -> bool {
-        false
+        self.spec().starts.iter().map(|start| start.to_vec()).collect()
     }
     /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
     /// nothing is read.
     fn start_up_s(&self, _parameters: &[f64]) -> f64 {
         0.0
-    }
-    /// Whether it is a zero that each recording has of its own: what it reads then counts from the constant.
-    fn is_a_zero(&self) -> bool {
-        false
-    }
-    /// Whether a stick position that is seen in the output feels what the sensor's effects add.
-    fn feels_sensor(&self) -> bool {
-        false
-    }
-    /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
-    /// all of them does not, and the operators' columns are kept while such a form is searched.
-    fn leads_operators(&self) -> bool {
-        self.place() <= Place::Operators || self.jumps().is_some()
-    }
-    /// Whether it needs the model's own output.
-    fn needs_sum(&self) -> bool {
-        false
     }
     /// Changes the input path, if it [leads the operators](Self::leads_operators).
     fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
@@ -279,6 +284,59 @@ pub trait Form: Sync {
     }
 }
 
+impl dyn Form + '_ {
+    /// Name of the effect.
+    pub fn name(&self) -> &'static str {
+        self.spec().name
+    }
+    /// Key of this form in files: name and key together belong to one form.
+    pub fn key(&self) -> &'static str {
+        self.spec().form.0
+    }
+    /// Whether a file means this form: by its key, or by its description as files of earlier versions do.
+    pub fn is_called(&self, form: &str) -> bool {
+        let (key, description) = self.spec().form;
+        form == key || form == description
+    }
+    /// What distinguishes this form.
+    pub fn form(&self) -> &'static str {
+        self.spec().form.1
+    }
+    /// Where it acts.
+    pub fn place(&self) -> Place {
+        self.spec().place
+    }
+    /// Non-linear parameters.
+    pub fn parameters(&self) -> &'static [Parameter] {
+        self.spec().parameters
+    }
+    /// Number of parameters it counts as when effects compete.
+    pub fn cost(&self) -> usize {
+        let spec = self.spec();
+        spec.cost.unwrap_or(spec.parameters.len() + spec.weights)
+    }
+    /// First step of the search for one parameter.
+    pub fn step(&self, parameter: usize) -> f64 {
+        let steps = self.spec().steps;
+        steps[parameter.min(steps.len() - 1)]
+    }
+    /// What it breaks away by, if it does.
+    pub fn jumps(&self) -> Option<Drive> {
+        self.spec().jumps
+    }
+    /// Whether operators that remember earlier recordings must be told what it made of all of them, not of their turning points alone. A
+    /// delay changes none of these, and searching a narrow valley takes long enough without.
+    pub fn follows_history(&self) -> bool {
+        let spec = self.spec();
+        spec.place < Place::Operators && !spec.is_static && spec.across.is_none() && !spec.keeps_turning_points
+    }
+    /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
+    /// all of them does not, and the operators' columns are kept while such a form is searched.
+    pub fn leads_operators(&self) -> bool {
+        self.place() <= Place::Operators || self.jumps().is_some()
+    }
+}
+
 /// What a stick position is compared with to break away.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Drive {
@@ -289,4 +347,4 @@ pub enum Drive {
 }
 
 /// The form of a lag that stands for a valve that is never shut.
-pub const FOLLOWING: &str = "behind a valve that is never shut";
+pub const FOLLOWING: Told = ("never-shut", "behind a valve that is never shut");

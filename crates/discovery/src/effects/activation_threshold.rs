@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -15,26 +15,18 @@ struct Corner;
 struct Slack;
 
 impl Form for Corner {
-    fn name(&self) -> &'static str {
-        "activation-threshold"
-    }
-    fn form(&self) -> &'static str {
-        "rounded corner"
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "threshold", quantity: Quantity::Input, low: 0.005, high: 0.7, logarithmic: false },
-            Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "threshold", quantity: Quantity::Input, low: 0.005, high: 0.7, logarithmic: false },
+                Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
+            ],
+            is_static: true,
+            ..Spec::new("activation-threshold", ("rounded", "rounded corner"), Place::Muscle)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         let rest = 0.5 * (-parameters[0] + parameters[0].hypot(parameters[1]));
@@ -46,27 +38,15 @@ impl Form for Corner {
 }
 
 impl Form for Slack {
-    fn name(&self) -> &'static str {
-        "activation-threshold"
-    }
-    fn form(&self) -> &'static str {
-        "of the displacement"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        // A corner in the upper half is where something ends, not where it begins.
-        &[Parameter { name: "slack", quantity: Quantity::Output, low: 0.01, high: 0.5, logarithmic: false }]
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.04, 0.1, 0.18, 0.3].into_iter().map(|slack| vec![slack]).collect()
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            // A corner in the upper half is where something ends, not where it begins.
+            parameters: &[Parameter { name: "slack", quantity: Quantity::Output, low: 0.01, high: 0.5, logarithmic: false }],
+            weights: 1,
+            needs_sum: true,
+            starts: &[&[0.04], &[0.1], &[0.18], &[0.3]],
+            ..Spec::new("activation-threshold", ("of-the-displacement", "of the displacement"), Place::Material)
+        }
     }
     fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
         columns.push(false, |sample| -sum[sample].min(parameters[0]));

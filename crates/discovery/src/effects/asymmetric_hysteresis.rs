@@ -1,7 +1,7 @@
 //! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
 //! bend apart, or they part the more the higher the pressure is.
 
-use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -31,31 +31,25 @@ enum Branches {
 
 /// Thresholds that grow with the input, on both branches or on one; the other keeps its thresholds.
 struct Growth {
-    form: &'static str,
+    form: Told,
     branches: Branches,
 }
 
-static GROWS: Growth = Growth { form: "thresholds grow with the input", branches: Branches::Both };
+static GROWS: Growth = Growth { form: ("thresholds-grow", "thresholds grow with the input"), branches: Branches::Both };
 
-static GROWS_UNLOADING: Growth = Growth { form: "thresholds of the unloading branch grow with the input", branches: Branches::Unloading };
+static GROWS_UNLOADING: Growth =
+    Growth { form: ("unloading-thresholds-grow", "thresholds of the unloading branch grow with the input"), branches: Branches::Unloading };
 
-static GROWS_LOADING: Growth = Growth { form: "thresholds of the loading branch grow with the input", branches: Branches::Loading };
+static GROWS_LOADING: Growth =
+    Growth { form: ("loading-thresholds-grow", "thresholds of the loading branch grow with the input"), branches: Branches::Loading };
 
 impl Form for Growth {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        GROWTH
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0].into_iter().map(|value| vec![value]).collect()
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: GROWTH,
+            starts: &[&[-0.7], &[-0.3], &[0.3], &[0.8], &[1.5], &[3.0], &[6.0]],
+            ..Spec::new("asymmetric-hysteresis", self.form, Place::Operators)
+        }
     }
     fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
         let growth = parameters[0];
@@ -68,20 +62,12 @@ impl Form for Growth {
 }
 
 impl Form for Bend {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "the branches bend apart"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        BEND
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.3, -0.1, 0.08, 0.2, 0.35, 0.5].into_iter().map(|value| vec![value]).collect()
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: BEND,
+            starts: &[&[-0.3], &[-0.1], &[0.08], &[0.2], &[0.35], &[0.5]],
+            ..Spec::new("asymmetric-hysteresis", ("bend-apart", "the branches bend apart"), Place::Operators)
+        }
     }
     fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
         operator_law.envelope_bend = parameters[0];
@@ -89,23 +75,13 @@ impl Form for Bend {
 }
 
 impl Form for Loading {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "only the loading branch bends"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        BEND
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.4, -0.15, 0.15, 0.4].into_iter().map(|value| vec![value]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: BEND,
+            is_static: true,
+            starts: &[&[-0.4], &[-0.15], &[0.15], &[0.4]],
+            ..Spec::new("asymmetric-hysteresis", ("loading-bends", "only the loading branch bends"), Place::Operators)
+        }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, 0.5 * parameters[0]);
@@ -116,23 +92,13 @@ impl Form for Loading {
 }
 
 impl Form for Unloading {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "only the unloading branch bends"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        BEND
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.4, -0.15, 0.15, 0.4].into_iter().map(|value| vec![value]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: BEND,
+            is_static: true,
+            starts: &[&[-0.4], &[-0.15], &[0.15], &[0.4]],
+            ..Spec::new("asymmetric-hysteresis", ("unloading-bends", "only the unloading branch bends"), Place::Operators)
+        }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, 0.5 * parameters[0]);
@@ -143,32 +109,22 @@ impl Form for Unloading {
 }
 
 impl Form for Unlike {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "each branch bends its own way"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "loading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
-            Parameter { name: "unloading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
-            Parameter { name: "common_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
-        ]
-    }
-    fn cost(&self) -> usize {
-        // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
-        // Three bends of any size follow much that is neither.
-        6
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "loading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+                Parameter { name: "unloading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+                Parameter { name: "common_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+            ],
+            // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
+            // Three bends of any size follow much that is neither.
+            cost: Some(6),
+            is_static: true,
+            ..Spec::new("asymmetric-hysteresis", ("each-bends", "each branch bends its own way"), Place::Operators)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.25, 0.25].into_iter().flat_map(|loading| [vec![loading, -0.25, 0.0], vec![loading, 0.25, 0.0]]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
@@ -184,32 +140,22 @@ impl Form for Unlike {
 /// Generalised play operators: the unloading envelope rises by its own law, `v + A v^n` in place of `v`. Half of that is a curve that both
 /// branches share, half opens the loop.
 impl Form for Opening {
-    fn name(&self) -> &'static str {
-        "asymmetric-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "the branches part with a power of the input"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.2, high: 0.4, logarithmic: false },
-            Parameter { name: "input_power", quantity: Quantity::Ratio, low: 0.7, high: 3.0, logarithmic: true },
-            Parameter { name: "common_bend", quantity: Quantity::Ratio, low: -0.5, high: 0.5, logarithmic: false },
-        ]
-    }
-    fn cost(&self) -> usize {
-        // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
-        4
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.2, high: 0.4, logarithmic: false },
+                Parameter { name: "input_power", quantity: Quantity::Ratio, low: 0.7, high: 3.0, logarithmic: true },
+                Parameter { name: "common_bend", quantity: Quantity::Ratio, low: -0.5, high: 0.5, logarithmic: false },
+            ],
+            // What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that.
+            cost: Some(4),
+            is_static: true,
+            ..Spec::new("asymmetric-hysteresis", ("power-opening", "the branches part with a power of the input"), Place::Operators)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let sizes = [-0.04, 0.04, 0.12];
         sizes.into_iter().flat_map(|size: f64| [vec![size, 1.0, 0.0], vec![size, 2.0, size.abs()], vec![size, 2.0, -size.abs()]]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         both_branches(path, parameters[2]);

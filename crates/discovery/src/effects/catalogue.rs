@@ -6,7 +6,7 @@
 use std::sync::{Mutex, PoisonError};
 
 pub use crate::chain::columns::Columns;
-pub use crate::chain::form::{Drive, Form, LAW_PARAMETERS, OperatorLaw, Parameter, Place, Quantity, ThresholdLaw};
+pub use crate::chain::form::{Drive, Form, LAW_PARAMETERS, OperatorLaw, Parameter, Place, Quantity, Spec, ThresholdLaw, Told};
 use crate::effects::{
     activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift,
     leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, setup_change, slew_limit,
@@ -22,7 +22,7 @@ pub fn add(forms: impl IntoIterator<Item = &'static dyn Form>) {
     let mut added = ADDED.lock().unwrap_or_else(PoisonError::into_inner);
     for form in forms {
         let mut known = built_in().into_iter().chain(added.iter().copied());
-        if !known.any(|other| (other.name(), other.form()) == (form.name(), form.form())) {
+        if !known.any(|other| (other.name(), other.key()) == (form.name(), form.key())) {
             added.push(form);
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, ladder, lag};
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
 
@@ -54,24 +54,22 @@ fn gain(input: &[f64], output: &[f64]) -> f64 {
 }
 
 impl Form for OfOutput {
-    fn name(&self) -> &'static str {
-        "creep"
-    }
-    fn form(&self) -> &'static str {
-        if self.remembers { "of the displacement, going on from recording to recording" } else { "of the displacement" }
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        TIMES_S.len()
-    }
-    fn cost(&self) -> usize {
-        // Weights that must not be negative are rarely all in use.
-        2
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: TIMES_S.len(),
+            // Weights that must not be negative are rarely all in use.
+            cost: Some(2),
+            needs_sum: true,
+            ..Spec::new(
+                "creep",
+                if self.remembers {
+                    ("of-the-displacement-going-on", "of the displacement, going on from recording to recording")
+                } else {
+                    ("of-the-displacement", "of the displacement")
+                },
+                Place::Material,
+            )
+        }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for (at, time_s) in TIMES_S.into_iter().enumerate() {
@@ -101,20 +99,14 @@ impl Form for OfOutput {
 }
 
 impl Form for OfInput {
-    fn name(&self) -> &'static str {
-        "creep"
-    }
-    fn form(&self) -> &'static str {
-        "of the pressure's effect"
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-3, high: 1.0, logarithmic: true },
-            Parameter { name: "first_time_constant", quantity: Quantity::Time, low: 0.1, high: 8.0, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-3, high: 1.0, logarithmic: true },
+                Parameter { name: "first_time_constant", quantity: Quantity::Time, low: 0.1, high: 8.0, logarithmic: true },
+            ],
+            ..Spec::new("creep", ("of-the-pressure", "of the pressure's effect"), Place::Muscle)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect()

@@ -3,7 +3,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{ladder, lag_coefficients};
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag;
@@ -26,34 +26,42 @@ enum Law {
 
 /// A lag with two time constants.
 struct TwoLags {
-    form: &'static str,
+    form: Told,
     law: Law,
     /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight.
     held: bool,
 }
 
-static TWO_LAGS: TwoLags = TwoLags { form: "two time constants", law: Law::Error, held: false };
+static TWO_LAGS: TwoLags = TwoLags { form: ("by-error", "two time constants"), law: Law::Error, held: false };
 
 static TWO_LAGS_HELD: TwoLags =
-    TwoLags { form: "two time constants, of a command that holds between samples", law: Law::Error, held: true };
-static COMMANDED: TwoLags = TwoLags { form: "two time constants, by which way the command goes", law: Law::Command, held: false };
+    TwoLags { form: ("by-error-held", "two time constants, of a command that holds between samples"), law: Law::Error, held: true };
+static COMMANDED: TwoLags =
+    TwoLags { form: ("by-command", "two time constants, by which way the command goes"), law: Law::Command, held: false };
 
-static COMMANDED_HELD: TwoLags =
-    TwoLags { form: "two time constants, by which way a command goes that holds between samples", law: Law::Command, held: true };
+static COMMANDED_HELD: TwoLags = TwoLags {
+    form: ("by-command-held", "two time constants, by which way a command goes that holds between samples"),
+    law: Law::Command,
+    held: true,
+};
 static DRIVEN: TwoLags = TwoLags {
-    form: "two time constants, filling slower near the supply's pressure and venting slower near the room's",
+    form: ("fading", "two time constants, filling slower near the supply's pressure and venting slower near the room's"),
     law: Law::Drive,
     held: false,
 };
 
 static DRIVEN_HELD: TwoLags = TwoLags {
-    form: "two time constants, filling slower near the supply's pressure and venting slower near the room's, of a command that holds \
-           between samples",
+    form: (
+        "fading-held",
+        "two time constants, filling slower near the supply's pressure and venting slower near the room's, of a command that holds between \
+         samples",
+    ),
     law: Law::Drive,
     held: true,
 };
 
-static ORIFICE: TwoLags = TwoLags { form: "two orifices, flow with a power of the difference", law: Law::Orifice, held: false };
+static ORIFICE: TwoLags =
+    TwoLags { form: ("orifices", "two orifices, flow with a power of the difference"), law: Law::Orifice, held: false };
 
 const FILL: Parameter = Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
 
@@ -73,30 +81,23 @@ const TOLD_AT: f64 = 0.1;
 const LAMINAR: f64 = 1e-3;
 
 impl Form for TwoLags {
-    fn name(&self) -> &'static str {
-        "fill-vent-asymmetry"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        match self.law {
+    fn spec(&self) -> Spec {
+        let parameters: &'static [Parameter] = match self.law {
             Law::Error | Law::Command => &[FILL, VENT],
             Law::Drive => &[FILL, VENT, FADING],
             Law::Orifice => &[FILL, VENT, POWER],
+        };
+        Spec {
+            parameters,
+            // With like time constants a held command is a lag and half a sample of delay: it must not pass for a lag.
+            cost: Some(parameters.len() + usize::from(self.held)),
+            ..Spec::new("fill-vent-asymmetry", self.form, Place::Flow)
         }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         let [fill_s, vent_s] = [parameters[0], parameters[1]];
         let lag = pneumatic_lag::FORMS[usize::from(self.held)];
         if (fill_s / vent_s).ln().abs() < ALIKE { vec![(lag, vec![(fill_s * vent_s).sqrt()])] } else { Vec::new() }
-    }
-    fn cost(&self) -> usize {
-        // With like time constants a held command is a lag and half a sample of delay: it must not pass for a lag.
-        self.parameters().len() + usize::from(self.held)
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let times = ladder(0.03, 0.5, 4);
@@ -105,7 +106,7 @@ impl Form for TwoLags {
             for &vent in &times {
                 if fill != vent {
                     let third = if self.law == Law::Orifice { 0.75 } else { 0.5 };
-                    all.push([fill, vent, third][..self.parameters().len()].to_vec());
+                    all.push([fill, vent, third][..self.spec().parameters.len()].to_vec());
                 }
             }
         }
@@ -265,7 +266,7 @@ mod tests {
                     let fast = if form.law == Law::Command { fills } else { held > state };
                     state += 1e-5 * (held - state) / if fast { 0.1 } else { 0.3 };
                 }
-                assert!((found - state).abs() < 1e-4, "{}, sample {sample}: {found} and {state}", form.form);
+                assert!((found - state).abs() < 1e-4, "{}, sample {sample}: {found} and {state}", form.form.1);
             }
         }
     }
@@ -274,10 +275,10 @@ mod tests {
     fn like_time_constants_come_near_a_lag_and_unlike_ones_do_not() {
         for form in [&TWO_LAGS, &TWO_LAGS_HELD, &ORIFICE] {
             let near = form.nested_limits(&[0.05, 0.06, 1.0]);
-            let [(lag, parameters)] = &near[..] else { panic!("{}", form.form) };
+            let [(lag, parameters)] = &near[..] else { panic!("{}", form.form.1) };
             assert_eq!(lag.name(), "pneumatic-lag");
             assert!((parameters[0] - 0.003_f64.sqrt()).abs() < 1e-12, "{parameters:?}");
-            assert!(form.nested_limits(&[0.05, 0.1, 1.0]).is_empty(), "{}", form.form);
+            assert!(form.nested_limits(&[0.05, 0.1, 1.0]).is_empty(), "{}", form.form.1);
         }
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -22,26 +22,20 @@ struct Largest {
 }
 
 impl Form for Distance {
-    fn name(&self) -> &'static str {
-        "first-cycle-softening"
-    }
-    fn form(&self) -> &'static str {
-        "with the distance that the displacement has travelled since the recording began"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }]
-    }
-    fn weights(&self) -> usize {
-        1
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }],
+            weights: 1,
+            needs_sum: true,
+            ..Spec::new(
+                "first-cycle-softening",
+                ("distance-in-recording", "with the distance that the displacement has travelled since the recording began"),
+                Place::Material,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.3, 6.0, 6).into_iter().map(|value| vec![value]).collect()
-    }
-    fn needs_sum(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
         let mut travelled = 0.0;
@@ -63,31 +57,29 @@ fn travel(input: &[f64]) -> f64 {
 }
 
 impl Form for Lasting {
-    fn name(&self) -> &'static str {
-        "first-cycle-softening"
-    }
-    fn form(&self) -> &'static str {
-        "with the distance that the input has travelled since the session began"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        // First cycles are few: what goes on for many recordings is a drift of the gain.
-        &[Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 20.0, logarithmic: true }]
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn cost(&self) -> usize {
-        // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
-        3
+    fn spec(&self) -> Spec {
+        Spec {
+            // First cycles are few: what goes on for many recordings is a drift of the gain.
+            parameters: &[Parameter {
+                name: "distance_in_input_spans",
+                quantity: Quantity::Ratio,
+                low: 0.3,
+                high: 20.0,
+                logarithmic: true,
+            }],
+            weights: 1,
+            // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
+            cost: Some(3),
+            needs_sum: true,
+            ..Spec::new(
+                "first-cycle-softening",
+                ("distance-in-session", "with the distance that the input has travelled since the session began"),
+                Place::Material,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(1.0, 15.0, 4).into_iter().map(|value| vec![value]).collect()
-    }
-    fn needs_sum(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // A model from a file goes on with a muscle that has been worked long ago.
@@ -110,26 +102,24 @@ impl Form for Lasting {
 }
 
 impl Form for Largest {
-    fn name(&self) -> &'static str {
-        "first-cycle-softening"
-    }
-    fn form(&self) -> &'static str {
-        if self.heals { "by the highest input since the recording began" } else { "by the highest input since the session began" }
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn cost(&self) -> usize {
-        2
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: 1,
+            cost: Some(2),
+            needs_sum: true,
+            ..Spec::new(
+                "first-cycle-softening",
+                if self.heals {
+                    ("highest-in-recording", "by the highest input since the recording began")
+                } else {
+                    ("highest-in-session", "by the highest input since the session began")
+                },
+                Place::Material,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![Vec::new()]
-    }
-    fn needs_sum(&self) -> bool {
-        true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let mut highest: f64 = match &run.earlier {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::noise;
 use crate::data::session::{Run, Session};
 use crate::effects::session_curve::{Drifts, SessionCurve};
@@ -18,29 +18,17 @@ struct Own;
 static CURVE: SessionCurve = SessionCurve { name: "gain-drift", drifts: Drifts::Gain };
 
 impl Form for WarmUp {
-    fn name(&self) -> &'static str {
-        "gain-drift"
-    }
-    fn form(&self) -> &'static str {
-        "towards a limit"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }]
-    }
-    fn weights(&self) -> usize {
-        1
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }],
+            weights: 1,
+            is_between_recordings: true,
+            needs_sum: true,
+            ..Spec::new("gain-drift", ("towards-a-limit", "towards a limit"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| -sum[sample] * (-run.session_s[sample] / parameters[0]).exp_m1());
@@ -72,24 +60,16 @@ fn own_gain(sum: &[f64], output: &[f64], keep: &[bool]) -> (f64, f64) {
 
 /// A gain that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
 impl Form for Own {
-    fn name(&self) -> &'static str {
-        "gain-drift"
-    }
-    fn form(&self) -> &'static str {
-        "a gain of its own in each recording"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn weights(&self) -> usize {
-        2
-    }
-    fn cost(&self) -> usize {
-        // It reads one value from each recording, those that it is judged by included.
-        11
-    }
-    fn reads_output(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: 2,
+            // It reads one value from each recording, those that it is judged by included.
+            cost: Some(11),
+            reads_output: true,
+            is_between_recordings: true,
+            needs_sum: true,
+            ..Spec::new("gain-drift", ("of-each-recording", "a gain of its own in each recording"), Place::Sensor)
+        }
     }
     fn start_up_s(&self, _: &[f64]) -> f64 {
         // A gain shows where the output moves.
@@ -108,12 +88,6 @@ impl Form for Own {
         }
         let of_noise = count * noise::floor(session, residual).powi(2);
         if of_gains > LEAST_OF_GAINS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Where there is no measured output (a simulation) the gain stays where it is.

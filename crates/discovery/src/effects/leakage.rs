@@ -5,7 +5,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{ladder, lag_coefficients};
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
 
@@ -13,7 +13,7 @@ use crate::data::session::{Run, Session};
 pub const FORMS: &[&dyn Form] = &[&HOLE, &Refilled, &Turbulent, &Filling, &EITHER_WAY];
 
 struct Hole {
-    form: &'static str,
+    form: Told,
     /// Whether the pressure may fall below that of the room, as far as the input tells it.
     below_zero: bool,
 }
@@ -24,10 +24,10 @@ struct Turbulent;
 
 struct Filling;
 
-static HOLE: Hole = Hole { form: "held pressure decays", below_zero: false };
+static HOLE: Hole = Hole { form: ("linear", "held pressure decays"), below_zero: false };
 
 /// Where zero of the input is not the room's pressure: air comes back through the hole when a stroke ends below where the leak has led.
-static EITHER_WAY: Hole = Hole { form: "held pressure decays, and comes back from below", below_zero: true };
+static EITHER_WAY: Hole = Hole { form: ("linear-both-ways", "held pressure decays, and comes back from below"), below_zero: true };
 
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.5, high: 500.0, logarithmic: true };
 
@@ -50,17 +50,8 @@ fn leak(path: &mut [f64], time_s: f64, kept: f64, period_s: f64, floor: f64) {
 }
 
 impl Form for Hole {
-    fn name(&self) -> &'static str {
-        "leakage"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[TIME]
+    fn spec(&self) -> Spec {
+        Spec { parameters: &[TIME], ..Spec::new("leakage", self.form, Place::Tube) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(2.0, 100.0, 7).into_iter().map(|value| vec![value]).collect()
@@ -72,17 +63,11 @@ impl Form for Hole {
 }
 
 impl Form for Refilled {
-    fn name(&self) -> &'static str {
-        "leakage"
-    }
-    fn form(&self) -> &'static str {
-        "held pressure decays to a share of the command"
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[TIME, Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[TIME, Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false }],
+            ..Spec::new("leakage", ("refilled", "held pressure decays to a share of the command"), Place::Tube)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(2.0, 30.0, 4).into_iter().flat_map(|value| [vec![value, 0.15], vec![value, 0.5]]).collect()
@@ -93,17 +78,11 @@ impl Form for Refilled {
 }
 
 impl Form for Turbulent {
-    fn name(&self) -> &'static str {
-        "leakage"
-    }
-    fn form(&self) -> &'static str {
-        "held pressure decays with a power of itself"
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[TIME, Parameter { name: "pressure_power", quantity: Quantity::Ratio, low: 0.4, high: 1.6, logarithmic: true }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[TIME, Parameter { name: "pressure_power", quantity: Quantity::Ratio, low: 0.4, high: 1.6, logarithmic: true }],
+            ..Spec::new("leakage", ("turbulent", "held pressure decays with a power of itself"), Place::Tube)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(2.0, 60.0, 4).into_iter().map(|value| vec![value, 0.7]).collect()
@@ -145,20 +124,14 @@ impl Filter<2> for Draining {
 }
 
 impl Form for Filling {
-    fn name(&self) -> &'static str {
-        "leakage"
-    }
-    fn form(&self) -> &'static str {
-        "a hole behind the restriction that fills"
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 5e-3, high: 2.0, logarithmic: true },
-            Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 5e-3, high: 2.0, logarithmic: true },
+                Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
+            ],
+            ..Spec::new("leakage", ("behind-restriction", "a hole behind the restriction that fills"), Place::Tube)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.03, 0.4, 3).into_iter().flat_map(|time_s| [vec![time_s, 0.04], vec![time_s, 0.15]]).collect()

@@ -21,7 +21,7 @@ pub use crate::chain::definition::{Definition, Shape, Side, Unit};
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, ThresholdLaw};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, Spec, ThresholdLaw};
 use crate::data::session::{Run, Session};
 
 /// Steps of a first-order law inside a sample.
@@ -262,34 +262,24 @@ impl ThresholdLaw for Law {
 }
 
 impl Form for OfAFile {
-    fn name(&self) -> &'static str {
-        self.0.name
-    }
-    fn form(&self) -> &'static str {
-        self.0.form
-    }
-    fn definition(&self) -> Option<&Definition> {
-        Some(&self.0.definition)
-    }
-    fn place(&self) -> Place {
-        match (self.0.definition.shape, self.0.definition.side) {
+    fn spec(&self) -> Spec {
+        let Definition { shape, side, .. } = self.0.definition;
+        let place = match (shape, side) {
             (Shape::Threshold, _) => Place::Operators,
             (Shape::Column, _) => Place::Sensor,
             (_, Side::Pressure) => Place::Muscle,
             (_, Side::Displacement) => Place::Material,
+        };
+        Spec {
+            parameters: self.0.parameters,
+            weights: usize::from(place > Place::Operators),
+            is_static: shape == Shape::StaticMap,
+            needs_sum: place == Place::Material,
+            ..Spec::new(self.0.name, (self.0.form, self.0.form), place)
         }
     }
-    fn parameters(&self) -> &'static [Parameter] {
-        self.0.parameters
-    }
-    fn weights(&self) -> usize {
-        usize::from(self.place() > Place::Operators)
-    }
-    fn is_static(&self) -> bool {
-        self.0.definition.shape == Shape::StaticMap
-    }
-    fn needs_sum(&self) -> bool {
-        self.place() == Place::Material
+    fn definition(&self) -> Option<&Definition> {
+        Some(&self.0.definition)
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let count = self.0.parameters.len() as u32;
@@ -309,7 +299,7 @@ impl Form for OfAFile {
         starts
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if self.place() == Place::Muscle {
+        if self.spec().place == Place::Muscle {
             let followed = self.0.follow(parameters, run, path);
             path.copy_from_slice(&followed);
         }
@@ -320,7 +310,7 @@ impl Form for OfAFile {
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let signal = match self.place() {
+        let signal = match self.spec().place {
             Place::Material => sum,
             Place::Sensor => &run.input,
             _ => return,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::noise;
 use crate::data::session::{Run, Session};
 use crate::effects::session_curve::{Drifts, SessionCurve};
@@ -24,26 +24,16 @@ pub const LEFT_BY_CREEP: &dyn Form = &Own { of_creep: true };
 static CURVE: SessionCurve = SessionCurve { name: "offset-drift", drifts: Drifts::Offset };
 
 impl Form for WarmUp {
-    fn name(&self) -> &'static str {
-        "offset-drift"
-    }
-    fn form(&self) -> &'static str {
-        "towards a limit"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }]
-    }
-    fn weights(&self) -> usize {
-        1
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }],
+            weights: 1,
+            is_between_recordings: true,
+            ..Spec::new("offset-drift", ("towards-a-limit", "towards a limit"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| -(-run.session_s[sample] / parameters[0]).exp_m1());
@@ -57,7 +47,7 @@ impl Form for WarmUp {
 
 /// Whether an effect gives each recording a zero of its own, as the sensor's.
 pub fn gives_zeros(form: &dyn Form) -> bool {
-    form.name() == WarmUp.name() && form.reads_output()
+    form.name() == WarmUp.spec().name && form.spec().reads_output
 }
 
 /// Least share of what the model leaves above the noise that must be in the recordings' means.
@@ -65,30 +55,28 @@ const LEAST_OF_ZEROS: f64 = 0.6;
 
 /// A zero that walks at random, or recordings whose times nobody wrote down: no curve of the session's time follows it.
 impl Form for Own {
-    fn name(&self) -> &'static str {
-        if self.of_creep { "creep" } else { "offset-drift" }
-    }
-    fn form(&self) -> &'static str {
-        if self.of_creep { "what it left of what nobody recorded, a zero in each recording" } else { "a zero of its own in each recording" }
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn cost(&self) -> usize {
-        // It reads one value from each recording, those that it is judged by included.
-        10
-    }
-    fn reads_output(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: 1,
+            // It reads one value from each recording, those that it is judged by included.
+            cost: Some(10),
+            reads_output: true,
+            is_between_recordings: true,
+            is_a_zero: true,
+            needs_sum: true,
+            ..Spec::new(
+                if self.of_creep { "creep" } else { "offset-drift" },
+                if self.of_creep {
+                    ("left-zeros", "what it left of what nobody recorded, a zero in each recording")
+                } else {
+                    ("of-each-recording", "a zero of its own in each recording")
+                },
+                Place::Sensor,
+            )
+        }
     }
     fn start_up_s(&self, _: &[f64]) -> f64 {
         1.0
-    }
-    fn is_a_zero(&self) -> bool {
-        true
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.of_creep {
@@ -107,12 +95,6 @@ impl Form for Own {
         }
         let of_noise = count * noise::floor(session, residual).powi(2);
         if of_zeros > LEAST_OF_ZEROS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Where there is no measured output (a simulation) the zero stays where it is.

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -26,14 +26,15 @@ struct Pump;
 
 /// A rhythm whose phase is read from each recording.
 struct Loose {
-    form: &'static str,
+    form: Told,
     harmonics: usize,
     cost: usize,
 }
 
-static LOOSE: Loose = Loose { form: "with a phase of its own in each recording", harmonics: 1, cost: 6 };
+static LOOSE: Loose = Loose { form: ("own-phase", "with a phase of its own in each recording"), harmonics: 1, cost: 6 };
 
-static LOOSE_BEAT: Loose = Loose { form: "a beat with a phase of its own in each recording", harmonics: HARMONICS, cost: 14 };
+static LOOSE_BEAT: Loose =
+    Loose { form: ("beat-own-phase", "a beat with a phase of its own in each recording"), harmonics: HARMONICS, cost: 14 };
 
 /// Periods of a rhythm from which its phase is read.
 const PERIODS_OF_START_UP: f64 = 3.0;
@@ -253,23 +254,15 @@ fn tell_harmonics(weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
 }
 
 impl Form for Beat {
-    fn name(&self) -> &'static str {
-        "periodic-disturbance"
-    }
-    fn form(&self) -> &'static str {
-        "running on through the session"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        FREQUENCY
-    }
-    fn weights(&self) -> usize {
-        2 * HARMONICS
-    }
-    fn cost(&self) -> usize {
-        3
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: FREQUENCY,
+            weights: 2 * HARMONICS,
+            cost: Some(3),
+            // The comb is a fifth of what the session resolves.
+            steps: &[1e-4],
+            ..Spec::new("periodic-disturbance", ("of-the-session", "running on through the session"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
@@ -277,10 +270,6 @@ impl Form for Beat {
         let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| vec![found / spectrum.harmonic_of(peak) as f64]);
         let starts = spectrum.peaks().into_iter().filter_map(of).collect();
         apart_from_input(session, residual, starts, STRONG_HARMONICS)
-    }
-    fn step(&self, _: usize) -> f64 {
-        // The comb is a fifth of what the session resolves.
-        1e-4
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         push_harmonics(parameters[0], &run.session_s, columns);
@@ -300,17 +289,12 @@ fn tuned(session: &Session, lines: &[Line<'_>], spectrum: &Spectrum, peak_hz: f6
 
 /// A sine in the pressure: the hysteresis swallows it at every reversal, so that at the sensor it comes and goes with the strokes.
 impl Form for Pump {
-    fn name(&self) -> &'static str {
-        "periodic-disturbance"
-    }
-    fn form(&self) -> &'static str {
-        "of the pressure, running on through the session"
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        WAVE
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: WAVE,
+            steps: &[1e-4, 0.03, 0.03],
+            ..Spec::new("periodic-disturbance", ("of-the-pressure", "of the pressure, running on through the session"), Place::Tube)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
@@ -329,9 +313,6 @@ impl Form for Pump {
             starts.extend([1.0, 1.8].map(|more| vec![found, more * sine, more * cosine]));
         }
         apart_from_input(session, residual, starts, 1)
-    }
-    fn step(&self, parameter: usize) -> f64 {
-        [1e-4, 0.03, 0.03][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let omega = 2.0 * PI * parameters[0];
@@ -360,30 +341,18 @@ fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
 }
 
 impl Form for Triggered {
-    fn name(&self) -> &'static str {
-        "periodic-disturbance"
-    }
-    fn form(&self) -> &'static str {
-        "beginning with each recording"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        FREQUENCY
-    }
-    fn weights(&self) -> usize {
-        2 * HARMONICS
-    }
-    fn cost(&self) -> usize {
-        3
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: FREQUENCY,
+            weights: 2 * HARMONICS,
+            cost: Some(3),
+            steps: &[0.002],
+            ..Spec::new("periodic-disturbance", ("triggered", "beginning with each recording"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let starts = Spectrum::new(session, residual).bases().into_iter().map(|frequency| vec![frequency]).collect();
         apart_from_input(session, residual, starts, STRONG_HARMONICS)
-    }
-    fn step(&self, _: usize) -> f64 {
-        0.002
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         push_harmonics(parameters[0], &run.time_s, columns);
@@ -394,41 +363,25 @@ impl Form for Triggered {
 }
 
 impl Form for Loose {
-    fn name(&self) -> &'static str {
-        "periodic-disturbance"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        FREQUENCY
-    }
-    fn weights(&self) -> usize {
-        1
-    }
-    fn reads_output(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: FREQUENCY,
+            weights: 1,
+            cost: Some(self.cost),
+            steps: &[0.002],
+            reads_output: true,
+            needs_sum: true,
+            ..Spec::new("periodic-disturbance", self.form, Place::Sensor)
+        }
     }
     fn start_up_s(&self, parameters: &[f64]) -> f64 {
         PERIODS_OF_START_UP / parameters[0]
-    }
-    fn cost(&self) -> usize {
-        self.cost
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
         let found = if self.harmonics > 1 { spectrum.bases() } else { spectrum.peaks() };
         let starts = found.into_iter().map(|frequency| vec![frequency]).collect();
         apart_from_input(session, residual, starts, self.harmonics.min(STRONG_HARMONICS))
-    }
-    fn step(&self, _: usize) -> f64 {
-        0.002
-    }
-    fn needs_sum(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Nothing but the recording itself knows the phase: it is read from what the model leaves of the measured output. Where there is

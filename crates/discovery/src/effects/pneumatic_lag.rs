@@ -3,7 +3,7 @@
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, ladder, lag, lag_coefficients, lag_of_held};
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
 
@@ -12,7 +12,7 @@ pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLE
 
 /// One lag, or two in a row.
 struct Restriction {
-    form: &'static str,
+    form: Told,
     place: Place,
     parameters: &'static [Parameter],
     /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight.
@@ -24,39 +24,36 @@ const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::T
 /// A spool before the volume, or a volume behind a volume: the second is the faster one.
 const SECOND: Parameter = Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true };
 
-static BEFORE: Restriction = Restriction { form: "before the hysteresis", place: Place::Flow, parameters: &[TIME], held: false };
+static BEFORE: Restriction =
+    Restriction { form: ("before", "before the hysteresis"), place: Place::Flow, parameters: &[TIME], held: false };
 
 /// Shorter lags of a held command are hardly more than half a sample of delay: they must not pass for a dead time.
 static HELD: Restriction = Restriction {
-    form: "before the hysteresis, of a command that holds between samples",
+    form: ("before-held", "before the hysteresis, of a command that holds between samples"),
     place: Place::Flow,
     parameters: &[Parameter { low: 0.015, ..TIME }],
     held: true,
 };
 
-static BEHIND: Restriction = Restriction { form: "behind the hysteresis", place: Place::Tip, parameters: &[TIME], held: false };
+static BEHIND: Restriction = Restriction { form: ("behind", "behind the hysteresis"), place: Place::Tip, parameters: &[TIME], held: false };
 
-static TWO_POLES: Restriction =
-    Restriction { form: "two in a row before the hysteresis", place: Place::Flow, parameters: &[TIME, SECOND], held: false };
+static TWO_POLES: Restriction = Restriction {
+    form: ("two-before", "two in a row before the hysteresis"),
+    place: Place::Flow,
+    parameters: &[TIME, SECOND],
+    held: false,
+};
 static TWO_POLES_BEHIND: Restriction =
-    Restriction { form: "two in a row behind the hysteresis", place: Place::Tip, parameters: &[TIME, SECOND], held: false };
+    Restriction { form: ("two-behind", "two in a row behind the hysteresis"), place: Place::Tip, parameters: &[TIME, SECOND], held: false };
 
 impl Form for Restriction {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        self.place
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        self.parameters
-    }
-    // That a converter holds the command is an assumption of its own: a short lag behind one is nearly a dead time.
-    fn cost(&self) -> usize {
-        self.parameters.len() + usize::from(self.held)
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: self.parameters,
+            // That a converter holds the command is an assumption of its own: a short lag behind one is nearly a dead time.
+            cost: Some(self.parameters.len() + usize::from(self.held)),
+            ..Spec::new("pneumatic-lag", self.form, self.place)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.parameters.len() == 1 {
@@ -83,7 +80,7 @@ impl Form for Restriction {
 
 /// A lag whose time constant changes with the pressure: `T k(v) dv/dt = u - v`.
 struct Changing {
-    form: &'static str,
+    form: Told,
     parameters: &'static [Parameter],
     /// Where the search for the change begins.
     start: f64,
@@ -94,7 +91,7 @@ struct Changing {
 /// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
 /// room's pressure `P`, so that a tube under pressure is a faster one. `T dv/dt = (u - v)(1 + c (u + v) / 2)`, and `c` is `1 / P`.
 static DENSE: Changing = Changing {
-    form: "before the hysteresis, faster under pressure",
+    form: ("faster-under-pressure", "before the hysteresis, faster under pressure"),
     parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
     start: 2.0,
     slows: false,
@@ -102,30 +99,18 @@ static DENSE: Changing = Changing {
 
 /// A muscle that grows as it fills takes the longer to fill, the fuller it is: `T (1 + c v) dv/dt = u - v`.
 static GROWING: Changing = Changing {
-    form: "before the hysteresis, slower under pressure",
+    form: ("slower-under-pressure", "before the hysteresis, slower under pressure"),
     parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
     start: 0.5,
     slows: true,
 };
 
 impl Form for Changing {
-    fn name(&self) -> &'static str {
-        "pneumatic-lag"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        self.parameters
+    fn spec(&self) -> Spec {
+        Spec { parameters: self.parameters, steps: &[0.15, 0.4], ..Spec::new("pneumatic-lag", self.form, Place::Flow) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, self.start]).collect()
-    }
-    fn step(&self, parameter: usize) -> f64 {
-        [0.15, 0.4][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.filter(parameters, run).run(path);

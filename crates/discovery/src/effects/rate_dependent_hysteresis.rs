@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity};
+use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -51,17 +51,15 @@ struct LogarithmicWeights;
 const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
 
 impl Form for Additive {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, RATE]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, RATE],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.003, 0.1, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
@@ -73,17 +71,15 @@ impl Form for Additive {
 }
 
 impl Form for Proportional {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, RATE]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, RATE],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.03, 1.0, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
@@ -95,17 +91,15 @@ impl Form for Proportional {
 }
 
 impl Form for AdditiveLinear {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by the same, in proportion to the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("overstress-linear", "every threshold grows by the same, in proportion to the rate"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.003, 0.15, 6).into_iter().map(|time| vec![time]).collect()
@@ -116,17 +110,21 @@ impl Form for AdditiveLinear {
 }
 
 impl Form for ProportionalLinear {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by a share of itself, in proportion to the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter {
+                name: "growth_at_a_span_per_s",
+                quantity: Quantity::Ratio,
+                low: 1e-3,
+                high: 10.0,
+                logarithmic: true,
+            }],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("share-linear", "every threshold grows by a share of itself, in proportion to the rate"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.05, 3.0, 5).into_iter().map(|growth| vec![growth]).collect()
@@ -140,17 +138,15 @@ impl Form for ProportionalLinear {
 const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
 
 impl Form for AdditiveFading {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by the same, in proportion to the rate, and builds up and fades"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }, FADING]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }, FADING],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.01, 0.1, 3).into_iter().flat_map(|time| [vec![time, 0.02], vec![time, 0.06]]).collect()
@@ -162,17 +158,18 @@ impl Form for AdditiveFading {
 }
 
 impl Form for ProportionalFading {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, FADING]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true },
+                FADING,
+            ],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("share-fading", "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.08, 1.2, 3).into_iter().flat_map(|growth| [vec![growth, 0.02], vec![growth, 0.06]]).collect()
@@ -184,17 +181,11 @@ impl Form for ProportionalFading {
 }
 
 impl Form for Viscous {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "operators follow their bounds late"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true }],
+            ..Spec::new("rate-dependent-hysteresis", ("viscous", "operators follow their bounds late"), Place::Operators)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.01, 0.4, 6).into_iter().map(|value| vec![value]).collect()
@@ -205,20 +196,18 @@ impl Form for Viscous {
 }
 
 impl Form for Stiffening {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "operators follow their bounds late, far ones faster than in proportion"
-    }
-    fn place(&self) -> Place {
-        Place::Operators
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 5e-3, high: 10.0, logarithmic: true },
-            Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 5e-3, high: 10.0, logarithmic: true },
+                Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
+            ],
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("viscous-stiffening", "operators follow their bounds late, far ones faster than in proportion"),
+                Place::Operators,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.05, 0.2, 0.8].into_iter().flat_map(|time| [vec![time, 0.01], vec![time, 0.03], vec![time, 0.1]]).collect()
@@ -232,29 +221,19 @@ impl Form for Stiffening {
 /// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
 #[must_use]
 pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
-    let parameters = AdditiveFading.parameters().iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
+    let parameters = AdditiveFading.spec().parameters.iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
     (&AdditiveFading, parameters)
 }
 
 /// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
 impl Form for Weights {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "weights change with the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        2
-    }
-    fn cost(&self) -> usize {
-        3
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: 2,
+            cost: Some(3),
+            needs_sum: true,
+            ..Spec::new("rate-dependent-hysteresis", ("weights-linear", "weights change with the rate"), Place::Material)
+        }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let rates = rates(&run.input, run.period_s);
@@ -273,29 +252,21 @@ impl Form for Weights {
 
 /// `y = s + ln(1 + |du/dt| / r) (a s + b u)`: what Eyring's law makes of thermally activated friction, far above the rate `r`.
 impl Form for LogarithmicWeights {
-    fn name(&self) -> &'static str {
-        "rate-dependent-hysteresis"
-    }
-    fn form(&self) -> &'static str {
-        "weights change with the logarithm of the rate"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }]
-    }
-    fn weights(&self) -> usize {
-        2
-    }
-    fn cost(&self) -> usize {
-        4
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }],
+            weights: 2,
+            cost: Some(4),
+            needs_sum: true,
+            ..Spec::new(
+                "rate-dependent-hysteresis",
+                ("weights-logarithmic", "weights change with the logarithm of the rate"),
+                Place::Material,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![0.05], vec![0.4]]
-    }
-    fn needs_sum(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let folds: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
 use crate::effects::{dead_time, pneumatic_lag};
@@ -100,17 +100,8 @@ fn places() -> Vec<Vec<f64>> {
 }
 
 impl Form for Tip {
-    fn name(&self) -> &'static str {
-        "resonance"
-    }
-    fn form(&self) -> &'static str {
-        "swinging tip"
-    }
-    fn place(&self) -> Place {
-        Place::Tip
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[FREQUENCY, DAMPING]
+    fn spec(&self) -> Spec {
+        Spec { parameters: &[FREQUENCY, DAMPING], ..Spec::new("resonance", ("tip", "swinging tip"), Place::Tip) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()
@@ -124,17 +115,15 @@ impl Form for Tip {
 }
 
 impl Form for PartOfTip {
-    fn name(&self) -> &'static str {
-        "resonance"
-    }
-    fn form(&self) -> &'static str {
-        "a part of the tip swings"
-    }
-    fn place(&self) -> Place {
-        Place::Tip
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[FREQUENCY, DAMPING, Parameter { name: "swinging_share", quantity: Quantity::Ratio, low: 0.02, high: 0.98, logarithmic: false }]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                FREQUENCY,
+                DAMPING,
+                Parameter { name: "swinging_share", quantity: Quantity::Ratio, low: 0.02, high: 0.98, logarithmic: false },
+            ],
+            ..Spec::new("resonance", ("part-of-tip", "a part of the tip swings"), Place::Tip)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect()
@@ -145,18 +134,12 @@ impl Form for PartOfTip {
 }
 
 impl Form for Pressure {
-    fn name(&self) -> &'static str {
-        "resonance"
-    }
-    fn form(&self) -> &'static str {
-        "swinging pressure"
-    }
-    fn place(&self) -> Place {
-        Place::Tube
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        // Damped more than this it no longer swings, and any lag or delay would pass for it.
-        &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }]
+    fn spec(&self) -> Spec {
+        Spec {
+            // Damped more than this it no longer swings, and any lag or delay would pass for it.
+            parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }],
+            ..Spec::new("resonance", ("pressure", "swinging pressure"), Place::Tube)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         places()

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// What drifts along the curve.
@@ -24,40 +24,24 @@ pub struct SessionCurve {
 }
 
 impl Form for SessionCurve {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-    fn form(&self) -> &'static str {
-        "a smooth curve of the session's time"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[UNTIL]
-    }
-    fn weights(&self) -> usize {
-        KNOTS - 1
-    }
-    fn cost(&self) -> usize {
-        // When the session ended is known.
-        self.weights()
-    }
-    fn discrete(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[UNTIL],
+            weights: KNOTS - 1,
+            // When the session ended is known.
+            cost: Some(KNOTS - 1),
+            discrete: true,
+            is_between_recordings: true,
+            needs_sum: self.drifts == Drifts::Gain,
+            ..Spec::new(self.name, ("smooth-curve", "a smooth curve of the session's time"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         vec![vec![worked_until_s(session)]]
     }
-    fn needs_sum(&self) -> bool {
-        self.drifts == Drifts::Gain
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
-    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let of_what = |sample: usize| if self.drifts == Drifts::Gain { sum[sample] } else { 1.0 };
-        for part in 0..self.weights() {
+        for part in 0..KNOTS - 1 {
             columns.push(true, |sample| of_what(sample) * spline(run.session_s[sample] / parameters[0])[part]);
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -18,37 +18,20 @@ const FROM: Parameter = Parameter { name: "from_recording", quantity: Quantity::
 const AGAIN_FROM: Parameter = Parameter { name: "again_from_recording", ..FROM };
 
 impl Form for Step {
-    fn name(&self) -> &'static str {
-        "setup-change"
-    }
-    fn form(&self) -> &'static str {
-        "zero and gain step between two recordings"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[FROM]
-    }
-    fn weights(&self) -> usize {
-        2
-    }
-    fn discrete(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[FROM],
+            weights: 2,
+            discrete: true,
+            is_between_recordings: true,
+            needs_sum: true,
+            ..Spec::new("setup-change", ("one-step", "zero and gain step between two recordings"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
         let place = |first: usize| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]);
         best(told_apart(session).into_iter().map(place).collect())
-    }
-    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
-        parameters
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let after = if run.index as f64 > parameters[0] { 1.0 } else { 0.0 };
@@ -64,23 +47,15 @@ impl Form for Step {
 }
 
 impl Form for Twice {
-    fn name(&self) -> &'static str {
-        "setup-change"
-    }
-    fn form(&self) -> &'static str {
-        "zero and gain step between recordings twice"
-    }
-    fn place(&self) -> Place {
-        Place::Sensor
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[FROM, AGAIN_FROM]
-    }
-    fn weights(&self) -> usize {
-        4
-    }
-    fn discrete(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[FROM, AGAIN_FROM],
+            weights: 4,
+            discrete: true,
+            is_between_recordings: true,
+            needs_sum: true,
+            ..Spec::new("setup-change", ("two-steps", "zero and gain step between recordings twice"), Place::Sensor)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
@@ -91,15 +66,6 @@ impl Form for Twice {
             (energy, vec![first as f64 - 0.5, second as f64 - 0.5])
         };
         best(pairs.map(place).collect())
-    }
-    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
-        parameters
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
-    fn is_between_recordings(&self) -> bool {
-        true
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for from in parameters {

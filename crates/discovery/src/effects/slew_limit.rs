@@ -2,7 +2,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
 
@@ -11,7 +11,7 @@ pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_
 
 /// A limit of the rate, or one for each direction.
 struct Limit {
-    form: &'static str,
+    form: Told,
     parameters: &'static [Parameter],
     /// Whether the command holds from one sample to the next, as behind a converter, instead of going straight: then the pressure of a
     /// sample is on the way to the command of the sample before.
@@ -24,41 +24,38 @@ const RISING: Parameter = Parameter { name: "rising_limit", ..ONE };
 
 const FALLING: Parameter = Parameter { name: "falling_limit", ..ONE };
 
-static SYMMETRIC: Limit = Limit { form: "one limit", parameters: &[ONE], held: false };
+static SYMMETRIC: Limit = Limit { form: ("one", "one limit"), parameters: &[ONE], held: false };
 
-static SYMMETRIC_HELD: Limit = Limit { form: "one limit, of a command that holds between samples", parameters: &[ONE], held: true };
+static SYMMETRIC_HELD: Limit =
+    Limit { form: ("one-held", "one limit, of a command that holds between samples"), parameters: &[ONE], held: true };
 
-static TWO_SIDED: Limit = Limit { form: "a limit for each direction", parameters: &[RISING, FALLING], held: false };
+static TWO_SIDED: Limit = Limit { form: ("two-sided", "a limit for each direction"), parameters: &[RISING, FALLING], held: false };
 
-static TWO_SIDED_HELD: Limit =
-    Limit { form: "a limit for each direction, of a command that holds between samples", parameters: &[RISING, FALLING], held: true };
+static TWO_SIDED_HELD: Limit = Limit {
+    form: ("two-sided-held", "a limit for each direction, of a command that holds between samples"),
+    parameters: &[RISING, FALLING],
+    held: true,
+};
 
 /// One limit that sets in gradually.
 struct Gradual {
-    form: &'static str,
+    form: Told,
     /// As in [`Limit`].
     held: bool,
 }
 
-static GRADUAL: Gradual = Gradual { form: "one limit that sets in gradually", held: false };
+static GRADUAL: Gradual = Gradual { form: ("gradual", "one limit that sets in gradually"), held: false };
 
-static GRADUAL_HELD: Gradual = Gradual { form: "one limit that sets in gradually, of a command that holds between samples", held: true };
+static GRADUAL_HELD: Gradual =
+    Gradual { form: ("gradual-held", "one limit that sets in gradually, of a command that holds between samples"), held: true };
 
 impl Form for Limit {
-    fn name(&self) -> &'static str {
-        "slew-limit"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        self.parameters
-    }
-    fn cost(&self) -> usize {
-        self.parameters.len() + usize::from(self.held)
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: self.parameters,
+            cost: Some(self.parameters.len() + usize::from(self.held)),
+            ..Spec::new("slew-limit", self.form, Place::Flow)
+        }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let of_fastest = |share: f64| share * session.fastest_per_s;
@@ -90,24 +87,16 @@ impl Form for Limit {
 }
 
 impl Form for Gradual {
-    fn name(&self) -> &'static str {
-        "slew-limit"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Flow
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
-            Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
-        ]
-    }
-    fn cost(&self) -> usize {
-        // While the limit is out of reach this is a lag.
-        2 + usize::from(self.held)
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
+                Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
+            ],
+            // While the limit is out of reach this is a lag.
+            cost: Some(2 + usize::from(self.held)),
+            ..Spec::new("slew-limit", self.form, Place::Flow)
+        }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -15,16 +15,17 @@ struct Power;
 
 /// A polynomial of the output.
 struct Displacement {
-    form: &'static str,
+    form: Told,
     /// What the powers from the second on are called.
     powers: &'static [&'static str],
 }
 
-static CUBIC: Displacement = Displacement { form: "curve of the output: y = s + a s^2 + b s^3", powers: &["quadratic", "cubic"] };
+static CUBIC: Displacement =
+    Displacement { form: ("output-cubic", "curve of the output: y = s + a s^2 + b s^3"), powers: &["quadratic", "cubic"] };
 
 /// Bends both ways at both ends, as a laser's or a joint's characteristic may.
 static QUINTIC: Displacement = Displacement {
-    form: "curve of the output: y = s + a s^2 + b s^3 + c s^4 + d s^5",
+    form: ("output-quintic", "curve of the output: y = s + a s^2 + b s^3 + c s^4 + d s^5"),
     powers: &["quadratic", "cubic", "quartic", "quintic"],
 };
 
@@ -37,26 +38,22 @@ struct Pieces;
 const PIECES: usize = 8;
 
 impl Form for Pressure {
-    fn name(&self) -> &'static str {
-        "static-nonlinearity"
-    }
-    fn form(&self) -> &'static str {
-        "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)"
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "quadratic", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
-            Parameter { name: "cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "quadratic", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
+                Parameter { name: "cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+            ],
+            is_static: true,
+            ..Spec::new(
+                "static-nonlinearity",
+                ("input-cubic", "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)"),
+                Place::Muscle,
+            )
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
@@ -69,23 +66,13 @@ impl Form for Pressure {
 
 /// A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
 impl Form for Power {
-    fn name(&self) -> &'static str {
-        "static-nonlinearity"
-    }
-    fn form(&self) -> &'static str {
-        "power of the input: v = u^n"
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }]
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.6, 0.85, 1.2, 1.6].into_iter().map(|exponent| vec![exponent]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }],
+            is_static: true,
+            starts: &[&[0.6], &[0.85], &[1.2], &[1.6]],
+            ..Spec::new("static-nonlinearity", ("input-power", "power of the input: v = u^n"), Place::Muscle)
+        }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         path.iter_mut().for_each(|value| *value = value.signum() * value.abs().powf(parameters[0]));
@@ -93,20 +80,8 @@ impl Form for Power {
 }
 
 impl Form for Displacement {
-    fn name(&self) -> &'static str {
-        "static-nonlinearity"
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        self.powers.len()
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec { weights: self.powers.len(), needs_sum: true, ..Spec::new("static-nonlinearity", self.form, Place::Material) }
     }
     fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
         for (power, _) in (2..).zip(self.powers) {
@@ -124,17 +99,15 @@ impl Form for Displacement {
 }
 
 impl Form for Parallel {
-    fn name(&self) -> &'static str {
-        "static-nonlinearity"
-    }
-    fn form(&self) -> &'static str {
-        "curve of the input beside the hysteresis: y = s + a u^2 + b u^3"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        2
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: 2,
+            ..Spec::new(
+                "static-nonlinearity",
+                ("beside-hysteresis", "curve of the input beside the hysteresis: y = s + a u^2 + b u^3"),
+                Place::Material,
+            )
+        }
     }
     fn output(&self, _: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| run.input[sample] * run.input[sample]);
@@ -150,20 +123,12 @@ impl Form for Parallel {
 }
 
 impl Form for Pieces {
-    fn name(&self) -> &'static str {
-        "static-nonlinearity"
-    }
-    fn form(&self) -> &'static str {
-        "curve of the output: eight straight pieces"
-    }
-    fn place(&self) -> Place {
-        Place::Material
-    }
-    fn weights(&self) -> usize {
-        PIECES - 1
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            weights: PIECES - 1,
+            needs_sum: true,
+            ..Spec::new("static-nonlinearity", ("output-pieces", "curve of the output: eight straight pieces"), Place::Material)
+        }
     }
     fn output(&self, _: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
         for corner in 1..PIECES {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Drive, FOLLOWING, Form, Parameter, Place};
+use crate::chain::form::{Drive, FOLLOWING, Form, Place, Spec, Told};
 use crate::data::session::{Run, Session};
 use crate::observers::{jumps, law};
 
@@ -12,7 +12,7 @@ pub struct Sticking {
     /// The effect.
     pub name: &'static str,
     /// The form's description.
-    pub form: &'static str,
+    pub form: Told,
     /// What it breaks away by.
     pub drive: Drive,
     /// Whether the stick position feels what the sensor's effects add: a heart may quasi-static response at the wire behind a tip that sticks, or beat against the tip.
@@ -20,42 +20,26 @@ pub struct Sticking {
 }
 
 impl Form for Sticking {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-    fn form(&self) -> &'static str {
-        self.form
-    }
-    // What it departs from is the model's output: a valve acts on the pressure, but it is seen behind everything.
-    fn place(&self) -> Place {
-        Place::Reading
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        match self.drive {
-            Drive::QuasiStatic => law::OF_A_TIP,
-            Drive::Command => law::OF_A_VALVE,
+    fn spec(&self) -> Spec {
+        // What it departs from is the model's output: a valve acts on the pressure, but it is seen behind everything.
+        Spec {
+            parameters: match self.drive {
+                Drive::QuasiStatic => law::OF_A_TIP,
+                Drive::Command => law::OF_A_VALVE,
+            },
+            weights: 1,
+            discrete: true,
+            jumps: Some(self.drive),
+            feels_sensor: self.feels,
+            needs_sum: true,
+            ..Spec::new(self.name, self.form, Place::Reading)
         }
-    }
-    fn weights(&self) -> usize {
-        1
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         Vec::new()
     }
-    fn discrete(&self) -> bool {
-        true
-    }
-    fn needs_sum(&self) -> bool {
-        true
-    }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         follow(parameters, run, path);
-    }
-    fn jumps(&self) -> Option<Drive> {
-        Some(self.drive)
-    }
-    fn feels_sensor(&self) -> bool {
-        self.feels
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         jumps::push_departure(self.drive, self.feels, parameters, run, sum, columns);
@@ -91,26 +75,16 @@ pub fn inferred_quasi_static(feels: bool) -> &'static dyn Form {
 }
 
 impl Form for QuasiStatic {
-    fn name(&self) -> &'static str {
-        "stick-slip"
-    }
-    fn form(&self) -> &'static str {
-        "the pull that its leaps tell"
-    }
-    fn place(&self) -> Place {
-        Place::Reading
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        law::OF_A_TIP
-    }
-    fn needs_sum(&self) -> bool {
-        true
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: law::OF_A_TIP,
+            jumps: Some(Drive::QuasiStatic),
+            needs_sum: true,
+            ..Spec::new("stick-slip", ("pull", "the pull that its leaps tell"), Place::Reading)
+        }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         follow(parameters, run, path);
-    }
-    fn jumps(&self) -> Option<Drive> {
-        Some(Drive::QuasiStatic)
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         jumps::infer_quasi_static(self.feels, parameters, run, sum, columns);
@@ -125,17 +99,8 @@ struct LagWithoutDeadBand;
 pub static LAG_WITHOUT_DEAD_BAND: &dyn Form = &LagWithoutDeadBand;
 
 impl Form for LagWithoutDeadBand {
-    fn name(&self) -> &'static str {
-        "valve-dead-band"
-    }
-    fn form(&self) -> &'static str {
-        FOLLOWING
-    }
-    fn place(&self) -> Place {
-        Place::Muscle
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &law::OF_A_VALVE[law::LAG..=law::LAG]
+    fn spec(&self) -> Spec {
+        Spec { parameters: &law::OF_A_VALVE[law::LAG..=law::LAG], ..Spec::new("valve-dead-band", FOLLOWING, Place::Muscle) }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         crate::chain::filters::lag(path, parameters[0], run.period_s);

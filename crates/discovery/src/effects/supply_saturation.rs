@@ -1,6 +1,6 @@
 //! `supply-saturation`: the supply's pressure is the most there is, `v = min(u, L)` with a rounded corner.
 
-use crate::chain::form::{Form, Parameter, Place, Quantity};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -9,26 +9,18 @@ pub const FORMS: &[&dyn Form] = &[&Corner];
 struct Corner;
 
 impl Form for Corner {
-    fn name(&self) -> &'static str {
-        "supply-saturation"
-    }
-    fn form(&self) -> &'static str {
-        "rounded corner"
-    }
-    fn place(&self) -> Place {
-        Place::Supply
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "limit", quantity: Quantity::Input, low: 0.3, high: 1.0, logarithmic: false },
-            Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "limit", quantity: Quantity::Input, low: 0.3, high: 1.0, logarithmic: false },
+                Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
+            ],
+            is_static: true,
+            ..Spec::new("supply-saturation", ("rounded", "rounded corner"), Place::Supply)
+        }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96].into_iter().flat_map(|limit| [vec![limit, 0.005], vec![limit, 0.04]]).collect()
-    }
-    fn is_static(&self) -> bool {
-        true
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {

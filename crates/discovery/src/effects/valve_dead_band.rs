@@ -3,7 +3,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{best_starts, ladder, lag_coefficients};
-use crate::chain::form::{Drive, Form, Parameter, Place, Quantity};
+use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side;
 use crate::data::session::{Role, Run, Session};
 use crate::effects::pneumatic_lag;
@@ -17,8 +17,12 @@ struct Follow;
 struct Overlap;
 
 /// Jumps that no simulation meets, because errors of one add up to the next; where the pressure stands is read from the output seen so far.
-static SEEN: Sticking =
-    Sticking { name: "valve-dead-band", form: "holds and opens, its pressure seen in the output", drive: Drive::Command, feels: false };
+static SEEN: Sticking = Sticking {
+    name: "valve-dead-band",
+    form: ("seen", "holds and opens, its pressure seen in the output"),
+    drive: Drive::Command,
+    feels: false,
+};
 
 /// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
 const LOOKS: usize = 2;
@@ -72,23 +76,19 @@ fn follow(path: &mut [f64], begin: f64, [band, closing, flow_s]: [f64; 3], perio
 }
 
 impl Form for Follow {
-    fn name(&self) -> &'static str {
-        "valve-dead-band"
-    }
-    fn form(&self) -> &'static str {
-        "opens at the band, follows, closes"
-    }
-    fn place(&self) -> Place {
-        Place::Supply
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        // The travel decides when the next jump comes, and the one after it: an error in it adds up along the limit-cycle staircases, one in the band
-        // does not. As parameters of their own the two are searched along the axes of the valley.
-        &[
-            Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true },
-            Parameter { name: "travel", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true },
-            Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true },
-        ]
+    fn spec(&self) -> Spec {
+        Spec {
+            // The travel decides when the next jump comes, and the one after it: an error in it adds up along the limit-cycle staircases, one in the band
+            // does not. As parameters of their own the two are searched along the axes of the valley.
+            parameters: &[
+                Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true },
+                Parameter { name: "travel", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true },
+                Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true },
+            ],
+            steps: &[0.02, 0.01, 0.1],
+            across: Some(1),
+            ..Spec::new("valve-dead-band", ("follows", "opens at the band, follows, closes"), Place::Supply)
+        }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // A valve that closes with no error left is a fast one.
@@ -111,12 +111,6 @@ impl Form for Follow {
             cross / energy.sqrt()
         };
         best_starts(ladder(0.008, 0.2, 150).into_iter().flat_map(of), score, 24)
-    }
-    fn across(&self) -> Option<usize> {
-        Some(1)
-    }
-    fn step(&self, parameter: usize) -> f64 {
-        [0.02, 0.01, 0.1][parameter]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);
@@ -186,23 +180,17 @@ fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize
 }
 
 impl Form for Overlap {
-    fn name(&self) -> &'static str {
-        "valve-dead-band"
-    }
-    fn form(&self) -> &'static str {
-        "flow in proportion to the error beyond the band"
-    }
-    fn place(&self) -> Place {
-        Place::Supply
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
+                Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
+            ],
+            ..Spec::new("valve-dead-band", ("overlap", "flow in proportion to the error beyond the band"), Place::Supply)
+        }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
-    }
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
-            Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
-        ]
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect()

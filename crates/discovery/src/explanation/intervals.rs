@@ -22,7 +22,7 @@ pub fn half_widths(model: &Model, session: &Session) -> Vec<f64> {
     let axes = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
     let searched: Vec<usize> =
-        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot)).collect();
+        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(model, slot)).collect();
     let mut result = vec![0.0; line.len()];
     let n = searched.len();
     if n == 0 {

@@ -35,7 +35,7 @@ pub const VERSION: u32 = 1;
 pub struct EffectEntry {
     /// Name from the vocabulary.
     pub name: String,
-    /// Form of the effect.
+    /// Key of the effect's form; files of earlier versions have its description.
     pub form: String,
     /// What it does, where it comes from a file of effects.
     #[serde(default)]
@@ -200,7 +200,7 @@ impl DiscoveredModel {
     pub fn bare(model: &Model, session: &Session, recording: &Recording) -> Self {
         let effects = model.slots.iter().map(|slot| EffectEntry {
             name: slot.form.name().to_owned(),
-            form: slot.form.form().to_owned(),
+            form: slot.form.key().to_owned(),
             definition: slot.form.definition().cloned(),
             normalised: slot.parameters.clone(),
             weights: slot.weights.clone(),
@@ -259,10 +259,10 @@ impl DiscoveredModel {
                 None => forms
                     .iter()
                     .copied()
-                    .find(|form| form.name() == entry.name && form.form() == entry.form)
+                    .find(|form| form.name() == entry.name && form.is_called(&entry.form))
                     .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?,
             };
-            if form.parameters().len() != entry.normalised.len() || form.weights() != entry.weights.len() {
+            if form.parameters().len() != entry.normalised.len() || form.spec().weights != entry.weights.len() {
                 return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
             }
             for (parameter, &value) in form.parameters().iter().zip(&entry.normalised) {

@@ -161,7 +161,7 @@ impl Model {
     /// Whether some effect needs the model's own output.
     #[must_use]
     pub fn needs_sum(&self) -> bool {
-        self.slots.iter().any(|slot| slot.form.needs_sum())
+        self.slots.iter().any(|slot| slot.form.spec().needs_sum)
     }
 
     /// All columns of the linear part for one recording.
@@ -214,7 +214,7 @@ impl Model {
 
     /// Whether it is nothing but play operators, behind a valve maybe.
     fn is_a_bank(&self) -> bool {
-        let is_a_valve = |slot: &Slot| slot.form.jumps() == Some(Drive::Command) || slot.form.form() == FOLLOWING;
+        let is_a_valve = |slot: &Slot| slot.form.jumps() == Some(Drive::Command) || slot.form.key() == FOLLOWING.0;
         !self.stops && self.slots.iter().all(is_a_valve)
     }
 
@@ -231,10 +231,10 @@ impl Model {
         columns.at_sensor.clear();
         columns.at_sensor.resize(samples, 0.0);
         for slot in &self.slots {
-            if slot.form.needs_sum() {
+            if slot.form.spec().needs_sum {
                 sum.clear();
                 sum.resize(samples, 0.0);
-                let first = usize::from(slot.form.jumps().is_none() && !slot.form.is_a_zero());
+                let first = usize::from(slot.form.jumps().is_none() && !slot.form.spec().is_a_zero);
                 columns.weigh(&weights, first, &mut sum);
             }
             slot.form.output(&slot.parameters, run, &sum, columns);
@@ -282,7 +282,7 @@ impl Model {
             }
         } else if self.initial_state.is_carried() {
             let mut since = run.history.clone();
-            for slot in self.slots.iter().filter(|slot| slot.form.is_static()) {
+            for slot in self.slots.iter().filter(|slot| slot.form.spec().is_static) {
                 slot.form.input(&slot.parameters, run, &mut since);
             }
             history.append(&mut since);
@@ -302,7 +302,7 @@ impl Model {
         self.base = weights[..base].to_vec();
         let mut at = base;
         for slot in &mut self.slots {
-            let count = slot.form.weights();
+            let count = slot.form.spec().weights;
             slot.weights = weights[at..at + count].to_vec();
             at += count;
         }
@@ -321,5 +321,5 @@ impl Model {
 
 /// By which lag a model's operators follow a valve's command, s.
 pub fn follows_s(model: &Model) -> f64 {
-    model.slots.iter().find(|slot| slot.form.form() == FOLLOWING).map_or(0.0, |slot| slot.parameters[0])
+    model.slots.iter().find(|slot| slot.form.key() == FOLLOWING.0).map_or(0.0, |slot| slot.parameters[0])
 }

@@ -78,7 +78,10 @@ impl Model {
             (Some(states), _) => Beginning::From(states.states().to_vec()),
             (None, Some(last)) if self.initial_state.is_carried() && !follows => {
                 let (mut history, mut path) = (self.history(last), last.input.clone());
-                self.slots.iter().filter(|slot| slot.form.is_static()).for_each(|slot| slot.form.input(&slot.parameters, last, &mut path));
+                self.slots
+                    .iter()
+                    .filter(|slot| slot.form.spec().is_static)
+                    .for_each(|slot| slot.form.input(&slot.parameters, last, &mut path));
                 remember(&mut history, &path);
                 Beginning::After(history)
             }
@@ -90,8 +93,8 @@ impl Model {
     /// Puts the mean over the recordings worked with into the constant where each recording has a zero of its own: a simulation, which
     /// reads no zero, then stands at the mean.
     pub fn anchor(&mut self, session: &Session) {
-        let Some(at) = self.slots.iter().position(|slot| slot.form.is_a_zero()) else { return };
-        let place = self.base.len() + self.slots[..at].iter().map(|slot| slot.form.weights()).sum::<usize>();
+        let Some(at) = self.slots.iter().position(|slot| slot.form.spec().is_a_zero) else { return };
+        let place = self.base.len() + self.slots[..at].iter().map(|slot| slot.form.spec().weights).sum::<usize>();
         let (mut sum, mut count) = (0.0, 0.0_f64);
         self.walk(session, &mut Paths::default(), Run::is_worked_with, |run, columns, _| {
             let zero = columns.column(place)[0];

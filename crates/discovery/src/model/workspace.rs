@@ -270,7 +270,7 @@ mod tests {
         base.fit(&session, Scope::Both);
         let with = |form, parameters: &[f64]| {
             let mut model = base.with(form, parameters.to_vec());
-            let count = model.slots[0].form.weights();
+            let count = model.slots[0].form.spec().weights;
             model.slots[0].weights = vec![0.1; count];
             model
         };

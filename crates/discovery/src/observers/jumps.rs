@@ -1,7 +1,7 @@
 //! Seeing jumps in the measured output: an observer of something that holds, breaks away and holds again.
 //!
 //! When such a thing jumps hangs on a state that nobody records, and an error of a tenth of its travel in the quasi-static response moves all jumps that
-//! follow. A simulation from the input alone meets few of them (`docs/discovery.md`), so they are judged by what can be met: each sample is
+//! follow. A simulation from the input alone meets few of them (`docs/concepts/discovery.md`), so they are judged by what can be met: each sample is
 //! predicted from the samples before it. Two observers do that, and whether something jumps is the difference of their likelihoods.
 //!
 //! Terms. *Quasi-static response*: the output that the model expects where nothing sticks; its weights have taken the mean lag of what sticks for hysteresis

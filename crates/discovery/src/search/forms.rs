@@ -28,7 +28,7 @@ pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
     const STEP: f64 = 0.1;
     let axes = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
-    let indices = (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(model, slot));
+    let indices = (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(model, slot));
     let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); session.runs.len()];
     let centre = inward(&axes, &line);
     let mut workspace = Workspace::new(session);
@@ -61,11 +61,11 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
     let mut workspace = Workspace::new(session);
     let mut look = |start: Vec<f64>| {
         let mut model = base.with_in(order, form, start.clone());
-        let square = if form.discrete() {
+        let square = if form.spec().discrete {
             let sums = workspace.sums(&model, Scope::Both);
             let weights = sums.fit.solve(&sums.free, &model.weights());
             0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
-        } else if form.needs_sum() {
+        } else if form.spec().needs_sum {
             // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
             // what remains once the weights have given that back.
             model.fit_in(&mut workspace, Scope::Screen).0
@@ -76,7 +76,7 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
     };
     let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(&mut look).collect();
     tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
-    if let Some(across) = form.across() {
+    if let Some(across) = form.spec().across {
         // The valley is narrower than the grid, and the best point of the grid need not lie in the deepest: a walk across from a few.
         let parameter = form.parameters()[across];
         let step = form.step(across);
@@ -113,17 +113,17 @@ pub fn settle_form(started: &Started, session: &Session) -> Fitted {
 pub fn refine_form(started: &Started, session: &Session) -> Fitted {
     let (mut model, form) = (started.model.clone(), started.form);
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
-    let indices = if form.discrete() { Vec::new() } else { indices_of(&model, slot) };
+    let indices = if form.spec().discrete { Vec::new() } else { indices_of(&model, slot) };
     let effort =
         |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
     if !indices.is_empty() {
         simplex(&mut model, session, &indices, effort(1.0, 14));
-        if form.needs_sum() {
+        if form.spec().needs_sum {
             model.fit(session, Scope::Screen);
             simplex(&mut model, session, &indices, effort(0.7, 10));
         }
     }
-    if let Some(across) = form.across() {
+    if let Some(across) = form.spec().across {
         // A simplex ends in the nearest of many valleys: look over both rims of every parameter, then down again.
         let others = (0..indices.len()).filter(|&parameter| parameter != across);
         for parameter in others.chain([across]) {
@@ -165,7 +165,7 @@ pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residu
 pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
     let mut model = model.clone();
     let indices: Vec<usize> =
-        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.discrete()).flat_map(|slot| indices_of(&model, slot)).collect();
+        (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(&model, slot)).collect();
     let count = indices.len();
     let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
     let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };

@@ -50,7 +50,7 @@ pub fn refitted(
     threads: usize,
 ) -> (Model, SlipLaw) {
     let (drive, lag_s) = (law.drive, law.lag_s);
-    let on = |model: &Model| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, form.feels_sensor()).by(threads);
+    let on = |model: &Model| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, form.spec().feels_sensor).by(threads);
     let value = on(&model).fitting(&law);
     if drive == Drive::Command && !law.leads_the_muscle() && on(&model).is_of_a_bank() {
         let led = SlipLaw { overshoot: 0.0, ..law };
@@ -98,7 +98,7 @@ pub fn pseudo_measurements<'a>(
 
 /// The model on the whole grid, to be fitted to the quasi-static response that a tip tells, this much farther from the stick position.
 pub fn to_be_inferred(model: &Model, form: &'static dyn Form, noise: f64, law: SlipLaw, farther: f64) -> Model {
-    model.regrown().with(inferred_quasi_static(form.feels_sensor()), [law.as_parameters(noise), vec![farther]].concat())
+    model.regrown().with(inferred_quasi_static(form.spec().feels_sensor), [law.as_parameters(noise), vec![farther]].concat())
 }
 
 /// The model without what jumps in it.

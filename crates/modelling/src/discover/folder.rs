@@ -59,8 +59,9 @@ fn write_model(path: &Path, model: &DiscoveredModel) -> Result<()> {
 /// The file of a model that was found.
 fn model_of(finding: &Finding, model: &Model, discovery: &Discovery, recordings: &[Recording]) -> DiscoveredModel {
     let mut written = DiscoveredModel::bare(model, &finding.session, &recordings[0]);
-    for entry in &mut written.effects {
-        if let Some(named) = discovery.effects.iter().find(|effect| effect.name == entry.name && effect.form == entry.form) {
+    for named in &discovery.effects {
+        // The first of a name is the one that was told: what creep has left in each recording comes behind it.
+        if let Some(entry) = written.effects.iter_mut().find(|entry| entry.name == named.name) {
             entry.parameters.clone_from(&named.parameters);
             entry.intervals.clone_from(&named.intervals);
         }

@@ -27,16 +27,18 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
     for effect in &model.effects {
         match (effect.name.as_str(), effect.form.as_str()) {
             ("dead-time", _) => input_path.dead_time_s += effect.normalised[0],
-            ("pneumatic-lag", "before the hysteresis") => {
+            ("pneumatic-lag", "before" | "before the hysteresis") => {
                 input_path.lag_time_constant_s = effect.normalised[0];
                 // Found with straight lines between samples, run with steps there: these arrive half a sample earlier.
                 input_path.dead_time_s += 0.5 * model.sample_period_s;
             }
-            ("pneumatic-lag", "two in a row before the hysteresis") if is_a_delay(effect.normalised[1], model.sample_period_s) => {
+            ("pneumatic-lag", "two-before" | "two in a row before the hysteresis")
+                if is_a_delay(effect.normalised[1], model.sample_period_s) =>
+            {
                 input_path.lag_time_constant_s = effect.normalised[0];
                 input_path.dead_time_s += effect.normalised[1] + 0.5 * model.sample_period_s;
             }
-            ("creep", form) if form.starts_with("of the displacement") => {
+            ("creep", form) if form.starts_with("of-the-displacement") || form.starts_with("of the displacement") => {
                 let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
                 (creep.time_constants_s, creep.gains) = active.map(|(time_s, weight)| (*time_s, *weight)).unzip();
             }
@@ -173,8 +175,10 @@ mod tests {
             (vec![entry("gain-drift", "a smooth curve of the session's time", &[600.0], &[0.1, 0.0, 0.0, 0.0])], true, 5e-2),
             // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
             (vec![entry("dead-time", "constant", &[0.137], &[])], false, 4e-2),
+            (vec![entry("pneumatic-lag", "before", &[0.15], &[])], false, 4e-2),
+            // As files of earlier versions have it.
             (vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false, 4e-2),
-            (vec![entry("pneumatic-lag", "two in a row before the hysteresis", &[0.15, 0.008], &[])], false, 4e-2),
+            (vec![entry("pneumatic-lag", "two-before", &[0.15, 0.008], &[])], false, 4e-2),
         ];
         for (effects, stops, tolerance_mm) in cases {
             let model = model(effects, stops);
@@ -202,7 +206,7 @@ mod tests {
     fn an_effect_that_the_microcontroller_does_not_know_is_named() {
         let problem = physics_model(&model(vec![entry("resonance", "swinging tip", &[3.0, 0.1], &[])], false), &[recording()]);
         assert_eq!(problem.expect_err("no such stage"), "resonance (swinging tip)");
-        let two = entry("pneumatic-lag", "two in a row before the hysteresis", &[0.15, 0.05], &[]);
+        let two = entry("pneumatic-lag", "two-before", &[0.15, 0.05], &[]);
         assert!(physics_model(&model(vec![two], false), &[recording()]).is_err(), "a second lag of 50 ms is no delay");
     }
 }

@@ -108,9 +108,10 @@ impl<'a> Bank<'a> {
 }
 
 /// Folds the linear problem `sign * output = sum_i w_i signal_i + constant` of all runs into one system. The constant is the last
-/// column; with `offsets` every run has its own, which is projected out, and there is no such column.
+/// column; with `offsets` every run has its own, which is projected out, and there is no such column. Of the samples every one moves the
+/// operators, and each `every`-th is an equation.
 #[must_use]
-pub fn linear_problem(runs: &[Run], thresholds: &[f64], family: Family, sign: f64, offsets: bool) -> Compressed {
+pub fn linear_problem(runs: &[Run], thresholds: &[f64], family: Family, sign: f64, offsets: bool, every: usize) -> Compressed {
     let n = thresholds.len();
     let mut system = Compressed::new(if offsets { n } else { n + 1 });
     for run in runs {
@@ -120,7 +121,7 @@ pub fn linear_problem(runs: &[Run], thresholds: &[f64], family: Family, sign: f6
         let mut row = vec![1.0; n + 1];
         for (index, &input) in run.input.iter().enumerate() {
             bank.step(input);
-            if index < run.skip {
+            if index < run.skip || !index.is_multiple_of(every) {
                 continue;
             }
             if offsets {

@@ -4,6 +4,7 @@
 //! the rest, through which it runs on with the memory it has. The simplest kind that is as good as the best is taken.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use identification::choice::{self, Entry};
 use identification::{Partition, Series, SplitKind, interval};
@@ -49,10 +50,16 @@ pub fn kinds(base: &FitConfig) -> Vec<(String, FitConfig)> {
 }
 
 /// Judges candidates; returns them in order, and the index of the one to take. Empty for more samples than can be fitted several times.
+/// `told` hears how many fits are done, and of how many.
 ///
 /// # Errors
 /// When the recordings do not go together or a candidate cannot be fitted to all of them.
-pub fn judge(recordings: &[Recording], candidates: &[(String, FitConfig)], threads: usize) -> Result<(Vec<Judged>, usize), IdentifyError> {
+pub fn judge(
+    recordings: &[Recording],
+    candidates: &[(String, FitConfig)],
+    threads: usize,
+    told: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(Vec<Judged>, usize), IdentifyError> {
     let samples: usize = recordings.iter().map(Recording::len).sum();
     if samples > MOST_SAMPLES {
         return Ok((Vec::new(), 0));
@@ -66,7 +73,13 @@ pub fn judge(recordings: &[Recording], candidates: &[(String, FitConfig)], threa
     let blocks = partition.kind() == SplitKind::Blocks;
     let jobs: Vec<(usize, usize)> =
         (0..candidates.len()).flat_map(|candidate| (0..folds(&partition)).map(move |fold| (candidate, fold))).collect();
-    let one = |&(candidate, fold): &(usize, usize)| Ok(errors(recordings, &partition, fold, &candidates[candidate].1));
+    let done = AtomicUsize::new(0);
+    told(0, jobs.len());
+    let one = |&(candidate, fold): &(usize, usize)| {
+        let found = errors(recordings, &partition, fold, &candidates[candidate].1);
+        told(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+        Ok(found)
+    };
     let found = for_each(&jobs, threads, one).unwrap_or_default();
     let independent = (!blocks).then(|| partition.folds());
     let mut judged = Vec::new();

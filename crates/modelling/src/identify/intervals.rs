@@ -42,27 +42,46 @@ pub(super) fn intervals(fitted: &Fitted) -> Intervals {
     let active: Vec<usize> = (0..n).filter(|&k| fitted.weights[k] != 0.0).collect();
     let free: Vec<usize> = active.iter().copied().filter(|&k| fitted.free_thresholds && fitted.thresholds[k] > 0.0).collect();
     let count = active.len() + free.len() + usize::from(!fitted.offsets);
-    let rows: Vec<(Vec<Vec<f64>>, Vec<f64>)> = fitted.runs.iter().map(|run| jacobian(fitted, run, &active, &free)).collect();
+    // The lines are made anew in each pass: kept, those of five million samples would fill the memory.
+    let lines = Lines { fitted, active: &active, free: &free, count };
+    let means: Vec<Vec<f64>> = fitted.runs.iter().map(|run| if fitted.offsets { lines.means(run) } else { vec![0.0; count + 1] }).collect();
     let mut system = Compressed::new(count);
-    rows.iter().flat_map(|(jacobian, residual)| jacobian.iter().zip(residual)).for_each(|(row, &residual)| system.push(row, residual));
+    let (mut total, mut lagged) = (0.0, 0.0);
+    for (run, means) in fitted.runs.iter().zip(&means) {
+        let mut before = 0.0;
+        lines.each(run, means, &mut |line, residual| {
+            system.push(line, residual);
+            total += residual * residual;
+            lagged += before * residual;
+            before = residual;
+        });
+    }
     let all: Vec<usize> = (0..count).collect();
     let inverse = system.inverse_gram(&all);
     let samples = system.rows();
-    let total: f64 = rows.iter().flat_map(|(_, residual)| residual).map(|residual| residual * residual).sum();
     let variance = total / samples.saturating_sub(count).max(1) as f64;
-    let length = block_length(&rows, samples);
+    let length = block_length(lagged, total, samples);
     let mut meat = vec![0.0; count * count];
     let mut blocks = 0_usize;
-    for (jacobian, residual) in &rows {
-        for (lines, values) in jacobian.chunks(length).zip(residual.chunks(length)) {
-            let mut sum = vec![0.0; count];
-            for (line, value) in lines.iter().zip(values) {
-                sum.iter_mut().zip(line).for_each(|(sum, cell)| *sum += cell * value);
+    let mut add = |sum: &mut Vec<f64>| {
+        for row in 0..count {
+            (0..count).for_each(|column| meat[row * count + column] += sum[row] * sum[column]);
+        }
+        sum.fill(0.0);
+        blocks += 1;
+    };
+    for (run, means) in fitted.runs.iter().zip(&means) {
+        let (mut sum, mut summed) = (vec![0.0; count], 0);
+        lines.each(run, means, &mut |line, residual| {
+            sum.iter_mut().zip(line).for_each(|(sum, cell)| *sum += cell * residual);
+            summed += 1;
+            if summed == length {
+                add(&mut sum);
+                summed = 0;
             }
-            for row in 0..count {
-                (0..count).for_each(|column| meat[row * count + column] += sum[row] * sum[column]);
-            }
-            blocks += 1;
+        });
+        if summed > 0 {
+            add(&mut sum);
         }
     }
     let student = 1.96 + 2.37 / blocks.saturating_sub(1).max(1) as f64;
@@ -89,50 +108,53 @@ pub(super) fn intervals(fitted: &Fitted) -> Intervals {
     Intervals { thresholds: thresholds.collect(), weights, constant, widening: if number > 0.0 { sum / number } else { 1.0 } }
 }
 
-/// Derivatives of the output with respect to the parameters and the residual, for each sample of a run that counts.
-fn jacobian(fitted: &Fitted, run: &Run, active: &[usize], free: &[usize]) -> (Vec<Vec<f64>>, Vec<f64>) {
-    let mut bank = Bank::new(fitted.thresholds, fitted.family);
-    let mut lines = Vec::new();
-    let mut residuals = Vec::new();
-    for (index, &input) in run.input.iter().enumerate() {
-        bank.step(input);
-        if index < run.skip {
-            continue;
-        }
-        let sum: f64 = (0..fitted.thresholds.len()).map(|k| fitted.weights[k] * bank.signal(k, input)).sum();
-        let (value, slope) = fitted.curve.map_or((sum, 1.0), |curve| (curve.at(sum), curve.slope_at(sum)));
-        let mut line: Vec<f64> = active.iter().map(|&k| slope * bank.signal(k, input)).collect();
-        line.extend(free.iter().map(|&k| slope * fitted.weights[k] * bank.slope(k)));
-        if !fitted.offsets {
-            line.push(1.0);
-        }
-        lines.push(line);
-        residuals.push(run.output[index] - fitted.constant - value);
-    }
-    if fitted.offsets {
-        remove_means(&mut lines, &mut residuals);
-    }
-    (lines, residuals)
+/// Derivatives of the output with respect to the parameters, and the residual, for each sample that counts.
+struct Lines<'a> {
+    fitted: &'a Fitted<'a>,
+    active: &'a [usize],
+    free: &'a [usize],
+    count: usize,
 }
 
-/// Projects the run's own constant out.
-fn remove_means(lines: &mut [Vec<f64>], residuals: &mut [f64]) {
-    let count = residuals.len().max(1) as f64;
-    let mean = residuals.iter().sum::<f64>() / count;
-    residuals.iter_mut().for_each(|residual| *residual -= mean);
-    for column in 0..lines.first().map_or(0, Vec::len) {
-        let mean = lines.iter().map(|line| line[column]).sum::<f64>() / count;
-        lines.iter_mut().for_each(|line| line[column] -= mean);
+impl Lines<'_> {
+    /// Every line of a run less its means, the residual's last.
+    fn each(&self, run: &Run, means: &[f64], see: &mut dyn FnMut(&[f64], f64)) {
+        let fitted = self.fitted;
+        let mut bank = Bank::new(fitted.thresholds, fitted.family);
+        let mut line = vec![0.0; self.count];
+        for (index, &input) in run.input.iter().enumerate() {
+            bank.step(input);
+            if index < run.skip {
+                continue;
+            }
+            let sum: f64 = (0..fitted.thresholds.len()).map(|k| fitted.weights[k] * bank.signal(k, input)).sum();
+            let (value, slope) = fitted.curve.map_or((sum, 1.0), |curve| (curve.at(sum), curve.slope_at(sum)));
+            let weights = self.active.iter().map(|&k| slope * bank.signal(k, input));
+            let thresholds = self.free.iter().map(|&k| slope * fitted.weights[k] * bank.slope(k));
+            // The constant's derivative is one; each run's own constant is projected out by the means instead.
+            let constant = std::iter::once(1.0);
+            line.iter_mut()
+                .zip(weights.chain(thresholds).chain(constant))
+                .zip(means)
+                .for_each(|((cell, value), mean)| *cell = value - mean);
+            see(&line, run.output[index] - fitted.constant - value - means[self.count]);
+        }
+    }
+
+    /// The means of a run's lines, the residual's last.
+    fn means(&self, run: &Run) -> Vec<f64> {
+        let mut sums = vec![0.0; self.count + 1];
+        let mut samples = 0.0;
+        self.each(run, &vec![0.0; self.count + 1], &mut |line, residual| {
+            sums.iter_mut().zip(line.iter().chain([&residual])).for_each(|(sum, value)| *sum += value);
+            samples += 1.0;
+        });
+        sums.iter().map(|sum| sum / f64::max(samples, 1.0)).collect()
     }
 }
 
 /// Samples of a block, from the correlation of neighbouring residuals.
-fn block_length(rows: &[(Vec<Vec<f64>>, Vec<f64>)], samples: usize) -> usize {
-    let (mut lagged, mut squares) = (0.0, 0.0);
-    for (_, residual) in rows {
-        lagged += residual.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
-        squares += residual.iter().map(|value| value * value).sum::<f64>();
-    }
+fn block_length(lagged: f64, squares: f64, samples: usize) -> usize {
     let correlation = if squares > 0.0 { (lagged / squares).clamp(0.0, 0.9999) } else { 0.0 };
     let alpha = 4.0 * correlation.powi(2) / (1.0 - correlation.powi(2)).powi(2);
     let length = 1.1447 * (alpha * samples as f64).cbrt();

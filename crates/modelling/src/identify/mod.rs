@@ -29,7 +29,7 @@ use thresholds::{Found, Search};
 /// At most `count` thresholds, ascending and up to `largest`, that explain prepared runs best: free thresholds by variable projection.
 #[must_use]
 pub fn free_thresholds(runs: &[Run], family: Family, count: usize, largest: f64) -> Vec<f64> {
-    Search { runs, family, sign: 1.0, offsets: false, largest }.run(count).thresholds
+    Search { runs, family, sign: 1.0, offsets: false, largest, every: thresholds::every(runs) }.run(count).thresholds
 }
 
 /// Where the thresholds come from.
@@ -365,6 +365,9 @@ const SCOUT_SAMPLES: usize = 30_000;
 
 /// Dead time in samples and lag coefficient: given, or by turns the best of ever finer grids, judged by the residual of a bank.
 fn input_path_of(recordings: &[Recording], config: &FitConfig, rest_input: f64, period_s: f64) -> (f64, f64) {
+    if let (Choice::Given(dead_time_s), Choice::Given(time_constant_s)) = (config.dead_time_s, config.lag_time_constant_s) {
+        return (dead_time_s / period_s, coefficient(period_s, time_constant_s));
+    }
     let samples: usize = recordings.iter().map(Recording::len).sum();
     let every = samples.div_ceil(SCOUT_SAMPLES).max(1);
     let some: Vec<Recording> = recordings.iter().step_by(every).cloned().collect();
@@ -416,7 +419,8 @@ fn input_path_of(recordings: &[Recording], config: &FitConfig, rest_input: f64, 
 /// The thresholds and weights of the family that fits best; play operators and a rising output win a tie.
 fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Found, Family, f64) {
     let grid = |count: usize| -> Vec<f64> { (0..count).map(|index| largest * index as f64 / count as f64).collect() };
-    let search = |family, sign| Search { runs, family, sign, offsets: config.offsets, largest };
+    let every = thresholds::every(runs);
+    let search = |family, sign| Search { runs, family, sign, offsets: config.offsets, largest, every };
     let scout = grid(SCOUTS);
     let families = config.family.map_or_else(|| vec![Family::Play, Family::Stop], |family| vec![family]);
     let mut best: Option<(f64, Family, f64)> = None;
@@ -436,6 +440,8 @@ fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Found, Family
         Thresholds::Given(thresholds) => search.project(thresholds),
         Thresholds::Free(count) => search.run(*count),
     };
+    // The weights, and what they leave, are those of all samples.
+    let found = if every > 1 { Search { every: 1, ..search }.project(&found.thresholds) } else { found };
     (found, family, sign)
 }
 

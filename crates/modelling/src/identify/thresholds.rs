@@ -14,6 +14,16 @@ pub(super) struct Search<'a> {
     pub offsets: bool,
     /// Largest sensible threshold.
     pub largest: f64,
+    /// Each so many-th sample is an equation; see [`every`].
+    pub every: usize,
+}
+
+/// Equations that thresholds are searched with, at most: of more, neighbours say the same.
+const MOST_EQUATIONS: usize = 500_000;
+
+/// Samples from one equation of the search to the next.
+pub(super) fn every(runs: &[Run]) -> usize {
+    super::bank::counted(runs).div_ceil(MOST_EQUATIONS).max(1)
 }
 
 /// Thresholds with their weights and what they leave.
@@ -37,7 +47,7 @@ const STEPS: usize = 30;
 impl Search<'_> {
     /// The best weights for given thresholds.
     pub(super) fn project(&self, thresholds: &[f64]) -> Found {
-        let mut system = linear_problem(self.runs, thresholds, self.family, self.sign, self.offsets);
+        let mut system = linear_problem(self.runs, thresholds, self.family, self.sign, self.offsets, self.every);
         let mut free = vec![false; thresholds.len()];
         if !self.offsets {
             free.push(true);
@@ -103,7 +113,7 @@ impl Search<'_> {
             let constant = found.coefficients.get(n).copied().unwrap_or(0.0);
             for (index, &input) in run.input.iter().enumerate() {
                 bank.step(input);
-                if index < run.skip {
+                if index < run.skip || !index.is_multiple_of(self.every) {
                     continue;
                 }
                 let mut left = self.sign * run.output[index] - constant;

@@ -249,13 +249,25 @@ fn enough(model: &Description, inputs: &[&[f64]]) -> Result<(), ModelError> {
 pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result<Vec<f64>, ModelError> {
     check(model.description(), recording, fit.resample)?;
     let gaps = if fit.gaps == Gaps::Reset { &recording.gaps[..] } else { &[] };
-    match model.description().sample_period_s {
+    let predicted = match model.description().sample_period_s {
         Some(period_s) if differs(period_s, recording.sample_period_s) || !is_even(recording) => {
             recording::resample::check(recording, period_s)
                 .map_err(|error| ModelError::Invalid { path: model.description().path.clone(), problem: error.to_string() })?;
             on_even_clock(recording, gaps, period_s, fit.start_up_s, |context, inputs, gaps| model.simulate_in(context, inputs, gaps))
         }
         _ => model.simulate_in(&Context::of(recording, fit.start_up_s), &recording.inputs(), gaps),
+    }?;
+    // Numbers that are finite one by one need not have a sum that is.
+    match predicted.iter().position(|value| value.is_nan() || value.abs() > recording::LARGEST) {
+        Some(sample) => {
+            let problem = format!(
+                "its output on {} is {} from sample {sample} on, which no sensor gives; make it again",
+                recording.path.display(),
+                predicted[sample]
+            );
+            Err(ModelError::Invalid { path: model.description().path.clone(), problem })
+        }
+        None => Ok(predicted),
     }
 }
 

@@ -77,7 +77,8 @@ pub struct TrainConfig {
     pub validation_fraction: f64,
     /// Validations spread evenly over the run.
     pub validations: u64,
-    /// The run ends early after this many validations without improvement; 0 never does.
+    /// The run ends early after this many validations without improvement; 0 never does. On rich sets of the all-effects rig the best came at
+    /// validation 3, 4, 9 and 13 of 26 (`hybrid` and `stream-1x32`, two seeds); at most three lay between one improvement and the next.
     pub patience: u64,
     /// CPU time of the whole run in s; decides the number of optimiser steps unless `epochs` does.
     pub budget_cpu_s: f64,
@@ -124,7 +125,7 @@ impl TrainConfig {
             synthetic_limit: 0.003,
             validation_fraction: 0.15,
             validations: 25,
-            patience: 0,
+            patience: 8,
             budget_cpu_s: 270.0,
             epochs: None,
         };
@@ -147,6 +148,7 @@ impl TrainConfig {
                 rise: 0.0,
                 optimizer: OptimizerConfig::default(),
                 validation_fraction: 0.3,
+                patience: 0,
                 ..base
             }),
             _ => None,

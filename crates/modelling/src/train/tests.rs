@@ -86,6 +86,29 @@ fn a_small_network_learns_a_play_operator() {
 }
 
 #[test]
+fn a_training_that_gets_no_better_ends_with_the_best_weights_it_had_and_the_same_ones_as_if_it_had_gone_on() {
+    // Noise has nothing to learn: what fits it is worse on other noise.
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let noise: Vec<Recording> = recordings()
+        .into_iter()
+        .map(|mut recording| {
+            recording.output.iter_mut().for_each(|output| *output = random.random_range(-1.0..1.0));
+            recording
+        })
+        .collect();
+    let config = TrainConfig { epochs: Some(120.0), validations: 40, patience: 0, ..small_config() };
+    let train = |config: &TrainConfig| train(&noise, config, 1, 1, &CheckpointPlan::default(), &mut |_| {}).unwrap();
+    let (whole, to_the_end) = train(&config);
+    let (stopped, early) = train(&TrainConfig { patience: 6, ..config });
+    assert_eq!((to_the_end.ended, early.ended), (Ended::Complete, Ended::EarlyStop));
+    assert!(2 * early.optimiser_steps < early.planned_steps, "{} of {}", early.optimiser_steps, early.planned_steps);
+    assert_eq!(early.history[..], to_the_end.history[..early.history.len()]);
+    let best = early.history.iter().map(|at| at.validation_rmse).fold(f64::INFINITY, f64::min);
+    assert!((early.val_rmse / best - 1.0).abs() < 1e-3, "{} and {best}", early.val_rmse);
+    assert!(early.val_rmse <= to_the_end.val_rmse * (1.0 + 1e-9) || to_bytes(&stopped).unwrap() == to_bytes(&whole).unwrap());
+}
+
+#[test]
 fn a_network_trained_to_be_certified_is_and_still_learns_and_one_that_is_not_is_said_not_to_be() {
     let examine = |certified_radius| {
         let config = TrainConfig { certified_radius, epochs: Some(200.0), ..small_config() };
