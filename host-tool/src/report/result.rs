@@ -93,7 +93,7 @@ mod tests {
             "many": (0..100).collect::<Vec<_>>(), "margins": { "gain": 2.0 },
         });
         let page = page("A result", "It says", &result, |page| page.paragraph("drawn"));
-        for wanted in ["drawn", "0.0123", "&lt;b&gt;", "1.5, 2.5", "a.csv", "0.25", "the first 60 of 100", "gain"] {
+        for wanted in ["drawn", "0.0123", "&lt;b&gt;", "1.5000, 2.5000", "a.csv", "0.25000", "the first 60 of 100", "gain"] {
             assert!(page.contains(wanted), "{wanted}");
         }
         assert!(!page.contains("<b>&lt;"), "names are text");

@@ -143,8 +143,8 @@ fn a_bar_that_is_cut_short_says_its_true_value() {
     let rows = [("bad".to_owned(), -350.0), ("good".to_owned(), 30.0)];
     let markup = well_formed_and_finite(bars_from(CAPTION, "x", 500.0, -20.0, &rows));
     let figures: Vec<&str> = markup.split("class=\"figure\"").skip(1).map(|part| part.split(['<', '>']).nth(1).unwrap()).collect();
-    assert_eq!(figures, ["-350", "30.0"]);
-    assert!(markup.contains("bad: -350"));
+    assert_eq!(figures, ["\u{2212}350", "30.0"]);
+    assert!(markup.contains("bad: \u{2212}350"));
 }
 
 #[test]
