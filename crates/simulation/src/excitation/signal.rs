@@ -162,6 +162,7 @@ impl Signal {
                 Ok(raw.iter().map(|value| minimum_bar + scale * (value - low)).collect())
             }
             Self::FirstOrderReversalCurves { minimum_bar, maximum_bar, reversals } => {
+                few_moves(2.0 * *reversals as f64, "reversals")?;
                 let span = maximum_bar - minimum_bar;
                 let depth = |reversal: usize| span * reversal as f64 / *reversals as f64;
                 let travel = span + (1..=*reversals).map(|reversal| 2.0 * depth(reversal)).sum::<f64>();
@@ -175,6 +176,7 @@ impl Signal {
                 Ok(path.at(times))
             }
             Self::RandomSteps { minimum_bar, maximum_bar, rise_s, shortest_hold_s, longest_hold_s } => {
+                few_moves(duration_s / (rise_s + 0.5 * (shortest_hold_s + longest_hold_s)), "steps")?;
                 let mut path = Path::new(Shape::Straight, *minimum_bar);
                 while path.end().0 < duration_s {
                     path.go(between(random, *minimum_bar, *maximum_bar), *rise_s);
@@ -192,6 +194,7 @@ impl Signal {
                 start_bar,
                 end_bar,
             } => {
+                few_moves(duration_s / SHORTEST_MOVE_S, "moves")?;
                 let start_bar = start_bar.unwrap_or_else(|| between(random, *minimum_bar, *maximum_bar));
                 // The way to the end point takes the full range at most.
                 let last_move_s = if end_bar.is_some() { (maximum_bar - minimum_bar) / fastest_bar_per_s } else { 0.0 };
@@ -202,7 +205,7 @@ impl Signal {
                 loop {
                     let target_bar = between(random, *minimum_bar, *maximum_bar);
                     let rate = slowest_bar_per_s * (fastest_bar_per_s / slowest_bar_per_s).powf(random.random::<f64>());
-                    let move_s = ((target_bar - path.end().1).abs() / rate).max(0.05);
+                    let move_s = ((target_bar - path.end().1).abs() / rate).max(SHORTEST_MOVE_S);
                     let hold_s = if random.random::<f64>() < *hold_share { between(random, 0.1, longest_hold_s.max(0.1)) } else { 0.0 };
                     let ends_s = path.end().0 + move_s + hold_s;
                     if end_bar.is_some() && ends_s + last_move_s > duration_s {
@@ -335,6 +338,20 @@ impl Signal {
             Self::Hold { pressure_bar } => finite("pressure_bar", *pressure_bar),
         }
     }
+}
+
+/// No move of random points is shorter, s.
+const SHORTEST_MOVE_S: f64 = 0.05;
+
+/// Refuses a signal of more moves than an excitation has samples: nobody would see them, and they would fill the memory.
+fn few_moves(count: f64, what: &str) -> Result<(), String> {
+    if count <= super::MAX_SAMPLES as f64 {
+        return Ok(());
+    }
+    Err(format!(
+        "would make {count:.0} {what}, at most {} are possible; take fewer or slower ones, or shorten duration_s",
+        super::MAX_SAMPLES
+    ))
 }
 
 /// A triangle wave of `turns`, 0 at whole turns and 1 between.

@@ -232,3 +232,21 @@ fn files_with_mistakes_are_refused_with_the_place() {
         assert!(message.contains(wanted), "{text}\n{message}");
     }
 }
+
+#[test]
+fn a_signal_of_more_moves_than_samples_is_refused_before_it_fills_the_memory() {
+    let refused = |signal: &str, duration_s: f64, period_s: f64| {
+        let text = format!("sample_period_s = {period_s:?}\n[[segments]]\nduration_s = {duration_s:?}\nsignal = {{ {signal} }}\n");
+        let excitation: ExcitationConfig = toml::from_str(&text).expect("an excitation");
+        excitation.sample().expect_err("too many moves").to_string()
+    };
+    let span = "minimum_bar = 0.0, maximum_bar = 1.0";
+    let steps = format!("kind = \"random-steps\", {span}, rise_s = 1e-300, shortest_hold_s = 0.0, longest_hold_s = 1e-9");
+    assert!(refused(&steps, 20.0, 0.02).contains("steps"));
+    let curves = format!("kind = \"first-order-reversal-curves\", {span}, reversals = 9223372036854775807");
+    assert!(refused(&curves, 20.0, 0.02).contains("reversals"));
+    let points = format!(
+        "kind = \"random-points\", {span}, slowest_bar_per_s = 1.0, fastest_bar_per_s = 2.0, hold_share = 0.1, longest_hold_s = 1.0"
+    );
+    assert!(refused(&points, 1e12, 1e6).contains("moves"));
+}
