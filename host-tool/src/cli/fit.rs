@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let model_path = out.join("model");
     let written = folder::files(&out);
     if let Some(json) = arguments.common.files().find(|file| written.iter().any(|one| one == file)) {
-        anyhow::bail!("{}: the fit writes a file of that name itself; choose another", json.display());
+        anyhow::bail!("{} (--json, --html): the fit writes a file of that name itself; choose another", json.display());
     }
     let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.files()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;

@@ -117,7 +117,7 @@ fn serial_alone_finds_the_one_board_that_answers() {
     let quiet_port = std::fs::read_link(format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&quiet.1))).expect("its name");
     let run = |ports: &str| {
         let output = assert_cmd::Command::new(env!("CARGO_BIN_EXE_catheter"))
-            .args(["rig", "--backend", "serial", "hello", "--json", "hello.json"])
+            .args(["rig", "--backend", "serial", "hello", "--force", "--json", "hello.json"])
             .env("CATHETER_PORTS", ports)
             .current_dir(bench.path(""))
             .output()

@@ -323,7 +323,7 @@ impl<T: Transport> Client<T> {
     pub fn listen_for(&mut self, time: Duration) -> Result<(), LinkError> {
         let until = self.transport.elapsed() + time;
         while self.transport.elapsed() < until {
-            self.listen(until - self.transport.elapsed())?;
+            self.listen(until.saturating_sub(self.transport.elapsed()))?;
         }
         Ok(())
     }
