@@ -266,7 +266,7 @@ pub trait Form: Sync {
     fn start_up_s(&self, _parameters: &[f64]) -> f64 {
         0.0
     }
-    /// Changes the input path, if it [leads the operators](Self::leads_operators).
+    /// Changes the input path, if it leads the operators.
     fn input(&self, _parameters: &[f64], _run: &Run, _path: &mut [f64]) {}
     /// Changes the input paths of several recordings as [`Self::input`] does one by one, side by side where that is faster.
     fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
@@ -274,7 +274,7 @@ pub trait Form: Sync {
             self.input(parameters, run, path);
         }
     }
-    /// Changes the operators, if it [leads them](Self::leads_operators).
+    /// Changes the operators, if it leads them.
     fn operator_law(&self, _parameters: &[f64], _habit: &mut OperatorLaw) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a stick position or a zero is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
