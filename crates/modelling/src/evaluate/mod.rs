@@ -67,13 +67,6 @@ fn judge_one(model: &dyn Predictor, recording: &Recording, judging: Judging) -> 
             judging.skip_s.max(judging.calibrate_s)
         );
     }
-    if let Some(index) = predicted.iter().position(|value| !value.is_finite()) {
-        let (model, path) = (model.description().path.display(), recording.path.display());
-        bail!(
-            "{model}: the prediction for {path} is not finite from {:.3} s on; train or identify the model again",
-            recording.time_s[index]
-        );
-    }
     if judging.calibrate_s > 0.0 {
         set_zero(&mut predicted, recording, judging.calibrate_s);
     }

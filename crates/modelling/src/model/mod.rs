@@ -261,9 +261,10 @@ pub fn predict(model: &dyn Predictor, recording: &Recording, fit: Fit) -> Result
     match predicted.iter().position(|value| value.is_nan() || value.abs() > recording::LARGEST) {
         Some(sample) => {
             let problem = format!(
-                "its output on {} is {} from sample {sample} on, which no sensor gives; make it again",
+                "its output on {} is {} from {:.3} s on, which no sensor gives; make it again",
                 recording.path.display(),
-                predicted[sample]
+                predicted[sample],
+                recording.time_s[sample]
             );
             Err(ModelError::Invalid { path: model.description().path.clone(), problem })
         }
