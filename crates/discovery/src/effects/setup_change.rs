@@ -33,6 +33,9 @@ impl Form for Step {
         let place = |first: usize| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]);
         best(told_apart(session).into_iter().map(place).collect())
     }
+    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        parameters
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let after = if run.index as f64 > parameters[0] { 1.0 } else { 0.0 };
         columns.push(true, |_| after);
@@ -66,6 +69,9 @@ impl Form for Twice {
             (energy, vec![first as f64 - 0.5, second as f64 - 0.5])
         };
         best(pairs.map(place).collect())
+    }
+    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        parameters
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for from in parameters {
