@@ -69,7 +69,7 @@ mod tests {
             for seed in 540..546 {
                 let [coarse, fine] = left_over(generator, seed);
                 println!("{generator:?} {seed}: {coarse:.6} {fine:.6}");
-                assert!(fine < coarse && fine < crate::selection::rounds::GRID_ERROR, "{generator:?} {seed}: {coarse} {fine}");
+                assert!(fine < coarse && fine < crate::selection::settings::GRID_ERROR, "{generator:?} {seed}: {coarse} {fine}");
             }
         }
     }

@@ -9,12 +9,10 @@ use crate::effects::rate_dependent_hysteresis;
 use crate::search::simplex::PENALTY;
 use crate::selection::rounds;
 use crate::selection::rounds::{Bench, Judged, POLISH, leaders};
+use crate::selection::settings::LIKELY;
 
 /// The two.
 const PAIR: [&str; 2] = ["pneumatic-lag", "rate-dependent-hysteresis"];
-
-/// Blocked deviations by which the dearer of the two must fit better to come first.
-const LEAST_DEVIATIONS: f64 = 2.0;
 
 /// What came of fitting the other of the two.
 pub struct Alike {
@@ -36,7 +34,7 @@ pub fn compare(bench: &Bench<'_>, standing: Judged, owned: &[&str]) -> Alike {
     let slot = names.iter().position(|name| *name == here).unwrap_or(0);
     let forms = bench.forms.iter().copied().filter(|form| form.name() == other).collect();
     let of_other = Bench { session: bench.session, forms, threads: bench.threads };
-    let tried = if owned.contains(&here) { Vec::new() } else { of_other.round(&standing.model.without(slot), rounds::LEAST_GAIN) };
+    let tried = if owned.contains(&here) { Vec::new() } else { of_other.round(&standing.model.without(slot), PENALTY) };
     let mut begins = leaders(&tried);
     if here == PAIR[0] && !tried.is_empty() {
         let (form, parameters) = rate_dependent_hysteresis::like_a_lag(standing.model.slots[slot].parameters[0]);
@@ -50,7 +48,7 @@ pub fn compare(bench: &Bench<'_>, standing: Judged, owned: &[&str]) -> Alike {
     if (rival.select / standing.select).ln().abs() > PENALTY {
         return Alike { first: standing, second: None };
     }
-    if rival.select < standing.select && rounds::deviations(&standing.blocks, &rival.blocks) > LEAST_DEVIATIONS {
+    if rival.select < standing.select && rounds::deviations(&standing.blocks, &rival.blocks) > LIKELY {
         Alike { first: rival, second: Some((standing, here)) }
     } else {
         Alike { first: standing, second: Some((rival, other)) }

@@ -20,6 +20,7 @@ use crate::observers::jumps;
 use crate::observers::law::{Seen, SlipLaw};
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
+use crate::selection::settings::{FEWEST_FOR_HALVES, MOST_COMPARED};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits::without_jumps;
 
@@ -29,14 +30,10 @@ pub const LEVEL: f64 = 0.1;
 const MATERIAL: f64 = 0.01;
 /// Draws of signs.
 const RESAMPLES: usize = 2000;
-/// Fewest recordings of which whole halves are left out; of fewer each is left out in turn.
-const FEWEST_FOR_HALVES: usize = 6;
 /// Stretches of a recording that are compared where recordings are few.
 const STRETCHES: usize = 12;
 /// Evaluations for each parameter when a model is fitted to the recordings of a fold.
 const EVALUATIONS: usize = 8;
-/// Explanations that are compared in all.
-const MOST_COMPARED: usize = 14;
 /// White noise that is tried, in units of the noise at rest.
 const NOISES: [f64; 7] = [1.0, 1.25, 1.6, 2.2, 3.5, 7.0, 20.0];
 

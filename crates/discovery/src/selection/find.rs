@@ -8,9 +8,11 @@ use crate::effects::catalogue;
 use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use crate::model::structure::{Model, Scope, Slot};
 use crate::result::{Candidate, DiscoverConfig, RunnerUp};
+use crate::search::simplex::PENALTY;
 use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
 use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
+use crate::selection::settings::{LEAST_FURTHER_GAIN, LIKELY, STANDS_OUT};
 use crate::selection::{alike, pairs, rounds, switching_selection};
 
 /// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
@@ -82,7 +84,7 @@ impl First {
         base.fit(bench.session, Scope::Both);
         let bare = bench.judge(&base);
         watch("every effect");
-        let tried = bench.round(&base, rounds::LEAST_GAIN);
+        let tried = bench.round(&base, PENALTY);
         let mut candidates: Vec<Candidate> = Vec::new();
         for one in &tried {
             if !candidates.iter().any(|candidate| candidate.name == one.form.name()) {
@@ -94,7 +96,7 @@ impl First {
             }
         }
         let firsts = bench.polished(&leaders(&tried), POLISH);
-        let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, rounds::LEAST_GAIN));
+        let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, PENALTY));
         Self { base, bare, tried, firsts, pays, candidates }
     }
 
@@ -106,8 +108,7 @@ impl First {
     /// Whether so much is left that two effects are looked for.
     fn wants_more(&self, session: &Session) -> bool {
         // Two effects may each take away too little alone: where much is left without either, they are tried together as well.
-        let left = if self.pays { LEFT_OVER_NOISE } else { MUCH_OVER_NOISE };
-        !self.firsts.is_empty() && leaves(session, self.standing(), left)
+        !self.firsts.is_empty() && leaves(session, self.standing())
     }
 
     /// The best effect alone as an outcome.
@@ -125,28 +126,28 @@ impl First {
         let session = bench.session;
         let wants_more = self.wants_more(session);
         let mut standing = self.standing().clone();
-        let Self { base: model, bare, tried, firsts, pays, candidates } = self;
+        let Self { base: model, tried, firsts, pays, candidates, .. } = self;
         let owned: Vec<&'static str> = model.names().collect();
         let mut found = Found { candidates, ..Found::default() };
         let mut rivals: Vec<Judged> = if pays { firsts.clone() } else { Vec::new() };
         if most_effects > 1 && wants_more {
             watch("a second effect");
-            let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair, LEFT_OVER_NOISE));
-            if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &bare, &standing, pair)) {
+            let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair));
+            if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &standing, pair)) {
                 // A form in a narrow valley may have found its place with the other's help, and now do without it.
                 let is_narrow = pair.model.slots.iter().any(|slot| parallel::is_narrow(slot.form));
-                standing = if is_narrow { without_idle(bench, &bare, pair.clone(), &owned) } else { pair.clone() };
+                standing = if is_narrow { without_idle(bench, pair.clone(), &owned) } else { pair.clone() };
                 rivals = pairs;
             }
         }
         if !rivals.is_empty() {
             let mut count = standing.model.slots.len() - owned.len();
-            while count > 1 && count < most_effects && leaves(session, &standing, LEFT_OVER_NOISE) {
+            while count > 1 && count < most_effects && leaves(session, &standing) {
                 watch("a third effect");
-                let least = least_further(session, &bare, &standing, rounds::LEAST_THIRD_GAIN, rounds::LEAST_BESIDE_LARGE);
+                let least = least_further(session, &standing);
                 let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
                 let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
-                standing = without_idle(bench, &bare, best, &owned);
+                standing = without_idle(bench, best, &owned);
                 let now = standing.model.slots.len() - owned.len();
                 if now <= count {
                     break;
@@ -162,10 +163,10 @@ impl First {
         {
             let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
             let of_rhythms = Bench { session, forms, threads: bench.threads };
-            let least = least_further(session, &bare, &standing, rounds::LEAST_FURTHER_GAIN, rounds::LEAST_BESIDE_LARGE);
+            let least = least_further(session, &standing);
             let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
-            if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &bare, &standing, best)) {
-                standing = without_idle(bench, &bare, best, &owned);
+            if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &standing, best)) {
+                standing = without_idle(bench, best, &owned);
             }
         }
         standing = with_simpler(bench, standing, &owned);
@@ -190,7 +191,7 @@ impl First {
         let mut model = standing.fine.pruned();
         if !model.slots.is_empty() {
             let last = forms::polish(&model, session, Scope::Fit, 2 * POLISH);
-            if last.select <= standing.select * 1.001 {
+            if last.select <= standing.select {
                 model = last.model;
             }
         }
@@ -202,7 +203,7 @@ impl First {
 /// Every effect in its best form, where chance does not explain it.
 fn best_of_each(tried: &[Tried]) -> Vec<Model> {
     let mut best: Vec<&Tried> = Vec::new();
-    for one in tried.iter().filter(|one| one.deviations > LEAST_OF_TRIED) {
+    for one in tried.iter().filter(|one| one.deviations > LIKELY) {
         if best.iter().all(|other| other.form.name() != one.form.name()) {
             best.push(one);
         }
@@ -210,60 +211,30 @@ fn best_of_each(tried: &[Tried]) -> Vec<Model> {
     best.into_iter().map(|one| one.fitted.model.clone()).collect()
 }
 
-/// Blocked deviations that an effect tried alone must reach to be met again beside something that jumps.
-const LEAST_OF_TRIED: f64 = 2.0;
-
-/// Whether more than `times` the noise is left on the selecting samples.
-fn leaves(session: &Session, standing: &Judged, times: f64) -> bool {
-    standing.select > times * noise::floor(session, &standing.fine.residuals(session)).powi(2)
+/// Whether something above the noise is left on the selecting samples.
+fn leaves(session: &Session, standing: &Judged) -> bool {
+    standing.select > STANDS_OUT * STANDS_OUT * noise::floor(session, &standing.fine.residuals(session)).powi(2)
 }
 
-/// Mean square over that of the noise from which on a further effect is looked for.
-const LEFT_OVER_NOISE: f64 = 1.05;
-
-/// Mean square over that of the noise from which on two effects are looked for where no single one pays: where it stands out to the verdict.
-const MUCH_OVER_NOISE: f64 = 1.32;
-
-/// Least share of the mean square that a further effect takes away.
-///
-/// A form that is not quite the rig's leaves a share of what it explains, and another effect takes some of that. So a further effect
-/// takes a share of the original excess over the noise; or, where the first one was so large that its share would hide anything, half of
-/// what is left, for what mends another's form leaves more than that, and never less than what no form is exact to, the share
-/// `beside_large`. It takes the share `of_left` of what is left at least.
-fn least_further(session: &Session, bare: &Judged, standing: &Judged, of_left: f64, beside_large: f64) -> f64 {
+/// Least share of the mean square that a further effect takes away: of what is left above the noise, and of all as much as two prices.
+fn least_further(session: &Session, standing: &Judged) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
-    let excess = (bare.select - floor_square).max(0.05 * floor_square);
     let left = (standing.select - floor_square).max(0.0);
-    let of_original = (rounds::LEAST_FURTHER_SHARE * excess).min(0.5 * left).max(beside_large * excess);
-    let taken = of_original.max(of_left * left);
-    (taken / standing.select).max(2.0 * rounds::LEAST_GAIN)
+    (LEAST_FURTHER_GAIN * left / standing.select).max(2.0 * PENALTY)
 }
 
 /// Whether one effect more pays beside those that are there already.
-fn pays_beside(bench: &Bench<'_>, bare: &Judged, standing: &Judged, further: &Judged) -> bool {
-    let session = bench.session;
-    let floor_square = noise::floor(session, &further.fine.residuals(session)).powi(2);
-    let left = |judged: &Judged| judged.select - floor_square;
-    let completes = further.select < COMPLETE * floor_square && left(further) < LEFT_OF_COMPLETE * left(standing);
-    // Where one form has more parameters than two effects together, they are the simpler explanation.
-    let is_cheaper = further.model.cost() <= standing.model.cost();
-    let beside_large = if completes || is_cheaper { rounds::LEAST_TO_COMPLETE } else { rounds::LEAST_BESIDE_LARGE };
-    further.pays(standing, least_further(session, bare, standing, rounds::LEAST_FURTHER_GAIN, beside_large))
+fn pays_beside(bench: &Bench<'_>, standing: &Judged, further: &Judged) -> bool {
+    further.pays(standing, least_further(bench.session, standing))
 }
 
-/// Mean square over that of the noise at which nothing is left.
-const COMPLETE: f64 = 1.1;
-
-/// Share of what was left above the noise that is left beside what explains it.
-const LEFT_OF_COMPLETE: f64 = 0.2;
-
 /// The model without the effects that no longer pay beside the others.
-fn without_idle(bench: &Bench<'_>, bare: &Judged, mut standing: Judged, owned: &[&str]) -> Judged {
+fn without_idle(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judged {
     while standing.model.slots.len() > owned.len() + 1 {
         let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
         let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
         let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
-        if pays_beside(bench, bare, &fewer, &standing) {
+        if pays_beside(bench, &fewer, &standing) {
             break;
         }
         standing = fewer;
@@ -311,8 +282,9 @@ fn second_best(standing: &Judged, rivals: &[Judged], found: &mut Found) -> Optio
     let second = rivals.iter().find(other)?;
     let name = second.model.names().find(|name| !names.contains(name))?;
     found.apart = rounds::deviations(&second.blocks, &standing.blocks);
-    found.twins = second.model.cost() <= standing.model.cost() && second.select < 1.005 * standing.select;
-    found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > 2.0 && second.select > 1.01 * standing.select });
+    let is_dearer = (second.select / standing.select).ln() > PENALTY;
+    found.twins = second.model.cost() <= standing.model.cost() && !is_dearer;
+    found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > LIKELY && is_dearer });
     Some(second.fine.pruned())
 }
 

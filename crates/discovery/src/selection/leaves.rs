@@ -3,7 +3,7 @@
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::model::structure::Model;
-use crate::selection::rounds;
+use crate::selection::settings::{GRID_ERROR, MOST_UNEXPLAINED, STANDS_OUT};
 
 /// Mean square on the samples that a model was found with; masked samples count if `all`.
 pub fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
@@ -25,17 +25,11 @@ pub struct Left {
 impl Left {
     pub fn new(was: f64, is: f64, floor: f64) -> Self {
         let excess = |square: f64| (square - floor).max(0.0);
-        let stands_out = is > 1.15_f64.powi(2) * floor && excess(is) > rounds::GRID_ERROR * rounds::GRID_ERROR;
-        let share = if was > 1.02_f64.powi(2) * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
+        let stands_out = is > STANDS_OUT * STANDS_OUT * floor && excess(is) > GRID_ERROR * GRID_ERROR;
+        let share = if was > STANDS_OUT * STANDS_OUT * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
         Self { stands_out, share }
     }
 }
-
-/// Most that a simulated valve leaves when it meets its jumps, of what was there.
-const MOST_OF_MET_JUMPS: f64 = 0.03;
-
-/// Most that jumps leave that are expected a sample early or late, of what was there.
-const MOST_OF_MISTIMED_JUMPS: f64 = 0.08;
 
 /// What a model leaves of what another missed, on the samples that both were found with.
 pub struct Leaves {
@@ -58,13 +52,8 @@ impl Leaves {
         Self { stands_out, share }
     }
 
-    /// Whether that is more than jumps leave that an observer expects a sample early or late, more often than its law's scatter says.
-    pub fn more_than_mistimed_jumps(&self) -> bool {
-        self.stands_out && self.share > MOST_OF_MISTIMED_JUMPS
-    }
-
-    /// Whether that is more than a simulated valve leaves that meets its jumps: each that it misses is missed on test recordings, too.
-    pub fn misses_jumps(&self) -> bool {
-        self.stands_out && self.share > MOST_OF_MET_JUMPS
+    /// Whether that is more than may stay unexplained.
+    pub fn too_much(&self) -> bool {
+        self.stands_out && self.share > MOST_UNEXPLAINED
     }
 }

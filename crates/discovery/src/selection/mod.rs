@@ -7,6 +7,7 @@ pub mod found;
 pub mod leaves;
 pub mod pairs;
 pub mod rounds;
+pub mod settings;
 pub mod switching_likelihood;
 pub mod switching_refits;
 pub mod switching_selection;

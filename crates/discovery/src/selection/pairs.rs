@@ -17,9 +17,7 @@ use crate::search::forms::Started;
 use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
 use crate::search::simplex::Fitted;
 use crate::selection::rounds::{Bench, FAR_BEHIND, Judged, POLISH, Tried};
-
-/// First effects that a second is looked for beside: so many at first, and so many where their pairs leave something.
-const BEAM: [usize; 2] = [2, 5];
+use crate::selection::settings::{BREADTH, FEW};
 
 /// What a first effect may leave above the noise to be one of those further ones, or to take the place of the larger of a pair, over what
 /// the best one leaves: a compromise between two effects leaves less than either of them alone, but not by orders of magnitude.
@@ -27,9 +25,6 @@ const REACH: f64 = 30.0;
 
 /// Share of the noise that counts as left at least.
 const LITTLE: f64 = 0.05;
-
-/// Forms beside each first effect whose parameters are searched.
-const SECONDS: usize = 6;
 
 /// Forms of one effect among them: an effect with many forms must not crowd out the others.
 const FORMS_OF_ONE: usize = 2;
@@ -39,9 +34,6 @@ const FAR_FROM_GRID: f64 = 10.0;
 
 /// What a pair found on the screening samples may leave over what the best one leaves, to be polished on all of them.
 const FAR_FROM_BEST: f64 = 2.0;
-
-/// Pairs that are polished at a time.
-const PAIRS: usize = 4;
 
 /// Rounds of replacement.
 const REPLACEMENTS: usize = 2;
@@ -62,12 +54,12 @@ pub fn search(
     let is_hopeful = |model: &Model| hopeful.iter().any(|one| one.fitted.model.names().eq(model.names()));
     let mut begun: Vec<Model> = Vec::new();
     for model in firsts.iter().map(|first| &first.model).chain(tried.iter().map(|one| &one.fitted.model)) {
-        let has_place = begun.len() < BEAM[0] || (begun.len() < BEAM[1] && is_hopeful(model));
+        let has_place = begun.len() < FEW || (begun.len() < BREADTH && is_hopeful(model));
         if has_place && !begun.iter().any(|other| other.names().eq(model.names())) {
             begun.push(model.clone());
         }
     }
-    let few = BEAM[0].min(begun.len());
+    let few = FEW.min(begun.len());
     let mut pairs = Vec::new();
     let unfinished = |pairs: &[Judged]| pairs.first().is_none_or(leaves_something);
     for some in [&begun[..1], &begun[1..few], &begun[few..]] {
@@ -142,7 +134,7 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
             names.push(name);
             names.iter().filter(|other| **other == name).count() <= FORMS_OF_ONE
         };
-        let mut chosen = broad.into_iter().filter(not_yet_twice).take(SECONDS);
+        let mut chosen = broad.into_iter().filter(not_yet_twice).take(BREADTH);
         leading.extend(chosen.next());
         others.extend(chosen.chain(narrow));
     }
@@ -164,7 +156,7 @@ fn distinct(mut fitted: Vec<Fitted>, known: &[Judged]) -> Vec<Model> {
     for one in fitted {
         let same = |other: &Model| other.names().eq(one.model.names());
         let again = known.iter().any(|judged| judged.model.forms() == one.model.forms());
-        if best.len() < PAIRS && !best.iter().any(same) && !again {
+        if best.len() < BREADTH && !best.iter().any(same) && !again {
             best.push(one.model);
         }
     }

@@ -7,7 +7,8 @@ use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
 use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
-use crate::search::simplex::{Fitted, penalised};
+use crate::search::simplex::{Fitted, PENALTY, penalised};
+use crate::selection::settings::{BREADTH, GRID_ERROR, LARGE_GAIN, LIKELY, SURE};
 
 /// Evaluations for each parameter when candidates are polished.
 pub const POLISH: usize = 20;
@@ -17,7 +18,7 @@ pub fn leaders(tried: &[Tried]) -> Vec<Model> {
     let mut names: Vec<&str> = Vec::new();
     let mut best = Vec::new();
     for one in tried {
-        if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < 5 {
+        if names.iter().filter(|name| **name == one.form.name()).count() < 2 && best.len() < BREADTH {
             names.push(one.form.name());
             best.push(one.fitted.model.clone());
         }
@@ -25,49 +26,14 @@ pub fn leaders(tried: &[Tried]) -> Vec<Model> {
     best
 }
 
-/// Root mean square, relative to the output's span, that a rig with thresholds of its own leaves on the fine grid: up to 0.079 % with
-/// twenty random operators and recordings without noise, in the median 0.007 % (first rig) and 0.026 % (second), twelve rigs in a test.
-pub const GRID_ERROR: f64 = 0.0008;
-
-/// Least share of the mean square that the first effect takes away.
-pub const LEAST_GAIN: f64 = 0.012;
-
-/// Least share of the original excess over the noise that a further effect takes away.
-pub const LEAST_FURTHER_SHARE: f64 = 0.02;
-
-/// The same beside an effect so large that this would hide anything: a twentieth of its amplitude, to which no form of a rig's law is exact.
-pub const LEAST_BESIDE_LARGE: f64 = 0.003;
-
-/// The same of an effect that leaves nothing but noise: what only mends another's form leaves more (on the smooth single effects of two
-/// tuning seeds of both rigs it took away less than half of what was left).
-pub const LEAST_TO_COMPLETE: f64 = 0.001;
-
-/// Least share of the remaining excess over the noise that a further effect takes away.
-pub const LEAST_FURTHER_GAIN: f64 = 0.2;
-
-/// The same of a third effect: two forms that are not quite the rig's leave more to mend than one.
-pub const LEAST_THIRD_GAIN: f64 = 0.5;
-
-/// Blocked deviations that an improvement must reach.
-const LEAST_DEVIATIONS: f64 = 3.0;
-
-/// Blocked deviations that are enough for an improvement by [`LARGE_GAIN`].
-const LEAST_DEVIATIONS_OF_LARGE: f64 = 2.0;
-
-/// A share of the held-out mean square that chance does not take away.
-const LARGE_GAIN: f64 = 0.3;
-
 /// Whether an improvement on the selecting samples is no chance.
 ///
 /// The blocked test is blind for what happens seldom: an effect that shows in `m` of many blocks, however large, lies no more than
 /// `sqrt(m)` deviations above zero, because its own unevenness counts as scatter. A limit that only the fastest strokes reach takes away
 /// nearly everything and stays below three. Such a gain needs two deviations only.
 pub fn is_no_chance(gain: f64, deviations: f64) -> bool {
-    deviations >= if gain >= LARGE_GAIN { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
+    deviations >= if gain >= LARGE_GAIN { LIKELY } else { SURE }
 }
-
-/// Share of the mean square of the selecting samples that another past must leave no more of.
-const INITIAL_STATE_PAYS: f64 = 0.99;
 
 /// Share of the least gain that a form's grid must show before its parameters are searched.
 const HOPELESS: f64 = 0.25;
@@ -162,7 +128,7 @@ impl Bench<'_> {
             let judged = self.judge(&fitted.model);
             // What the muscle remembers of earlier recordings shows only when nothing large is missing any more.
             let other = fitted.model.with_best_initial_state(self.session);
-            if other.model.initial_state != fitted.model.initial_state && other.select < INITIAL_STATE_PAYS * fitted.select {
+            if other.model.initial_state != fitted.model.initial_state && (other.select / fitted.select).ln() < -PENALTY {
                 let other = self.judge(&forms::polish(&other.model, self.session, Scope::Fit, evaluations).model);
                 if other.select < judged.select {
                     return other;

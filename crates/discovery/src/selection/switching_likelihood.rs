@@ -17,12 +17,6 @@ const MOST_MODEL_ERROR: f64 = 0.4;
 /// Least break-away distance, in deviations of the noise: shorter ones cannot be seen.
 const LEAST_BREAK_AWAY: f64 = 2.0;
 
-/// Levels of the output at each of which the log-likelihood must be for jumps: friction and valves hold everywhere, a wall at one place.
-const LEVELS: usize = 4;
-
-/// Share of the gain at all levels by which one may speak against jumps.
-const LITTLE_AGAINST: f64 = 0.25;
-
 /// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
 const SLOWEST: f64 = 0.1;
 
@@ -39,8 +33,6 @@ type Move = fn(SlipLaw, f64) -> SlipLaw;
 pub struct LogLikelihood {
     /// Mean of every second.
     pub blocks: Vec<f64>,
-    /// Mean at every level of the output while it moves; zero where it never does.
-    levels: [f64; LEVELS],
 }
 
 impl LogLikelihood {
@@ -48,27 +40,12 @@ impl LogLikelihood {
     pub fn mean(&self) -> f64 {
         self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
     }
-
-    /// Whether it is more than `less` at every level that the output moves at. One of them may say little, and be wrong by a share of what all
-    /// of them gain together.
-    pub fn is_above_everywhere(&self, less: &Self) -> bool {
-        let gain = self.mean() - less.mean();
-        let moves = |(more, less): &(f64, f64)| *more != 0.0 || *less != 0.0;
-        let levels = self.levels.iter().copied().zip(less.levels.iter().copied()).filter(moves);
-        let gains: Vec<f64> = levels.map(|(more, less)| more - less).collect();
-        let against = gains.iter().filter(|gain| **gain <= 0.0).count();
-        let doubtful = gains.iter().all(|level| *level > -LITTLE_AGAINST * gain);
-        against == 0 || (against == 1 && gains.len() > 2 && doubtful)
-    }
 }
 
 /// A fitted model's quasi-static response and the noise, for the observers.
 pub struct QuasiStatic<'a> {
     session: &'a Session,
     tips: Vec<Tip>,
-    /// Range of the measured output.
-    low: f64,
-    high: f64,
     noise: f64,
     /// Root mean square of what the quasi-static response misses beyond the noise.
     excess: f64,
@@ -97,9 +74,7 @@ impl<'a> QuasiStatic<'a> {
             },
         );
         let excess = (sum / count - noise * noise).max(0.04 * noise * noise).sqrt();
-        let all = || session.worked().flat_map(|run| &run.output).copied();
-        let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
-        Self { session, tips, low, high, noise, excess, threads: 1 }
+        Self { session, tips, noise, excess, threads: 1 }
     }
 
     /// The same, whose recordings are observed by so many threads.
@@ -134,7 +109,6 @@ impl<'a> QuasiStatic<'a> {
     /// Log-likelihood on the selecting samples.
     fn selecting(&self, log_likelihood: impl Fn(&Seen<'_>) -> Vec<f64>) -> LogLikelihood {
         let mut blocks = Vec::new();
-        let mut sums = [(0.0, 1e-30); LEVELS];
         for run in self.session.runs.iter().filter(|run| run.role.contains(&Role::Select)) {
             let of = log_likelihood(&self.seen(run));
             let length = (1.0 / run.period_s).round().max(4.0) as usize;
@@ -143,15 +117,8 @@ impl<'a> QuasiStatic<'a> {
                     blocks.push(block.iter().sum::<f64>() / block.len() as f64);
                 }
             }
-            let moves = |sample: usize| sample > 0 && run.input[sample] != run.input[sample - 1];
-            for sample in (0..of.len()).filter(|&sample| run.role[sample] == Role::Select && moves(sample)) {
-                let level = ((run.output[sample] - self.low) / (self.high - self.low) * LEVELS as f64).floor();
-                let (sum, count) = &mut sums[level.clamp(0.0, LEVELS as f64 - 1.0) as usize];
-                *sum += of[sample];
-                *count += 1.0;
-            }
         }
-        LogLikelihood { blocks, levels: sums.map(|(sum, count)| sum / count) }
+        LogLikelihood { blocks }
     }
 
     /// Log-likelihood on every sample of every recording.
@@ -368,26 +335,5 @@ pub fn lags(drive: Drive) -> &'static [f64] {
     match drive {
         Drive::QuasiStatic => &[0.0, 0.004, 0.008],
         Drive::Command => &[0.0, 0.01, 0.02, 0.03],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::selection::switching_likelihood::{LEVELS, LogLikelihood};
-
-    #[test]
-    fn one_level_may_say_little_against_jumps_and_no_more_than_one() {
-        let of = |mean: f64, levels: [f64; LEVELS]| LogLikelihood { blocks: vec![mean; 100], levels };
-        let smooth = of(3.0, [3.0; LEVELS]);
-        let is_above = |levels| of(3.2, levels).is_above_everywhere(&smooth);
-        assert!(is_above([3.2, 3.3, 3.1, 3.2]));
-        // A little against the gain of 0.2 at one level; at two; and much at one: a wall.
-        assert!(is_above([3.2, 3.3, 2.96, 3.2]));
-        assert!(!is_above([3.2, 3.3, 2.96, 2.99]));
-        assert!(!is_above([4.0, 2.9, 3.0, 3.0]));
-        assert!(!is_above([3.2, 3.3, 2.9, 3.2]));
-        // Where the output never moves nothing speaks against them.
-        let resting = of(3.0, [0.0, 3.0, 3.0, 3.0]);
-        assert!(of(3.2, [0.0, 3.3, 3.1, 3.2]).is_above_everywhere(&resting));
     }
 }

@@ -16,40 +16,10 @@ use crate::result::{Candidate, RunnerUp};
 use crate::search::parallel;
 use crate::selection::found::Outcome;
 use crate::selection::rounds::Bench;
+use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER, SURE};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 use crate::selection::{leaves, rounds};
-
-/// Blocked deviations by which jumps must beat everything smooth. Smooth laws that the catalogue lacks come near what holds and moves, so
-/// chance is not what this guards against.
-const LEAST_DEVIATIONS: f64 = 5.0;
-
-/// The same where the logarithm of the likelihood ratio is [`LARGE_LOG_LIKELIHOOD`] per sample: what slow strokes show, and fast ones do not, is
-/// uneven by nature.
-const LEAST_DEVIATIONS_OF_LARGE: f64 = 3.0;
-
-/// Logarithm of a likelihood ratio, per sample, that neither chance nor what is not known reaches: of four rounds of the virtual rigs' unknown
-/// effects (47 cases), the highest were 0.027, 0.025 and 0.023.
-const LARGE_LOG_LIKELIHOOD: f64 = 0.035;
-
-/// Logarithm of the likelihood ratio, per sample, that jumps must reach.
-const LEAST_LOG_LIKELIHOOD: f64 = 0.025;
-
-/// Largest scatter of break-aways and landings, in break-away distances: with more, a law follows any output by jumping whenever it must.
-/// Those of the rigs that jump come out at up to 0.3.
-const MOST_SCATTER: f64 = 0.5;
-
-/// Blocked deviations by which one kind of jumps must beat the other to be told from it.
-const APART: f64 = 2.0;
-
-/// The same that a smooth effect must bring beside the jumps: what little a law of jumps is wrong by looks like one everywhere.
-const LEAST_LOG_LIKELIHOOD_BESIDE: f64 = 0.03;
-
-/// The same for an effect that jumps do not look like.
-const LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION: f64 = 0.015;
-
-/// Smooth explanations whose jumps are fitted in full.
-const LEADERS: usize = 3;
 
 /// Jumps on a quasi-static response, with the log-likelihood for them.
 struct Judged {
@@ -69,8 +39,7 @@ fn above(more: &LogLikelihood, less: &LogLikelihood) -> f64 {
 
 /// Whether `more` explains the recordings better than `less` by more than chance does.
 fn is_no_chance(more: &LogLikelihood, less: &LogLikelihood) -> bool {
-    let gain = more.mean() - less.mean();
-    above(more, less) >= if gain > LARGE_LOG_LIKELIHOOD { LEAST_DEVIATIONS_OF_LARGE } else { LEAST_DEVIATIONS }
+    above(more, less) >= SURE
 }
 
 /// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
@@ -90,7 +59,7 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
     let tried = outcome.tried.iter().map(|model| (false, model.clone()));
     for (is_fine, model) in singles.chain(tried).chain(met(false).map(|model| (true, model))) {
         let again = wanted.iter().any(|(_, other)| other.forms() == model.forms());
-        if !again && !simulated(&model) && keeps_base(&model) && wanted.len() < MOST_EXPLANATIONS {
+        if !again && !simulated(&model) && keeps_base(&model) && wanted.len() < MOST_COMPARED {
             wanted.push((is_fine, model));
         }
     }
@@ -103,9 +72,6 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
 
 /// The simulated form of this effect is no smooth explanation.
 const VALVE: &str = "valve-dead-band";
-
-/// Smooth explanations that jumps are tried on.
-const MOST_EXPLANATIONS: usize = 13;
 
 /// The best jumps of one form on every smooth explanation, those on the leading ones and on the first fitted in full.
 fn jumps(
@@ -146,7 +112,7 @@ fn jumps(
     begun.sort_by(|x, y| y.0.total_cmp(&x.0));
     let mut judged = Vec::new();
     for (place, (_, quasi_static, mut law, mut model)) in begun.into_iter().enumerate() {
-        if place < LEADERS || quasi_static == first {
+        if place < FEW || quasi_static == first {
             law = on(&model, law.lag_s).tuned(law, &[0.15, 0.05], false);
             (model, law) = refitted(session, form, noise, model, law, &FIRST_REFITS, 1);
         }
@@ -154,12 +120,6 @@ fn jumps(
     }
     judged
 }
-
-/// Log-likelihood per sample of jumps at first sight, over that of everything smooth, from which they are asked for at once.
-const AT_FIRST_SIGHT: f64 = 0.03;
-
-/// Share of what a simulation leaves above the noise that an observer may leave to take its place.
-const LEFT_BY_AN_OBSERVER: f64 = 0.5;
 
 /// The effect that moves a sensor within the time that a stick position holds.
 const PERIODIC: &str = "periodic-disturbance";
@@ -193,12 +153,8 @@ fn of_the_session(model: &Model) -> bool {
 
 /// Whether the effects in the quasi-static response of the jumps bring enough beside them, over jumps on a quasi-static response with fewer.
 fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
-    let gain = more.log_likelihood.mean() - fewer.log_likelihood.mean();
-    if of_the_session {
-        gain > LEAST_LOG_LIKELIHOOD_BESIDE_OF_SESSION && above(&more.log_likelihood, &fewer.log_likelihood) >= LEAST_DEVIATIONS_OF_LARGE
-    } else {
-        gain > LEAST_LOG_LIKELIHOOD_BESIDE && is_no_chance(&more.log_likelihood, &fewer.log_likelihood)
-    }
+    let price = if of_the_session { BESIDE_JUMPS } else { JUMPS };
+    more.log_likelihood.mean() - fewer.log_likelihood.mean() > price && is_no_chance(&more.log_likelihood, &fewer.log_likelihood)
 }
 
 /// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.
@@ -245,7 +201,7 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
         QuasiStatic::new(session, quasi_static, noise, false).at_first_sight(*drive)
     });
     let best = |of: fn(&(f64, f64)) -> f64| seen.iter().map(of).fold(f64::MIN, f64::max);
-    best(|sight| sight.1) - best(|sight| sight.0) > AT_FIRST_SIGHT
+    best(|sight| sight.1) - best(|sight| sight.0) > JUMPS
 }
 
 /// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. A valve that needs
@@ -254,7 +210,7 @@ pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool 
     if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
         return false;
     }
-    let leaves = |scatter: f64| leaves::Leaves::beside(session, base, &outcome.model, scatter).more_than_mistimed_jumps();
+    let leaves = |scatter: f64| leaves::Leaves::beside(session, base, &outcome.model, scatter).too_much();
     outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
 }
 
@@ -267,7 +223,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let leaves = leaves::Leaves::new(session, base, &outcome.model);
     // What a simulated valve misses of its jumps may pass for another effect beside it.
     let beside_simulated = simulated && outcome.found.order.len() > 1;
-    let is_met = if simulated { !beside_simulated && !leaves.misses_jumps() } else { !leaves.stands_out };
+    let is_met = if simulated { !beside_simulated && !leaves.too_much() } else { !leaves.stands_out };
     if forms.is_empty() || is_met {
         return outcome;
     }
@@ -298,9 +254,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
     // tip explains the recordings far better than any valve.
     let Some(&leader) = best.first() else { return outcome };
-    let far_above = |less: &LogLikelihood| {
-        leader.log_likelihood.mean() - less.mean() > LARGE_LOG_LIKELIHOOD && above(&leader.log_likelihood, less) >= LEAST_DEVIATIONS
-    };
+    let far_above = |less: &LogLikelihood| leader.log_likelihood.mean() - less.mean() > JUMPS && is_no_chance(&leader.log_likelihood, less);
     let valve = best.iter().copied().find(|one| one.form.name() == VALVE);
     let no_valve =
         leader.form.name() != VALVE && valve.is_none_or(|valve| far_above(&valve.log_likelihood)) && found.as_ref().is_none_or(far_above);
@@ -319,7 +273,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     }];
     let deviations = above(log_likelihood, smooth);
     let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
-    if !is_law || !is_no_chance(log_likelihood, smooth) || gain < LEAST_LOG_LIKELIHOOD || !log_likelihood.is_above_everywhere(smooth) {
+    if !is_law || !is_no_chance(log_likelihood, smooth) || gain < JUMPS {
         return outcome;
     }
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
@@ -352,7 +306,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let others = of_the_other_kind.chain(judged.iter().flatten().filter(with_none)).chain(judged.iter().flatten().filter(unlike));
     if let Some(other) = others.max_by(|x, y| x.log_likelihood.mean().total_cmp(&y.log_likelihood.mean())) {
         outcome.found.apart = above(log_likelihood, &other.log_likelihood);
-        let separable = outcome.found.apart > APART;
+        let separable = outcome.found.apart > LIKELY;
         outcome.found.twins = !separable;
         let new = explanations[other.quasi_static].names().find(|name| beside.names().all(|ours| ours != *name));
         let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
@@ -370,7 +324,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let above_noise = |square: f64| (square - noise * noise).max(0.0);
     let gives_way = simulated
         && name == VALVE
-        && (explains_more || above_noise(select) < LEFT_BY_AN_OBSERVER * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
+        && (explains_more || above_noise(select) < HALF * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
     if !simulated || gives_way {
         let smooth_select = beside.clone().fit(session, Scope::Both).1;
         let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();

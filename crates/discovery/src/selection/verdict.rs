@@ -14,26 +14,9 @@ use crate::search::forms;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
+use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, MOST_UNEXPLAINED, STANDS_OUT};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
-
-/// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's
-/// leaves 2 to 10 %, the nearest effect to something that is none of them leaves more.
-const MOST_UNEXPLAINED: f64 = 0.12;
-
-/// The same where something was seen to jump, and jumps explain it better than anything smooth: sliding, inertia and flow, which differ from
-/// rig to rig, are in what is left.
-const MOST_UNEXPLAINED_OF_JUMPS: f64 = 0.5;
-
-/// Selecting recordings off by more than this many times the noise are a disagreement.
-const MOST_SELECTING: f64 = 1.5;
-
-/// Share of the mean square above the noise that must not stay on test recordings where it stands out of it there: what explains less
-/// than half of recordings that it has not seen is no explanation.
-const MOST_UNEXPLAINED_KEPT_OUT: f64 = 0.5;
-
-/// Root mean square over the noise from which on something stands out on test recordings.
-const STANDS_OUT_KEPT_OUT: f64 = 1.06;
 
 /// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
 /// samples count if `all`.
@@ -75,25 +58,19 @@ pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: 
     Some(fewer.pruned())
 }
 
-/// Most confidence in an effect of whose parameters one could lie anywhere in its range.
-const UNDETERMINED: f64 = 0.5;
-
-/// Fewest recordings between which a law can be seen.
-const FEWEST_TO_SEE_A_LAW_BETWEEN: usize = 6;
-
 /// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
 /// of its own in each.
 fn is_confounded(session: &Session, slot: &Slot) -> bool {
     let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
     sources.sort_unstable();
     sources.dedup();
-    slot.form.spec().is_between_recordings && (2..FEWEST_TO_SEE_A_LAW_BETWEEN).contains(&sources.len())
+    slot.form.spec().is_between_recordings && (2..FEWEST_FOR_HALVES).contains(&sources.len())
 }
 
 /// Share of a parameter's range next to a limit that counts as the limit.
 const AT_A_LIMIT: f64 = 1e-3;
 
-/// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`UNDETERMINED`] when
+/// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`HALF`] when
 /// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
 fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
     if slot.form.spec().discrete {
@@ -107,14 +84,13 @@ fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
         if is_at_a_limit { 1.0 } else { share(value + half) - share(value - half) }
     };
     let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(half_widths).map(of).fold(0.0, f64::max);
-    1.0 - (1.0 - UNDETERMINED) * widest
+    1.0 - (1.0 - HALF) * widest
 }
 
 /// Share of the mean square above the noise that a model closes on test recordings, 0 to 1; nothing where there was no gap.
 fn closed(before: f64, after: f64, floor: f64) -> Option<f64> {
     let excess = |rmse: f64| (rmse * rmse - floor * floor).max(0.0);
-    (before > STANDS_OUT_KEPT_OUT * floor)
-        .then(|| if after > STANDS_OUT_KEPT_OUT * floor { 1.0 - excess(after) / excess(before) } else { 1.0 })
+    (before > STANDS_OUT * floor).then(|| if after > STANDS_OUT * floor { 1.0 - excess(after) / excess(before) } else { 1.0 })
 }
 
 /// Share of the gap closed, 0 to 1.
@@ -155,7 +131,7 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Opt
         return;
     }
     modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
-    if discovery.verdict == Verdict::Named && share < 1.0 - MOST_UNEXPLAINED_KEPT_OUT {
+    if discovery.verdict == Verdict::Named && share < HALF {
         discovery.verdict = Verdict::Ambiguous;
     }
 }
@@ -178,14 +154,6 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
-    let most_unexplained = if found.jump_scatter.is_some() { MOST_UNEXPLAINED_OF_JUMPS } else { MOST_UNEXPLAINED };
-    // Beside something large, what jumps must explain its own part: what the rest of the model leaves without it.
-    let of_jumps = after.slots.iter().position(|slot| slot.form.jumps().is_some()).map_or(0.0, |slot| {
-        let mut without = after.without(slot);
-        without.fit_all(session);
-        let was = worked(session, &without.residuals(session), false);
-        Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor).share
-    });
     let mut effects: Vec<Effect> = Vec::new();
     let half_widths = intervals::half_widths(after, session);
     for (rank, name) in found.order.iter().enumerate() {
@@ -213,7 +181,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             confidence: ((1.0 - unexplained)
                 * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
             .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
-            .min(if is_confounded(session, slot) { UNDETERMINED } else { 1.0 }),
+            .min(if is_confounded(session, slot) { HALF } else { 1.0 }),
             parameters,
             intervals,
         });
@@ -229,12 +197,11 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         });
     }
     debug_assert!(after.names().filter(|name| !found.order.contains(name)).count() <= owned, "an effect came in unnoticed");
-    let disagrees = stands_out || rmse_after > MOST_SELECTING * floor;
     // What is named by its jumps was not the search's to compare.
     let jumps = found.jump_scatter.is_some();
     let alike = found.alike && !jumps;
     let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let verdict = if (stands_out && unexplained.max(of_jumps) > most_unexplained) || (disagrees && effects.is_empty()) {
+    let verdict = if stands_out && (unexplained > MOST_UNEXPLAINED || effects.is_empty()) {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None

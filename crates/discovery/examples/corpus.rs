@@ -1,0 +1,59 @@
+//! Counts right answers on a virtual rig, one thread, a line for each case:
+//!
+//! ```text
+//! corpus RIG EXCITATION SEEDS white|coloured NOISE NAMES...
+//! corpus composed-tuning rich 3000,3001 white 0.005 effects aliens none creep+resonance
+//! ```
+
+use std::time::Instant;
+
+use clap::ValueEnum;
+use discovery::{DiscoverConfig, Discovery, Verdict, discover};
+use virtual_rig::{self as rig, CaseConfig, EFFECTS, Excitation, Generator};
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let generator = Generator::from_str(&arguments[1], true).expect("a rig");
+    let excitation = Excitation::from_str(&arguments[2], true).expect("an excitation");
+    let noise: f64 = arguments[5].parse().expect("noise over the range");
+    let coloured_noise = arguments[4] == "coloured";
+    let names: Vec<&str> = arguments[6..]
+        .iter()
+        .flat_map(|name| match name.as_str() {
+            "effects" => EFFECTS.to_vec(),
+            "aliens" => generator.aliens().to_vec(),
+            other => vec![other],
+        })
+        .collect();
+    for seed in arguments[3].split(',').map(|seed| seed.parse().expect("a seed")) {
+        for name in &names {
+            let effects: Vec<String> = if *name == "none" { Vec::new() } else { name.split('+').map(str::to_owned).collect() };
+            let config = CaseConfig { effects, seed, generator, excitation, noise, coloured_noise, ..CaseConfig::default() };
+            let case = rig::hide(&config).expect("a case");
+            let begin = Instant::now();
+            let settings = DiscoverConfig { threads: 1, ..DiscoverConfig::default() };
+            let discovery = discover(&case.recordings, &case.kept_out, &settings).expect("a finding").discovery;
+            let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+            println!(
+                "{} {name} {seed} {:?} {} left {:.3} gap {:.3} confidence {:.2} {:.1} s",
+                if is_right(&config.effects, &names, &discovery) { "RIGHT" } else { "WRONG" },
+                discovery.verdict,
+                names.join("+"),
+                discovery.unexplained,
+                discovery.gap_closed,
+                discovery.effects.first().map_or(0.0, |effect| effect.confidence),
+                begin.elapsed().as_secs_f64()
+            );
+        }
+    }
+}
+
+/// Whether a case was answered as it should be.
+fn is_right(hidden: &[String], names: &[&str], discovery: &Discovery) -> bool {
+    match hidden {
+        [] => discovery.verdict == Verdict::None,
+        [one] if one.starts_with("alien-") => matches!(discovery.verdict, Verdict::Unknown | Verdict::Ambiguous),
+        [one] => names == [one.as_str()] && discovery.verdict != Verdict::Unknown,
+        all => all.iter().all(|name| names.contains(&name.as_str())) && discovery.verdict != Verdict::Unknown,
+    }
+}
