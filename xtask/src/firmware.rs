@@ -239,12 +239,10 @@ fn rebuild(board: &Board, folder: &Path) -> Result<Vec<u8>> {
             std::fs::copy(&from, &to).with_context(|| format!("cannot copy {file}"))?;
         }
     }
-    let mut again = cargo();
-    again.current_dir(folder).env("CARGO_TARGET_DIR", folder.join("target")).env(COMMIT, commit()).env_remove("CARGO_MANIFEST_DIR");
-    run(
-        "reproducible: the same sources elsewhere",
-        again.args(["run", "--quiet", "--package", "xtask", "--", "firmware", "--board", board.name]),
-    )?;
+    // The same program on the other tree: `root` and the build folder come from these variables, as when cargo starts it there.
+    let mut again = command(std::env::current_exe().context("where this program lies")?);
+    again.current_dir(folder).env("CARGO_MANIFEST_DIR", folder.join("xtask")).env("CARGO_TARGET_DIR", folder.join("target"));
+    run("reproducible: the same sources elsewhere", again.env(COMMIT, commit()).args(["firmware", "--board", board.name]))?;
     let image = folder.join("target").join(TARGET).join("release").join(board.image().file_name().unwrap_or_default());
     std::fs::read(&image).with_context(|| format!("cannot read {}", image.display()))
 }
