@@ -13,6 +13,6 @@ pub fn tests() -> Result<()> {
     );
     run(
         "dashboard in a browser",
-        cargo().args(["test", "-p", "host-tool", "--test", "dashboard", "--", "--ignored", "--nocapture", "--test-threads", "1"]),
+        cargo().args(["test", "--workspace", "--test", "dashboard", "--", "--ignored", "--nocapture", "--test-threads", "1"]),
     )
 }

@@ -22,9 +22,10 @@ pub fn boots() -> Result<()> {
     Ok(())
 }
 
-/// The tests of parity and counts; plain `cargo test` leaves them out, as it does those below.
+/// The tests of parity and counts; plain `cargo test` leaves them out, as it does those below. Of the whole workspace, here and in the other
+/// stages: with `-p` the features of dependencies are others, and cargo would build a second time what the tests before have built.
 pub fn tests() -> Result<()> {
-    run("emulator", cargo().args(["test", "--package", "rig-tests", "--test", "emulator", "--", "--ignored"]))
+    run("emulator", cargo().args(["test", "--workspace", "--test", "emulator", "--", "--ignored"]))
 }
 
 /// The flashable image boots in the emulator, finds no crystal and says so.
@@ -32,7 +33,7 @@ pub fn flashable_image() -> Result<()> {
     run(
         "emulator: the flashable image",
         cargo()
-            .args(["test", "-p", "rig-tests", "--test", "flashable_image", "--", "--ignored", "--nocapture"])
+            .args(["test", "--workspace", "--test", "flashable_image", "--", "--ignored", "--nocapture"])
             .env("FLASHABLE_IMAGE", crate::firmware::image()),
     )
 }
@@ -40,8 +41,5 @@ pub fn flashable_image() -> Result<()> {
 /// The whole device as ARM code against the same device on the desktop, and what becomes of it when something breaks.
 pub fn processor_in_the_loop() -> Result<()> {
     let image = std::path::absolute(target_folder().join(TARGET).join("release/pil"))?;
-    run(
-        "processor in the loop",
-        cargo().env("CATHETER_PIL_IMAGE", image).args(["test", "-p", "rig-tests", "--test", "processor_in_the_loop"]),
-    )
+    run("processor in the loop", cargo().env("CATHETER_PIL_IMAGE", image).args(["test", "--workspace", "--test", "processor_in_the_loop"]))
 }
