@@ -53,7 +53,7 @@ fn mdbook() -> Result<PathBuf> {
     let program = tools.join("bin").join(format!("mdbook{}", std::env::consts::EXE_SUFFIX));
     if !program.exists() {
         let mut install = cargo();
-        // A book of some fifty pages is built in a second either way; optimising the program takes a minute and a half.
+        // A book of some fifty pages is built in a second either way; an optimised program takes twice as long to install.
         install.args(["install", "mdbook", "--debug", "--version", VERSION, "--locked", "--no-default-features", "--root"]).arg(&tools);
         run("mdBook", install.arg("--target-dir").arg(target_folder().join("tools-build")))?;
         let _ = std::fs::remove_dir_all(target_folder().join("tools-build"));

@@ -27,9 +27,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Task {
     /// Everything, as continuous integration: format, lints, documentation, tests, target builds, the emulated target, the board's model, the
-    /// browser, the demo, the Python package, the book. Installs what is missing. 30 min.
+    /// browser, the demo, the Python package, the book. Installs what is missing. More than an hour from nothing.
     Test,
-    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. 15 min.
+    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. Half an hour or more from nothing.
     Ci,
     /// Measurements behind the Results of the book; each bench's help says its time. Minutes to hours.
     Bench(bench::Arguments),
