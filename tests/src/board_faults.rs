@@ -290,6 +290,20 @@ pub const ROWS: &[Row] = &[
     row("memory-bits", "any", Injection::MemoryBits, Expected::Bounded),
 ];
 
+/// A slice of the matrix that meets every fault and every expectation: the first row of each, and what sweeps over flash.
+#[must_use]
+pub fn slice() -> Vec<&'static Row> {
+    let mut met = Vec::new();
+    let is_in = |row: &&Row| {
+        let is_new = !met.contains(&row.expected);
+        if is_new {
+            met.push(row.expected);
+        }
+        is_new || matches!(row.injection, Injection::SettingsBits | Injection::CutAtEveryOperation)
+    };
+    ROWS.iter().filter(is_in).collect()
+}
+
 /// What was measured.
 #[derive(Clone, Debug)]
 pub struct Measured {

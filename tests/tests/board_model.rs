@@ -5,7 +5,7 @@ use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfi
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::fault::Fault;
 use model_export::link::profiles::PROFILES;
-use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all, measure_all_on, profile_ends};
+use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all, measure_all_on, profile_ends, slice};
 use rig_tests::board_model::{ModelRig, config, config_of, played, played_on, unmodelled};
 use rig_tests::hybrid;
 
@@ -151,13 +151,19 @@ fn both_drives_hold_the_same_pressure() {
     assert!(voltage.abs_diff(width) < 64, "{voltage} and {width}");
 }
 
+/// Which rows to measure: those that `BOARD_FAULTS` names, with commas; with `all` every one; without it the slice.
+fn wanted(slice: Vec<&'static Row>) -> Vec<&'static Row> {
+    match std::env::var("BOARD_FAULTS") {
+        Err(_) => slice,
+        Ok(all) if all == "all" => ROWS.iter().collect(),
+        Ok(names) => ROWS.iter().filter(|row| names.split(',').any(|name| name == row.name)).collect(),
+    }
+}
+
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn every_fault_of_the_matrix_ends_as_its_row_says() {
-    // Some of them alone: their names, with commas.
-    let wanted = std::env::var("BOARD_FAULTS").ok();
-    let is_wanted = |row: &&Row| wanted.as_ref().is_none_or(|wanted| wanted.split(',').any(|name| name == row.name));
-    let rows: Vec<&Row> = ROWS.iter().filter(is_wanted).collect();
+    let rows = wanted(slice());
     let all = measure_all(&rows, |row, measured| println!("{:26} {measured:?}", row.name));
     assert_eq!(all.len(), rows.len(), "every row was measured");
     let failed: Vec<String> = rows
@@ -272,8 +278,9 @@ const OF_THE_SECOND_CHIP: [&str; 30] = [
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn the_faults_that_the_second_chips_model_knows_end_as_their_rows_say_on_its_image() {
     let board = config_of("nucleo-h743zi");
-    let rows: Vec<&Row> = ROWS.iter().filter(|row| OF_THE_SECOND_CHIP.contains(&row.name)).collect();
-    assert_eq!(rows.len(), OF_THE_SECOND_CHIP.len(), "every name is a row");
+    let known = |row: &&Row| OF_THE_SECOND_CHIP.contains(&row.name);
+    assert_eq!(ROWS.iter().filter(known).count(), OF_THE_SECOND_CHIP.len(), "every name is a row");
+    let rows: Vec<&Row> = wanted(slice()).into_iter().filter(known).collect();
     let failed: Vec<String> = measure_all_on(&board, &rows, |row, measured| println!("{:26} {measured:?}", row.name))
         .iter()
         .zip(&rows)
