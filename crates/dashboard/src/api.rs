@@ -237,10 +237,10 @@ pub(crate) async fn end_job(Proven(role): Proven, State(shared): State<Shared>) 
     Ok(Json(json!({ "ended": shared.jobs.end() })))
 }
 
-/// A report, which has scripts of its own: in a sandbox, where it can reach nothing.
+/// A report, which has scripts of its own: in a sandbox, where it can reach nothing; it may hand its plots and tables to the person who asks for them.
 pub(crate) async fn report(State(shared): State<Shared>, Path(secret): Path<String>) -> Response {
     let Some(path) = shared.jobs.report(&secret) else { return StatusCode::NOT_FOUND.into_response() };
     let Ok(Ok(text)) = aside(move || std::fs::read(path)).await else { return StatusCode::NOT_FOUND.into_response() };
-    let policy = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'";
+    let policy = "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'";
     ([(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, policy)], text).into_response()
 }
