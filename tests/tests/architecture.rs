@@ -265,11 +265,20 @@ fn no_file_of_the_firmware_needs_one_that_needs_it() {
     assert!(lines.is_empty(), "{}", lines.join("\n"));
 }
 
-/// The host's crates without circles; the others have files that name what their parent defines.
-const HOST: [&str; 3] = ["crates/dashboard", "crates/discovery", "crates/identification"];
+/// Packages without circles beside the firmware; the others have files that name what their parent defines.
+const HOST: [&str; 8] = [
+    "crates/calibration",
+    "crates/dashboard",
+    "crates/discovery",
+    "crates/identification",
+    "crates/output",
+    "crates/simulation",
+    "crates/virtual-rig",
+    "virtual-board",
+];
 
 #[test]
-fn no_file_of_a_host_crate_needs_one_that_needs_it() {
+fn no_file_of_these_packages_needs_one_that_needs_it() {
     let lines: Vec<_> =
         HOST.iter().flat_map(|package| circles_of(package).into_iter().map(move |line| format!("{package}: {line}"))).collect();
     assert!(lines.is_empty(), "{}", lines.join("\n"));
@@ -279,13 +288,12 @@ fn no_file_of_a_host_crate_needs_one_that_needs_it() {
 const LONGEST: usize = 500;
 
 /// Files that are longer, and how long they may be: less with every change, never more.
-const LONGER: [(&str, usize); 12] = [
+const LONGER: [(&str, usize); 11] = [
     ("crates/identification/src/nuisance.rs", 526),
     ("crates/modelling/src/export/tests.rs", 518),
     ("crates/modelling/src/identify/mod.rs", 533),
     ("crates/modelling/src/network/sequence.rs", 657),
     ("crates/modelling/src/train/fit.rs", 749),
-    ("crates/virtual-rig/src/stages.rs", 512),
     ("firmware/src/estimator/front_end.rs", 543),
     ("firmware/src/storage.rs", 527),
     ("firmware/tests/link.rs", 727),

@@ -10,6 +10,7 @@ pub mod board;
 pub mod boards;
 pub mod chip;
 pub mod core;
+pub mod line;
 pub mod log;
 pub mod machine;
 pub mod part;

@@ -7,12 +7,13 @@ use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
-use crate::board::{FarEnd, RigBoard};
-use crate::chip::flash::{Change, sector};
+use crate::board::RigBoard;
+use crate::chip::flash::sector;
 use crate::chip::part::SUPPLY_MV;
 use crate::core::nmi;
+use crate::line::FarEnd;
 use crate::log::Log;
-use crate::part::RigPart;
+use crate::part::{Change, RigPart};
 use crate::protocol::{self, Fault, Request};
 use crate::touched::Touched;
 

@@ -5,10 +5,10 @@ use std::num::NonZeroU64;
 use rigless::emulator::CoreSpec;
 use rigless::mcu::Mcu;
 use rigless::snapshot::Store;
+use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
-use crate::board::FarEnd;
-use crate::chip::flash::Change;
+use crate::line::FarEnd;
 use crate::protocol::Fault;
 
 /// What the part does to the pins.
@@ -20,6 +20,30 @@ pub struct Outputs {
     pub pulse: Option<(u16, u16)>,
     /// Whether the dump valve's pin is driven high.
     pub dump_valve: bool,
+}
+
+/// A change of the array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Bits that a store clears.
+    Program {
+        /// Where.
+        address: u64,
+        /// How many bits.
+        width: Width,
+        /// What was stored.
+        value: u64,
+    },
+    /// A sector becomes all ones.
+    Erase {
+        /// Which.
+        sector: usize,
+    },
+    /// The option bytes become this.
+    Options {
+        /// OPTCR without its two commands.
+        value: u64,
+    },
 }
 
 /// A part with the rig's surroundings on its pins.

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
+use crate::place::folder_of;
+
 /// A file that nobody else changes while this lives.
 #[derive(Debug)]
 pub struct Locked(#[expect(dead_code, reason = "closing it ends the lock")] File);
@@ -21,7 +23,7 @@ pub fn lock(path: &Path, patience: Duration) -> Result<Locked> {
         let (file, is_there) = match File::open(path) {
             Ok(file) => (file, true),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                let named = super::folder_of(path).ancestors().find(|folder| folder.is_dir());
+                let named = folder_of(path).ancestors().find(|folder| folder.is_dir());
                 let folder = named.unwrap_or(Path::new("."));
                 (File::open(folder).with_context(|| format!("{}: cannot be read", folder.display()))?, false)
             }
@@ -69,7 +71,7 @@ mod tests {
                 let _locked = lock(&path, Duration::from_secs(60))?;
                 let count: u32 = std::fs::read_to_string(&path).map_or(Ok(0), |text| text.parse())?;
                 std::thread::sleep(Duration::from_millis(1));
-                super::super::write_atomic(&path, (count + 1).to_string().as_bytes())?;
+                crate::write_atomic(&path, (count + 1).to_string().as_bytes())?;
             }
             Ok(())
         };

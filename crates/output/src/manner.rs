@@ -50,7 +50,7 @@ pub fn may_replace() -> bool {
 /// What to do; the message does not repeat the path.
 pub fn refuse_replacing(path: &Path) -> Result<(), String> {
     let holds_something = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0);
-    if may_replace() || super::is_stream(path) || !holds_something {
+    if may_replace() || crate::place::is_stream(path) || !holds_something {
         return Ok(());
     }
     Err("exists already; choose another name, or say --force to replace it".to_owned())

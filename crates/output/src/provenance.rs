@@ -65,7 +65,7 @@ pub fn line() -> String {
     if run.inputs.len() > MOST {
         text.push_str(&format!("; and {} more", run.inputs.len() - MOST));
     }
-    super::plain(&text.replace(['\n', '\t'], " ")).into_owned()
+    crate::plain::plain(&text.replace(['\n', '\t'], " ")).into_owned()
 }
 
 /// The same for JSON; nothing without a command line.

@@ -6,11 +6,12 @@ use std::f64::consts::PI;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::aliens::Alien;
 use super::command::{AMPLITUDE_BAR, Excitation};
 use super::muscle::{Habit, Muscle};
 use super::stages::{
-    Alien, Bladder, ChokedFlow, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber, Stage,
-    Supply, Tube, Volume, WarmUp,
+    Bladder, ChokedFlow, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber, Stage, Supply,
+    Tube, Volume, WarmUp,
 };
 
 /// Effects that the rig can hide, by the catalogue's names.

@@ -4,80 +4,36 @@
 //! 10 kHz and samples it at 50 Hz with noise. The truth goes into a file of its own. Nothing here is used by discovery or by
 //! the effects that it fits; they meet only in the recordings.
 
+mod aliens;
+mod case;
 mod command;
 mod composed;
 mod draw;
 pub mod live;
 mod muscle;
+mod noise;
 mod rival;
 mod stages;
 
 use std::path::{Path, PathBuf};
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
 
+pub use case::{Case, CaseConfig, Generator, RigError, Truth};
 pub use command::Excitation;
 use composed::Set;
 pub use draw::{ALIENS, EFFECTS};
 
 use draw::{Chain, Sampler};
-use recording::{ExtraColumn, Recording, RecordingError, Signal};
+use noise::add_noise;
+use recording::{ExtraColumn, Recording, Signal};
 use stages::{Moment, STEP_S};
 
 /// Noise of a pressure sensor, relative to the command's range: 0.2 % is an ordinary industrial one.
 const PRESSURE_NOISE: f64 = 0.002;
 /// Integration steps per sample: 50 Hz.
 const STEPS_PER_SAMPLE: usize = 200;
-
-/// Which of the virtual rigs makes the recordings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Generator {
-    /// Physics at 10 kHz.
-    #[default]
-    Physics,
-    /// Discrete laws at 1 kHz, other forms and strengths.
-    Rival,
-    /// Laws drawn for every effect, of the set that choices may look at.
-    ComposedTuning,
-    /// Laws drawn for every effect, of the set that only judges.
-    ComposedReporting,
-}
-
-/// What to hide and how.
-#[derive(Clone, Debug)]
-pub struct CaseConfig {
-    /// Names of the effects or aliens; none for a rig without a secret.
-    pub effects: Vec<String>,
-    /// Seed of everything that is drawn.
-    pub seed: u64,
-    /// Standard deviation of the noise relative to the output's range.
-    pub noise: f64,
-    /// Whether half of the noise is correlated in time.
-    pub coloured_noise: bool,
-    /// Kind of session.
-    pub excitation: Excitation,
-    /// The rig.
-    pub generator: Generator,
-    /// Whether the pressure in the muscle is recorded too (the physics rig only), with noise of 0.2 % of its range.
-    pub measured_pressure: bool,
-}
-
-impl Default for CaseConfig {
-    /// Nothing hidden in the paper's session with half a percent of white noise.
-    fn default() -> Self {
-        Self {
-            effects: Vec::new(),
-            seed: 1,
-            noise: 0.005,
-            coloured_noise: false,
-            excitation: Excitation::Paper,
-            generator: Generator::Physics,
-            measured_pressure: false,
-        }
-    }
-}
 
 impl Generator {
     /// Effects that this rig hides and no catalogue has.
@@ -89,58 +45,6 @@ impl Generator {
             Self::ComposedTuning | Self::ComposedReporting => &composed::ALIENS,
         }
     }
-}
-
-/// What was hidden.
-#[derive(Clone, Debug, Serialize)]
-pub struct Truth {
-    /// Names.
-    pub effects: Vec<String>,
-    /// Whether any of them is outside the catalogue.
-    pub alien: bool,
-    /// Values drawn, `effect.parameter_unit`.
-    pub parameters: std::collections::BTreeMap<String, f64>,
-    /// Stages behind the muscle (the others lie before it).
-    pub sensor_side: Vec<String>,
-    /// Seed.
-    pub seed: u64,
-    /// Standard deviation of the noise, mm.
-    pub noise_mm: f64,
-    /// Whether the noise is coloured.
-    pub coloured_noise: bool,
-    /// Half dead travel of the sliders, bar.
-    pub slack_bar: Vec<f64>,
-    /// Their displacement, mm/bar.
-    pub pull_mm_per_bar: Vec<f64>,
-    /// Whether the muscle remembers one recording in the next.
-    pub continuous: bool,
-}
-
-/// A hidden case: recordings to work with, recordings of other kinds to judge by, and the truth.
-#[derive(Clone, Debug)]
-pub struct Case {
-    /// The session.
-    pub recordings: Vec<Recording>,
-    /// Kept-out recordings, the same rig later in the session.
-    pub kept_out: Vec<Recording>,
-    /// What was hidden.
-    pub truth: Truth,
-}
-
-/// What can go wrong.
-#[derive(Debug, thiserror::Error)]
-pub enum RigError {
-    /// No such effect.
-    #[error("the rig cannot hide {name:?}; it knows {known}")]
-    UnknownEffect {
-        /// Name asked for.
-        name: String,
-        /// Names there are.
-        known: String,
-    },
-    /// A recording could not be made.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
 }
 
 /// Makes one hidden case. Equal configurations give equal recordings.
@@ -322,29 +226,6 @@ fn record(
     let time_s: Vec<f64> = (0..samples).map(|sample| sample as f64 * STEPS_PER_SAMPLE as f64 * STEP_S).collect();
     let input = time_s.iter().map(|&time| command_bar(time)).collect();
     (time_s, input, pressures, output)
-}
-
-/// A normal deviate by the polar method.
-fn normal(generator: &mut ChaCha8Rng) -> f64 {
-    loop {
-        let (x, y): (f64, f64) = (generator.random_range(-1.0..1.0), generator.random_range(-1.0..1.0));
-        let square = x * x + y * y;
-        if square > 0.0 && square < 1.0 {
-            return x * (-2.0 * square.ln() / square).sqrt();
-        }
-    }
-}
-
-fn add_noise(output: &mut [f64], deviation: f64, coloured: bool, generator: &mut ChaCha8Rng) {
-    // Correlated over a tenth of a second: five samples at 50 Hz.
-    let keep = (-0.02_f64 / 0.1).exp();
-    let kick = (1.0 - keep * keep).sqrt();
-    let mut slow = normal(generator);
-    for value in output {
-        slow = keep * slow + kick * normal(generator);
-        let white = normal(generator);
-        *value += deviation * if coloured { std::f64::consts::FRAC_1_SQRT_2 * (white + slow) } else { white };
-    }
 }
 
 /// Writes a case: `DIR/recordings/*.csv`, `DIR/holdout/*.csv` and, apart from both, `DIR/truth.sealed.json`.

@@ -21,6 +21,8 @@ use rigless::soc::Width;
 use rigless::soc::stm32f427::generated::flash::Register;
 use rigless::time::{EventId, VirtualNanos};
 
+use crate::part::Change;
+
 const KEYS: [u64; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u64; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 const OPTLOCK: u64 = 1;
@@ -41,30 +43,6 @@ const LOCK: u64 = 1 << 31;
 const SECTORS_KIB: [u64; 12] = [16, 16, 16, 16, 64, 128, 128, 128, 128, 128, 128, 128];
 /// First address of the array.
 pub const ARRAY: u64 = 0x0800_0000;
-
-/// A change of the array.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
-    /// Bits that a store clears.
-    Program {
-        /// Where.
-        address: u64,
-        /// How many bits.
-        width: Width,
-        /// What was stored.
-        value: u64,
-    },
-    /// A sector becomes all ones.
-    Erase {
-        /// Which.
-        sector: usize,
-    },
-    /// The option bytes become this.
-    Options {
-        /// OPTCR without its two commands.
-        value: u64,
-    },
-}
 
 /// Addresses of a sector.
 pub fn sector(number: usize) -> Range<u64> {

@@ -21,18 +21,18 @@ use rigless::soc::stm32f427::peripherals::usart::{self, Kind, Usart};
 use rigless::soc::{self, Bus, Cpu, Endian, EraseBlocks, Error, Gate, Peripheral, Region, WriteModify};
 use rigless::time::VirtualNanos;
 
-use crate::board::FarEnd;
+use crate::line::FarEnd;
 
 use super::beside::{Beside, With};
 use super::capture::{Capture, Rates};
 use super::crystal::Oscillators;
 use super::dac::Dac;
-use super::flash::{Change, Flash, Speed};
+use super::flash::{Flash, Speed};
 use super::held::{Held, pulse_on_pin};
 use super::lines::{Lines, MonitorOutput};
 use super::sampling::{InjectedGroup, TriggerOutput};
 use crate::boards::stm32f405::wiring::{self, DRIVE, PULSE, Wiring};
-use crate::part::{Outputs, RigPart};
+use crate::part::{Change, Outputs, RigPart};
 use crate::protocol::Fault;
 
 // What the STM32F405 has where the STM32F427 has something else. RM0090 gives both families, each in sections of its own.

@@ -25,7 +25,6 @@ use rigless::time::VirtualNanos;
 use super::dac::Dac;
 use super::sampling::{FULL_INPUT, TriggeredGroup};
 use super::watchdog::Iwdg;
-use crate::board::FarEnd;
 use crate::boards::stm32f405::wiring::Pin as BoardPin;
 use crate::boards::stm32h743::wiring::{DRIVE, PULSE, RECEIVE, TRANSMIT, Wiring, channel};
 use crate::chip::beside::With;
@@ -33,6 +32,7 @@ use crate::chip::capture::{Capture, Rates};
 use crate::chip::held::{Held, pulse_on_pin};
 use crate::chip::sampling::TriggerOutput;
 use crate::core::with_nmi;
+use crate::line::FarEnd;
 use crate::part::{Outputs, RigPart};
 use crate::protocol::Fault;
 

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::Kind;
+use super::kind::Kind;
 use crate::Estimate;
 
 /// A figure that was found.

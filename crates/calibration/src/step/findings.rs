@@ -1,6 +1,9 @@
 //! What the measurements of each step come to.
 
-use super::{Curve, Finding, Kind, Point, Quantity, RESPONSE_PERIOD_MS, STEP_MS, STEPS, Sample, SensorMap, Step};
+use super::finding::{Curve, Finding, Quantity};
+use super::kind::Kind;
+use super::plan::{Sample, SensorMap};
+use super::sequence::{Point, RESPONSE_PERIOD_MS, STEP_MS, STEPS, Step};
 use crate::line::Line;
 use crate::noise::Noise;
 use crate::response::Response;

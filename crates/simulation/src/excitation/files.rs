@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{ExcitationConfig, ExcitationError};
+use super::config::ExcitationConfig;
+use super::error::ExcitationError;
 
 /// Reads an excitation file.
 ///

@@ -1,6 +1,8 @@
 //! The rig's limits, checked on every sample of an excitation before the first is played.
 
-use super::{Anchor, ExcitationConfig, ExcitationError, Samples, Signal};
+use super::config::{ExcitationConfig, Samples};
+use super::error::ExcitationError;
+use super::signal::{Anchor, Signal};
 
 /// What the rig may be asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,5 +75,17 @@ fn remedy(excitation: &ExcitationConfig) -> String {
             .to_owned()
     } else {
         "Eq. (1) peaks at twice amplitude_bar: lower amplitude_bar, or the levels of the signal".to_owned()
+    }
+}
+
+impl ExcitationConfig {
+    /// Samples the excitation and checks it against the limits of the rig: what comes back may be played.
+    ///
+    /// # Errors
+    /// As [`Self::sample`] and [`Limits::check`].
+    pub fn sample_within(&self, limits: &Limits) -> Result<Samples, ExcitationError> {
+        let samples = self.sample()?;
+        limits.check(&samples, self)?;
+        Ok(samples)
     }
 }

@@ -3,7 +3,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Anchor, ExcitationConfig, Segment, Signal};
+use super::config::{ExcitationConfig, Segment};
+use super::signal::{Anchor, Signal};
 
 /// Frequencies of the paper's training set in Hz.
 pub const PAPER_FREQUENCIES_HZ: [f64; 4] = [0.2, 0.4, 0.6, 0.8];

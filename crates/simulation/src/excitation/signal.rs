@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::path::{Path, Shape};
 
+/// Most samples of one excitation; a typing mistake in a duration should not fill the disk.
+pub const MAX_SAMPLES: usize = 5_000_000;
+
 /// Where an ascending envelope has its nominal amplitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -345,13 +348,10 @@ const SHORTEST_MOVE_S: f64 = 0.05;
 
 /// Refuses a signal of more moves than an excitation has samples: nobody would see them, and they would fill the memory.
 fn few_moves(count: f64, what: &str) -> Result<(), String> {
-    if count <= super::MAX_SAMPLES as f64 {
+    if count <= MAX_SAMPLES as f64 {
         return Ok(());
     }
-    Err(format!(
-        "would make {count:.0} {what}, at most {} are possible; take fewer or slower ones, or shorten duration_s",
-        super::MAX_SAMPLES
-    ))
+    Err(format!("would make {count:.0} {what}, at most {} are possible; take fewer or slower ones, or shorten duration_s", MAX_SAMPLES))
 }
 
 /// A triangle wave of `turns`, 0 at whole turns and 1 between.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use super::Plant;
+use super::simulate::Plant;
 use crate::excitation::sets::{self, Named, SetConfig};
 use crate::excitation::{self, ExcitationConfig, Limits};
 use recording::{self, Recording, Signal};

@@ -6,7 +6,8 @@ use std::f64::consts::{PI, TAU};
 
 use rand::RngExt;
 
-use super::{Draw, Excitation, Habit, Moment, STEP_S, Set, Stage};
+use super::draw::{Draw, Habit, Moment, STEP_S, Set, Stage};
+use crate::command::Excitation;
 
 /// What a law comes to.
 pub enum Drawn {

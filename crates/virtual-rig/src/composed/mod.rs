@@ -3,209 +3,28 @@
 //! Every effect has several laws, split into two sets. Choices about discovery look at [`Set::Tuning`] alone; [`Set::Reporting`] judges, so no
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
+mod draw;
 mod laws;
+mod muscle;
+mod session;
 
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::command::{Excitation, Shape};
-use super::{Case, CaseConfig, RigError, Truth, add_noise, normal};
-use recording::{ExtraColumn, Recording, Signal};
+pub use draw::Set;
 
-/// Integration step, s.
-const STEP_S: f64 = 1e-3;
-/// Length of a recording, s.
-const LENGTH_S: f64 = 20.0;
-/// Rest at the start of a recording, s.
-const REST_S: f64 = 1.5;
-/// Recordings to work with.
-const RECORDINGS: usize = 20;
+use crate::case::{Case, CaseConfig, RigError, Truth};
+use crate::noise::{add_noise, normal};
+use draw::{Draw, Moment, STEP_S, Stage};
+use muscle::Muscle;
+use recording::{ExtraColumn, Recording, Signal};
+use session::{LENGTH_S, RECORDINGS, REST_S, commands};
 
 /// Effects that the catalogue does not have, of this rig.
 pub const ALIENS: [&str; 3] = ["alien-two-way-gain", "alien-temperature-steps", "alien-input-noise"];
-
-/// Which laws a case is drawn from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Set {
-    /// Laws that choices may look at.
-    Tuning,
-    /// Laws that only judge.
-    Reporting,
-}
-
-/// Where and when a step happens.
-#[derive(Clone, Copy, Debug)]
-struct Moment {
-    /// Time since the session began, s.
-    session_s: f64,
-    /// Number of the recording.
-    recording: usize,
-    /// Whether this is the first step of a recording: what a pause resets begins anew.
-    begins: bool,
-}
-
-/// What a signal passes: its value one integration step later.
-type Stage = Box<dyn FnMut(f64, &Moment) -> f64>;
-
-/// What a law may draw from and must tell.
-struct Draw<'a> {
-    generator: &'a mut ChaCha8Rng,
-    /// Largest command, bar.
-    span_bar: f64,
-    /// Displacement at that, mm, roughly.
-    range_mm: f64,
-    /// Length of the session, s.
-    session_s: f64,
-    excitation: Excitation,
-    /// Values drawn, by the catalogue's names.
-    values: BTreeMap<String, f64>,
-}
-
-impl Draw<'_> {
-    /// A value between `low` and `high`.
-    fn even(&mut self, low: f64, high: f64) -> f64 {
-        self.generator.random_range(low..high)
-    }
-
-    /// A value between `low` and `high`, even in its logarithm.
-    fn log(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.generator.random::<f64>())
-    }
-
-    fn sign(&mut self) -> f64 {
-        if self.generator.random_bool(0.5) { 1.0 } else { -1.0 }
-    }
-
-    fn tell(&mut self, key: &str, value: f64) -> f64 {
-        self.values.insert(key.to_owned(), value);
-        value
-    }
-}
-
-/// How the muscle deviates from a bank of plain play operators.
-#[derive(Clone, Copy, Debug, Default)]
-struct Habit {
-    /// Loading and unloading envelopes: powers of the input over its span, one for plain.
-    powers: Option<[f64; 2]>,
-    /// Thresholds grow towards one end of the range by this share.
-    taper: f64,
-    /// Thresholds grow by this times the logarithm of the rate over a bar per second.
-    logarithmic_rate: f64,
-    /// Time constant of the operators' own motion at high load, s.
-    sliding_s: f64,
-}
-
-/// The bank of play operators.
-struct Muscle {
-    thresholds_bar: Vec<f64>,
-    weights_mm_per_bar: Vec<f64>,
-    states: Vec<f64>,
-    habit: Habit,
-    carries: bool,
-    last: f64,
-    rate: f64,
-    span_bar: f64,
-}
-
-impl Muscle {
-    fn draw(generator: &mut ChaCha8Rng, span_bar: f64) -> Self {
-        let count = generator.random_range(8..80);
-        let widest = span_bar * generator.random_range(0.25..0.5);
-        // Exponential, even or heaped around one threshold.
-        let shape = generator.random_range(0..3);
-        let heap = generator.random_range(0.2..0.8);
-        let thresholds_bar: Vec<f64> = (0..count).map(|index| widest * f64::from(index) / f64::from(count)).collect();
-        let mut weights: Vec<f64> = thresholds_bar
-            .iter()
-            .map(|threshold| {
-                let share = threshold / widest;
-                match shape {
-                    0 => (-2.0 * share).exp(),
-                    1 => generator.random_range(0.5..1.5),
-                    _ => (-((share - heap) / 0.15).powi(2)).exp() + 0.05,
-                }
-            })
-            .collect();
-        let elastic = generator.random_range(0.3..0.6);
-        let sum: f64 = weights[1..].iter().sum();
-        let gain = generator.random_range(1.0..6.0);
-        weights[1..].iter_mut().for_each(|weight| *weight *= gain * (1.0 - elastic) / sum);
-        weights[0] = gain * elastic;
-        let states = vec![0.0; weights.len()];
-        let carries = generator.random_bool(0.4);
-        Self { thresholds_bar, weights_mm_per_bar: weights, states, habit: Habit::default(), carries, last: 0.0, rate: 0.0, span_bar }
-    }
-
-    fn begin(&mut self) {
-        if !self.carries {
-            self.states.fill(0.0);
-        }
-        (self.last, self.rate) = (0.0, 0.0);
-    }
-
-    fn step(&mut self, input: f64) -> f64 {
-        let habit = self.habit;
-        self.rate += 0.05 * ((input - self.last).abs() / STEP_S - self.rate);
-        self.last = input;
-        let share = (input / self.span_bar).clamp(0.0, 1.2);
-        let [up, down] = habit.powers.map_or([input; 2], |powers| powers.map(|power| self.span_bar * share.powf(power)));
-        let wider = 1.0 + habit.taper * share + habit.logarithmic_rate * self.rate.ln_1p();
-        let mut sum = 0.0;
-        for ((threshold, weight), state) in self.thresholds_bar.iter().zip(&self.weights_mm_per_bar).zip(&mut self.states) {
-            let gap = threshold * wider;
-            let aim = (up - gap).max((down + gap).min(*state));
-            *state += (aim - *state) * if habit.sliding_s > 0.0 && *threshold > 0.0 { STEP_S / (STEP_S + habit.sliding_s) } else { 1.0 };
-            sum += weight * *state;
-        }
-        sum
-    }
-}
-
-/// The commands of a session, with a short name each.
-fn commands(kind: Excitation, span_bar: f64, generator: &mut ChaCha8Rng) -> Vec<(String, Shape)> {
-    let one = |index: usize, generator: &mut ChaCha8Rng| {
-        let frequency_hz = 0.12 * (9.0_f64).powf(generator.random::<f64>());
-        let decay_per_s = generator.random_range(0.0..0.2);
-        let sine = Shape::Sine { amplitude_bar: 0.5 * span_bar, decay_per_s, frequency_hz, sweep_hz_per_s: 0.0 };
-        let levels = |generator: &mut ChaCha8Rng, dwell_s: f64, ramp_s: f64| Shape::Levels {
-            levels_bar: (0..(LENGTH_S / dwell_s) as usize).map(|_| generator.random_range(0.0..span_bar)).collect(),
-            dwell_s,
-            ramp_s,
-        };
-        match (kind, index % 5) {
-            (Excitation::Rich, 1) => ("steps", levels(generator, 1.6, 0.01)),
-            (Excitation::Rich, 2) => ("ramps", levels(generator, 1.1, 1.1)),
-            (Excitation::Rich, 3) => {
-                let lines = (1..=10_u32)
-                    .map(|line| {
-                        let frequency = f64::from(line) * 0.37;
-                        (0.28 * span_bar / f64::from(line).sqrt() / 2.0, frequency, generator.random_range(0.0..2.0 * PI))
-                    })
-                    .collect();
-                ("multisine", Shape::Multisine { middle_bar: 0.45 * span_bar, lines })
-            }
-            (Excitation::Rich, 4) => (
-                "triangle",
-                Shape::Triangle {
-                    peak_bar: span_bar * generator.random_range(0.5..1.0),
-                    decay_per_s: 0.03,
-                    frequency_hz: 1.5 * frequency_hz,
-                },
-            ),
-            _ => ("sine", sine),
-        }
-    };
-    (0..RECORDINGS + 4)
-        .map(|index| {
-            let (name, shape) = one(index, generator);
-            (format!("{name}_{index:02}.csv"), shape)
-        })
-        .collect()
-}
 
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
