@@ -18,6 +18,8 @@ use crate::feed::Feed;
 use crate::interrupt;
 use crate::journal::{Journal, Tracing};
 use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
+use crate::status::{PATIENCE, wait};
+pub use crate::status::{settle, settle_after_change, status};
 use recording::{ExtraColumn, Recording, Signal};
 use simulation::excitation::{ExcitationConfig, Limits};
 
@@ -25,9 +27,6 @@ use simulation::excitation::{ExcitationConfig, Limits};
 const POINTS_AHEAD: u32 = 128;
 /// How often a host that has nothing to send says that it is there; a fifth of the default host timeout.
 const KEEP_ALIVE: Duration = Duration::from_millis(50);
-/// How long to wait for the way from one state to the next: boot and self-test.
-const PATIENCE: Duration = Duration::from_secs(12);
-
 /// What an experiment gave.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -52,38 +51,6 @@ pub struct OverTheLink<'a> {
     pub blob: Option<&'a [u8]>,
 }
 
-/// Asks for the status.
-///
-/// # Errors
-/// See [`LinkError`].
-pub fn status(rig: &mut Client<impl Transport>) -> Result<Status, LinkError> {
-    match rig.request(&Request::Status)? {
-        Reply::Status(status) => Ok(status),
-        _ => Err(rig.unexpected(&Request::Status)),
-    }
-}
-
-/// Waits until boot and self-test are over.
-///
-/// # Errors
-/// When they do not end.
-pub fn settle(rig: &mut Client<impl Transport>) -> Result<Status> {
-    wait(rig, "the end of its self-test", |status| !matches!(status.state, State::Boot | State::SelfTest))
-}
-
-/// Waits for a status.
-fn wait(rig: &mut Client<impl Transport>, what: &str, reached: impl Fn(&Status) -> bool) -> Result<Status> {
-    let until = rig.elapsed() + PATIENCE;
-    loop {
-        let status = status(rig)?;
-        if reached(&status) {
-            return Ok(status);
-        }
-        ensure!(rig.elapsed() < until, "the device waits in the state `{}` and does not reach {what}", state_name(status.state));
-        rig.listen_for(Duration::from_millis(20))?;
-    }
-}
-
 /// Sends a blob piece by piece, which the device then checks; `each` is told the bytes that have arrived.
 ///
 /// # Errors
@@ -102,15 +69,6 @@ pub fn upload(rig: &mut Client<impl Transport>, bytes: &[u8], each: &mut dyn FnM
     // The check may take the place of the model in use, after which the device tests itself.
     settle_after_change(rig)?;
     Ok(())
-}
-
-/// Waits for the self-test that begins with the next tick.
-///
-/// # Errors
-/// When it does not end.
-pub fn settle_after_change(rig: &mut Client<impl Transport>) -> Result<Status> {
-    rig.listen(Duration::from_millis(5))?;
-    settle(rig)
 }
 
 /// Whole milliseconds of a sample period.

@@ -17,3 +17,4 @@ pub mod journal;
 pub mod link;
 pub mod operate;
 pub mod setting_words;
+pub mod status;

@@ -14,6 +14,7 @@
 mod image;
 #[cfg(test)]
 mod model;
+mod protocol;
 #[cfg(test)]
 mod tests;
 
@@ -22,13 +23,8 @@ use std::time::Duration;
 pub use image::{FLASH_BASE, ImageError, PROGRAM_BYTES, ProgramImage};
 
 use crate::link::{LinkError, Transport};
+use protocol::{ACK, NACK, SYNCHRONISE};
 
-/// Acknowledged.
-const ACK: u8 = 0x79;
-/// Refused.
-const NACK: u8 = 0x1f;
-/// What the bootloader measures the speed of the line by.
-const SYNCHRONISE: u8 = 0x7f;
 /// Fills up whatever the bootloader still waits for. A command of it is none, and as data it changes no flash; a count of sectors made of it is
 /// refused by its checksum.
 const PADDING: u8 = 0xff;
@@ -37,9 +33,6 @@ const LONGEST_WAIT: usize = 258;
 /// A count of sectors that was damaged on its way can make it wait for twice 65,536.
 const BURST: usize = 1024;
 const MOST_BURSTS: usize = 130;
-
-/// Speed of the line, 8 bits, even parity: the fastest that AN3155 promises.
-pub const BOOTLOADER_BAUD: u32 = 115_200;
 
 /// Commands (AN3155 table 2).
 mod command {

@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::{ACK, FLASH_BASE, NACK, SYNCHRONISE};
+use super::image::FLASH_BASE;
+use super::protocol::{ACK, NACK, SYNCHRONISE};
 use crate::link::{LinkError, Transport};
 
 /// All of the chip's flash.

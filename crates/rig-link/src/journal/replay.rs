@@ -6,8 +6,8 @@ use model_export::link::state::ResetCause;
 use model_export::link::trace::TraceRecord;
 use serde::Serialize;
 
+use super::file::{Event, Journal, Outputs};
 use super::traced::TracedRig;
-use super::{Event, Journal, Outputs};
 use crate::link::{Cut, InProcess, LinkError, device_outputs};
 
 /// What a replay found.

@@ -9,8 +9,8 @@ use model_export::link::message::{FaultRecord, Message, Reply, Request, RequestF
 use model_export::link::state::{ResetCause, State};
 use serde::Serialize;
 
-use super::replay::{Step, watch};
-use super::{Journal, Replay};
+use super::file::Journal;
+use super::replay::{Replay, Step, watch};
 use crate::link::{LinkError, fault_in_words, state_name};
 
 /// A whole recording, told.

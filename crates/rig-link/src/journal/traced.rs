@@ -12,10 +12,10 @@ use model_export::link::fault::{Blocker, Fault};
 use model_export::link::settings::{INFO, Settings};
 use model_export::link::trace::{TraceCommand, TraceExtra, TraceFlags};
 
-use super::{Event, Header, Journal};
+use super::file::{Event, Header, Journal};
 use crate::device_settings;
-use crate::experiment;
 use crate::link::{Client, FACTS, FlashMemory, Heap, LinkError, SlotPair, Trace, TracedTick, Transport};
+use crate::status;
 
 /// How long venting may take; the device itself calls it a fault after a second.
 const VENTED_WITHIN: Duration = Duration::from_millis(1500);
@@ -64,11 +64,11 @@ impl Tracing {
         let header = Header::new(backend, &hello.board, String::new(), &flash);
         // After a run the muscle may still be emptying.
         let until = client.elapsed() + VENTED_WITHIN;
-        while experiment::status(client)?.blockers.contains(Blocker::VentNotVerified) && client.elapsed() < until {
+        while status::status(client)?.blockers.contains(Blocker::VentNotVerified) && client.elapsed() < until {
             client.listen_for(Duration::from_millis(20))?;
         }
         let origin = client.begin_trace()?;
-        experiment::settle(client).map_err(TracingError::Other)?;
+        status::settle(client).map_err(TracingError::Other)?;
         Ok(Self { header, origin })
     }
 

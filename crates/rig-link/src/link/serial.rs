@@ -8,7 +8,9 @@ use model_export::link::LINE_BAUD;
 
 use super::reserved::{Reserved, reserve};
 use super::{LinkError, Transport};
-use crate::bootloader::BOOTLOADER_BAUD;
+
+/// Speed of the line to the bootloader in the chip's ROM, 8 bits, even parity: the fastest that AN3155 promises.
+const BOOTLOADER_BAUD: u32 = 115_200;
 
 /// A serial port, which nobody else may use meanwhile.
 pub struct Serial {
@@ -113,7 +115,7 @@ mod tests {
     use model_export::link::hello::{Build, Hello};
     use model_export::link::state::ResetCause;
 
-    use super::super::Client;
+    use super::super::client::Client;
     use super::*;
 
     /// A port, and what is at its other end.
