@@ -8,7 +8,6 @@ use host_tool::backend::BOARD_MODEL;
 use host_tool::experiment;
 use host_tool::link::{BoardModel, BoardModelConfig, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
 use host_tool::plant::{Plant, PlantConfig};
-use model_export::link::fault::Fault;
 use model_export::link::message::{Quantity, Reply, Request, Status};
 use model_export::link::profiles::Profile;
 use model_export::link::settings::Settings;

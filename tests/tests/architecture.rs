@@ -78,7 +78,8 @@ impl Package {
         if let Some(name) = rest.first()
             && depth < 8
         {
-            let from = uses(tokens).into_iter().find(|used| used.name == *name && (used.path.len() > 1 || used.path[0] != *name));
+            let is_its_own = |used: &Used| used.path == [name.clone()] && self.files.contains_key(&child(&at, name));
+            let from = uses(tokens).into_iter().find(|used| used.name == *name && !is_its_own(used));
             if let Some(used) = from {
                 // Nothing, where it is from another package.
                 return self.home(&at, &[used.path.as_slice(), &rest[1..]].concat(), depth + 1);
