@@ -9,6 +9,7 @@ mod demo;
 mod emulator;
 mod firmware;
 mod process;
+mod publish;
 mod python;
 mod setup;
 
@@ -37,6 +38,10 @@ enum Task {
     Book(OfBook),
     /// Check licences, sources and duplicates of dependencies by deny.toml. Needs cargo-deny. 10 s.
     Deny(OfDeny),
+    /// Check that hysteresis and model-export build with the oldest compiler they promise and as a registry would get them. 2 min.
+    Publishable,
+    /// Write what the firmware and the command are made of into target/sbom, as CycloneDX. 2 s.
+    Sbom,
     /// Build the flashable image of a board and add its CRC. 2 min.
     Firmware(OfBoard),
     /// Build the flashable image, and the program that runs it on a model of its chip (`catheter ... --backend board-model`). 4 min once.
@@ -111,6 +116,8 @@ fn main() -> ExitCode {
         Task::Setup => setup::everything(),
         Task::Book(of) => book::build(of.open),
         Task::Deny(of) => book::deny(of.advisories),
+        Task::Publishable => publish::check(),
+        Task::Sbom => publish::bill_of_materials(),
         Task::Equations { asked } if asked.is_empty() => book::equations(),
         Task::Equations { .. } => Ok(()),
     };
@@ -140,5 +147,7 @@ fn test() -> anyhow::Result<()> {
     browser::tests()?;
     demo::runs()?;
     python::tests()?;
+    publish::check()?;
+    publish::bill_of_materials()?;
     book::build(false)
 }
