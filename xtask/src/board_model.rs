@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 
 use crate::firmware;
 use crate::process::{answer, cargo, command, exists, root, run};
+use crate::setup;
 
 /// The package's folder.
 const FOLDER: &str = "virtual-board";
@@ -64,7 +65,5 @@ fn toolchain() -> Result<()> {
     if !exists("rustup") {
         bail!("the board's model needs Rust {channel} and there is no rustup to install it; see https://rustup.rs");
     }
-    let mut install = command("rustup");
-    install.args(["toolchain", "install", channel, "--profile", "minimal", "--component", "clippy", "--component", "rustfmt"]);
-    run("set-up", &mut install)
+    setup::toolchain(channel, &["--component", "clippy", "--component", "rustfmt"])
 }

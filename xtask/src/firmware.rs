@@ -15,7 +15,7 @@ use object::elf::FileHeader32;
 use object::read::elf::{FileHeader, SectionHeader};
 
 use crate::process::{answer, cargo, command, exists, root, run, target_folder};
-use crate::setup::TARGET;
+use crate::setup::{self, TARGET};
 
 /// The compiler of the image.
 const COMPILER: &str = "1.95.0";
@@ -82,17 +82,12 @@ fn compiler() -> Result<Command> {
         );
         return Ok(cargo());
     }
-    let mut pinned = command("rustup");
-    pinned.args(["run", COMPILER, "cargo"]);
-    for variable in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC"] {
-        pinned.env_remove(variable);
-    }
     if answer(command("rustup").args(["run", COMPILER, "rustc", "--print", "target-libdir", "--target", TARGET]))
         .is_none_or(|folder| !Path::new(folder.trim()).is_dir())
     {
-        run("set-up", command("rustup").args(["toolchain", "install", COMPILER, "--profile", "minimal", "--target", TARGET]))?;
+        setup::toolchain(COMPILER, &["--target", TARGET])?;
     }
-    Ok(pinned)
+    Ok(setup::cargo_of(COMPILER))
 }
 
 /// What keeps the machine's paths out of the file: the project's folder, the build folder and cargo's become names.

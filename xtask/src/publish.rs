@@ -6,25 +6,29 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use crate::process::{answer, cargo, command, run, target_folder};
-use crate::setup::TARGET;
+use crate::process::{answer, cargo, command, root, run, target_folder};
+use crate::setup::{self, TARGET};
 
 /// Packages that others may depend on.
 const PUBLISHED: [&str; 2] = ["hysteresis", "model-export"];
-/// The oldest compiler that they promise, `rust-version` of the workspace.
-const OLDEST: &str = "1.90";
+
+/// The oldest compiler that they promise.
+fn oldest() -> Result<String> {
+    let text = std::fs::read_to_string(root().join("Cargo.toml")).context("the workspace's Cargo.toml cannot be read")?;
+    let named = text.lines().find_map(|line| line.strip_prefix("rust-version = \"")?.strip_suffix('"'));
+    named.map(str::to_owned).context("the workspace names no rust-version")
+}
 
 /// Builds the published packages with the oldest compiler, then as a registry would get them: packed, unpacked, built alone.
 pub fn check() -> Result<()> {
     let packages = PUBLISHED.iter().flat_map(|package| ["-p", *package]);
-    let installed = answer(command("rustup").args(["toolchain", "list"])).unwrap_or_default();
-    if !installed.lines().any(|line| line.starts_with(OLDEST)) {
-        run("oldest compiler", command("rustup").args(["toolchain", "install", OLDEST, "--profile", "minimal"]))?;
+    let version = oldest()?;
+    let mut oldest = setup::cargo_of(&version);
+    if answer(command("rustup").args(["run", &version, "rustc", "--version"])).is_none() {
+        setup::toolchain(&version, &[])?;
     }
-    let mut oldest = command("cargo");
-    oldest.args(["check", "--locked", "--all-features"]).args(packages.clone());
     // A folder of its own: another compiler's results would otherwise be thrown away in turns.
-    oldest.env("RUSTUP_TOOLCHAIN", OLDEST).env("CARGO_TARGET_DIR", target_folder().join("oldest")).env_remove("CARGO").env_remove("RUSTC");
+    oldest.args(["check", "--locked", "--all-features"]).args(packages.clone()).env("CARGO_TARGET_DIR", target_folder().join("oldest"));
     run("packages: the oldest compiler", &mut oldest)?;
     run("packages: as published", cargo().args(["package", "--locked", "--allow-dirty"]).args(packages))
 }

@@ -25,6 +25,21 @@ pub fn everything() -> Result<()> {
     browser()
 }
 
+/// Installs a compiler beside the one in use, with what `more` asks for.
+pub fn toolchain(channel: &str, more: &[&str]) -> Result<()> {
+    run("set-up", command("rustup").args(["toolchain", "install", channel, "--profile", "minimal"]).args(more))
+}
+
+/// Cargo of another compiler than the one that runs us, which has put its choice into the environment.
+pub fn cargo_of(channel: &str) -> Command {
+    let mut cargo = command("rustup");
+    cargo.args(["run", channel, "cargo"]);
+    for variable in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC"] {
+        cargo.env_remove(variable);
+    }
+    cargo
+}
+
 /// Room on the disk for a build from nothing. On a full disk the linker dies of a bus error that tells nobody why.
 fn room() -> Result<()> {
     let built = crate::process::target_folder().join("debug").join("catheter").exists();

@@ -139,7 +139,7 @@ fn recordings_are_files_that_the_other_commands_read_and_computations_run_on_the
     assert_eq!(said, ["twenty", "lines of it", &(samples + 1).to_string()]);
     let (code, head, report) = bench.raw("GET", done["report"].as_str().unwrap(), &[], "");
     assert_eq!((code, report.as_str()), (200, "<script>1</script>"));
-    assert!(head.contains("sandbox allow-scripts"), "{head}");
+    assert!(head.contains("sandbox allow-scripts allow-downloads;"), "{head}");
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub enum Alien {
         above: f64,
         /// Size per unit above.
         size: f64,
-        /// Frequency, Hz, wandering with the phase.
+        /// Frequency, Hz, drifting with the phase.
         frequency_hz: f64,
         /// Phase.
         phase: f64,
@@ -61,7 +61,7 @@ pub enum Alien {
     WanderingGain {
         /// Spread.
         depth: f64,
-        /// Knots of the wander at equal distances.
+        /// Values of the slow drift at equal distances.
         knots: Vec<f64>,
         /// Distance of the knots, s.
         spacing_s: f64,

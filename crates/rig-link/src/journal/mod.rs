@@ -9,7 +9,7 @@
 //! | offset | bytes | what |
 //! |---|---|---|
 //! | 0 | 8 | `CATHJRNL` |
-//! | 8 | 2 | version of the format, now 2: 1 had no traces |
+//! | 8 | 2 | version of the format, now 3: 1 had no traces, 2 no hash of the recording |
 //! | 10 | 2 | zero |
 //! | 12 | 4 | CRC-32 (IEEE 802.3) of everything behind it |
 //! | 16 | | [`Header`], then the [`Event`]s, in postcard |
