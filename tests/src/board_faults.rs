@@ -220,6 +220,8 @@ pub struct ProfileEnd {
 #[must_use]
 pub fn profile_ends(profile: &Profile, breakage: Breakage) -> ProfileEnd {
     const HELD_BAR: f64 = 1.0;
+    /// Ten times what the outputs may take, and so long that a drive that comes back would be seen.
+    const WATCHED_MS: u32 = 500;
     let mut settings = Settings { control_law: 1, ..Settings::default() };
     profile.apply(&mut settings).expect("settings of a profile");
     // A valve that gives the held pressure at the profile's drive for it.

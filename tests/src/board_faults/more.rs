@@ -34,8 +34,7 @@ const SETTINGS_START_MS: u32 = 30;
 fn measured(bench: &mut Bench, from: usize, problem: Option<String>, remark: String) -> Measured {
     let mut measured = bench.measure(from, Expected::Bounded);
     measured.ok &= problem.is_none();
-    measured.remark =
-        [measured.remark, problem.unwrap_or(remark)].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ");
+    measured.remark = joined(&measured.remark, &problem.unwrap_or(remark));
     measured
 }
 
@@ -55,14 +54,42 @@ fn words(slot: u32, payload_bytes: usize) -> Vec<u32> {
     header.chain(activation).chain(payload).map(|word| slot + 4 * word).collect()
 }
 
+/// What became of the flipped bits of a sweep.
+#[derive(Default)]
+struct SweepCount {
+    harmless: u32,
+    detected: u32,
+    /// Words with a bit whose flip was neither.
+    missed: Vec<u32>,
+}
+
+impl SweepCount {
+    /// Adds this to what was measured meanwhile.
+    fn told(self, mut measured: Measured) -> Measured {
+        let Self { harmless, detected, missed } = self;
+        let remark = if missed.is_empty() {
+            format!("{} flips: {detected} told, {harmless} harmless", harmless + detected)
+        } else {
+            format!("neither harmless nor told: {missed:#010x?}")
+        };
+        measured.ok &= missed.is_empty();
+        measured.remark = joined(&measured.remark, &remark);
+        measured
+    }
+}
+
+fn joined(one: &str, other: &str) -> String {
+    [one, other].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
+}
+
 /// Flips a bit, starts again, lets `judge` look, and flips it back; counts what was harmless, what was detected, and what was neither.
 fn sweep(
     bench: &mut Bench,
     start_ms: u32,
     bits: impl IntoIterator<Item = (u32, u32)>,
     mut judge: impl FnMut(&mut Bench) -> Option<bool>,
-) -> (u32, u32, Vec<u32>) {
-    let (mut harmless, mut detected, mut missed) = (0, 0, Vec::new());
+) -> SweepCount {
+    let mut count = SweepCount::default();
     for (word, bit) in bits {
         let flip = format!("flip {:08x} {}", word + bit / 8, bit % 8);
         bench.break_something(&flip);
@@ -70,18 +97,13 @@ fn sweep(
         bench.pass(start_ms);
         let _ = bench.rig.greet_again();
         match judge(bench) {
-            Some(true) => harmless += 1,
-            Some(false) => detected += 1,
-            None => missed.push(word),
+            Some(true) => count.harmless += 1,
+            Some(false) => count.detected += 1,
+            None => count.missed.push(word),
         }
         bench.break_something(&flip);
     }
-    (harmless, detected, missed)
-}
-
-fn counted(bench: &mut Bench, from: usize, (harmless, detected, missed): (u32, u32, Vec<u32>)) -> Measured {
-    let problem = (!missed.is_empty()).then(|| format!("neither harmless nor told: {missed:#010x?}"));
-    measured(bench, from, problem, format!("{} flips: {detected} told, {harmless} harmless", harmless + detected))
+    count
 }
 
 /// Whether sweeps are complete: when rows are asked for by name (`BOARD_FAULTS`). Beside all the others they take a sample.
@@ -89,17 +111,38 @@ fn is_thorough() -> bool {
     std::env::var_os("BOARD_FAULTS").is_some_and(|rows| rows != "all")
 }
 
-/// Every bit of every word of the stored settings; in a sample one bit of each.
+/// Every bit of every word of the stored settings, on a board for each core; in a sample one bit of each.
 pub(super) fn settings_bits() -> Measured {
     let ceiling = 1.25;
     let settings = Settings { control_law: 1, ceiling_bar: ceiling, ..Settings::default() };
     let bytes = firmware::settings::encode(&settings).expect("settings that can be encoded").len();
+    let words = words(SETTINGS_SLOT, bytes);
+    let boards = if is_thorough() { std::thread::available_parallelism().map_or(1, usize::from) } else { 1 };
+    let parts: Vec<(Measured, SweepCount)> = std::thread::scope(|scope| {
+        let parts = words.chunks(words.len().div_ceil(boards));
+        let parts: Vec<_> = parts.map(|words| scope.spawn(|| settings_bits_of(words, ceiling))).collect();
+        parts.into_iter().map(|part| part.join().expect("a sweep that ends")).collect()
+    });
+    let mut whole = SweepCount::default();
+    for (_, part) in &parts {
+        whole.harmless += part.harmless;
+        whole.detected += part.detected;
+        whole.missed.extend(&part.missed);
+    }
+    let worst = parts.into_iter().map(|(measured, _)| measured).reduce(|one, other| {
+        let peak_bar = one.peak_bar.max(other.peak_bar);
+        Measured { peak_bar, ..if one.ok { other } else { one } }
+    });
+    whole.told(worst.expect("a board at least"))
+}
+
+fn settings_bits_of(words: &[u32], ceiling: f32) -> (Measured, SweepCount) {
     let mut bench = Bench::start(&set_point_flash(ceiling), None);
     bench.pass(START_MS);
     let from = bench.watch.len();
-    let all = words(SETTINGS_SLOT, bytes).into_iter().flat_map(|word| (0..32).map(move |bit| (word, bit)));
+    let all = words.iter().flat_map(|word| (0..32).map(move |bit| (*word, bit)));
     let all = all.filter(|(word, bit)| is_thorough() || word / 4 * 7 % 32 == *bit);
-    let result = sweep(&mut bench, SETTINGS_START_MS, all, |bench| {
+    let count = sweep(&mut bench, SETTINGS_START_MS, all, |bench| {
         let status = bench.status()?;
         if status.faults.contains(Fault::SettingsInvalid) {
             // Told, and it cannot be armed.
@@ -108,7 +151,7 @@ pub(super) fn settings_bits() -> Measured {
         }
         ceiling_bar(bench).is_some_and(|bar| bar <= ceiling).then_some(true)
     });
-    counted(&mut bench, from, result)
+    (bench.measure(from, Expected::Bounded), count)
 }
 
 /// Power goes in the middle of every operation on flash of a saving, from the erase to the last word; in a sample of every ninth.
@@ -188,14 +231,14 @@ pub(super) fn model_bits() -> Measured {
     let some: Vec<u32> = head.iter().chain(payload.iter().step_by(payload.len().div_ceil(32))).copied().collect();
     // Another bit in every word.
     let bits = some.into_iter().zip((0..).step_by(11)).map(|(word, bit)| (word, bit % 32));
-    let result = sweep(&mut bench, START_MS, bits, |bench| {
+    let count = sweep(&mut bench, START_MS, bits, |bench| {
         experiment::settle(&mut bench.rig).ok();
         let status = bench.status()?;
         Some(!status.faults.contains(Fault::ModelCorrupt))
     });
     // A bit of the payload is under its checksum: only the log of activations corrects one.
-    let harmless = result.0;
-    let mut measured = counted(&mut bench, from, result);
+    let harmless = count.harmless;
+    let mut measured = count.told(bench.measure(from, Expected::Bounded));
     measured.ok &= harmless <= ACTIVATION_WORDS;
     measured
 }
