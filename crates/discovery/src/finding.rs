@@ -11,9 +11,9 @@ use crate::files::figures;
 use crate::files::file::DiscoveredModel;
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
-use crate::result::{DiscoverConfig, Discovery, Member, Verdict};
+use crate::result::{DiscoverConfig, Discovery};
 use crate::selection::rounds::Bench;
-use crate::selection::{criterion, find, verdict};
+use crate::selection::{decision, find, verdict};
 
 /// A finished discovery: the result and what it was made of.
 pub struct Finding {
@@ -80,35 +80,27 @@ pub fn discover_from(
     if let Some(file) = start.and_then(|start| start.discovered.as_ref()) {
         model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
     }
-    let owned = model.slots.len();
     let base = model.clone();
     let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
     watch("figures");
-    let mut after = search.model;
+    let mut found = search.model.clone();
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
     session.unmask();
-    let residual = after.residuals(&session);
+    let residual = found.residuals(&session);
     let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
     mask::outliers(&mut session, &residual, kind);
-    after.fit_all(&session);
-    after.anchor(&session);
+    found.fit_all(&session);
+    found.anchor(&session);
     before.fit_all(&session);
-    let others: Vec<&Model> = search.second.iter().chain(&search.met).chain(search.tried.iter().take(MOST_SINGLE)).collect();
-    let compared = criterion::Comparison::new(&session, &base, &after, &others, config.seed, config.threads);
+    let decision = decision::decide(&session, &base, &search, &found, config.seed, config.threads);
+    let after = decision.model.clone();
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
     before.fit_all(&session);
     before = before.pruned();
     let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
     let residual_before = residuals(&session, &simulate(&session));
-    let mut found = search.found;
-    let mut discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
-    // What makes selecting recordings worse is no part of an explanation.
-    while discovery.verdict == Verdict::Unknown && discovery.rmse_after > discovery.rmse_before {
-        let Some(fewer) = verdict::without_the_least(&session, &before, &after, &mut found) else { break };
-        after = fewer;
-        discovery = verdict::judge(&session, &residual_before, &after, &found, owned);
-    }
+    let mut discovery = verdict::judge(&session, &residual_before, &decision, &search.found);
     // All is decided: from here on it is the report.
     test.reveal(&mut session);
     let simulated = simulate(&session);
@@ -125,10 +117,6 @@ pub fn discover_from(
     let is = counted.simulate(&with_effects, calibrate_s)?;
     verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
-    if let Some(compared) = &compared {
-        discovery.criterion = compared.gain(&after);
-        discovery.confidence_set = compared.set.iter().map(|member| member_of(member, &compared.bare)).collect();
-    }
     discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);
     discovery.summary =
         residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
@@ -137,24 +125,8 @@ pub fn discover_from(
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
     discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;
-    let second = search.second.filter(|_| discovery.runner_up.is_some()).map(|mut second| {
-        second.fit_all(&session);
-        second.anchor(&session);
-        second
-    });
+    let second = decision.second.filter(|_| discovery.runner_up.is_some());
     Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
-}
-
-/// Explanations of one effect that are compared, the best first.
-const MOST_SINGLE: usize = 6;
-
-/// A member of the confidence set for the result.
-fn member_of(member: &criterion::Scored, bare: &criterion::Scored) -> Member {
-    Member {
-        effects: member.names.iter().map(|name| (*name).to_owned()).collect(),
-        criterion: member.mean() - bare.mean(),
-        p_value: member.p_value,
-    }
 }
 
 /// Measured minus simulated.

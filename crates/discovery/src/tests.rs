@@ -7,8 +7,7 @@ use virtual_rig::{self as rig, Case, CaseConfig, Generator};
 use crate::data::{mask, noise};
 use crate::finding::prepare;
 use crate::model::structure::Scope;
-use crate::selection::found::Found;
-use crate::selection::{find, verdict};
+use crate::selection::find;
 use recording::{ExtraColumn, Recording};
 
 use super::*;
@@ -99,28 +98,6 @@ fn names_a_slow_rhythm_that_passes_for_noise_beside_a_dead_time() {
     let frequency_hz = discovery.effects[1].parameters["frequency_hz"];
     assert!((frequency_hz / case.truth.parameters["periodic-disturbance.frequency_hz"] - 1.0).abs() < 0.01, "{frequency_hz}");
     assert!((discovery.noise_floor / case.truth.noise_mm - 1.0).abs() < 0.05, "{}", discovery.noise_floor);
-}
-
-#[test]
-fn the_effect_that_is_missed_least_is_taken_away_and_the_others_are_fitted_again() {
-    let case = case(&["dead-time"], SEED + 70, 0.005);
-    let mut session = Session::new(&case.recordings, &case.kept_out).expect("a session");
-    let bare = prepare(&mut session);
-    let model = Model::baseline(bare.initial_state, false)
-        .with(effects::dead_time::FORMS[0], vec![case.truth.parameters["dead-time.delay_s"]])
-        .with(effects::resonance::FORMS[0], vec![6.0, 0.3]);
-    let runner_up = Some(RunnerUp { name: "creep".to_owned(), separable: false });
-    let mut found = Found { order: vec!["dead-time", "resonance"], runner_up, jump_scatter: Some(1.0), ..Found::default() };
-    let fewer = verdict::without_the_least(&session, &bare, &model, &mut found).expect("two were found");
-    assert_eq!(fewer.names().collect::<Vec<_>>(), ["dead-time"]);
-    assert_eq!((found.order.as_slice(), found.jump_scatter), (&["dead-time"][..], None));
-    assert!(found.runner_up.is_some());
-    let residual: Vec<Vec<f64>> = bare.residuals(&session);
-    let part = verdict::judge(&session, &residual, &fewer, &found, 0);
-    assert!(part.gap_closed > 0.97, "the part was not fitted again: {part:?}");
-    let none = verdict::without_the_least(&session, &bare, &fewer, &mut found).expect("one was left");
-    assert!(none.slots.is_empty() && found.order.is_empty() && found.runner_up.is_none());
-    assert!(verdict::without_the_least(&session, &bare, &none, &mut found).is_none());
 }
 
 #[test]

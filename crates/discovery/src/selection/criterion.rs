@@ -7,6 +7,9 @@
 //! Explanations are compared recording by recording, two by two, with Wilcoxon's signed ranks. The *confidence set* holds those that no other is
 //! significantly better than (Hansen, Lunde and Nason 2011): the loser of the clearest pair leaves as long as a pair as clear has a probability
 //! below [`LEVEL`] when chance decides for each recording which way it speaks. Of fewer than six recordings, stretches are compared.
+//!
+//! A *margin* is what nobody cares about. A dearer member that is not better than a cheaper one by the margin leaves too. The first of those that
+//! stay is the explanation; where the model without effects stays, there is none.
 
 use std::collections::BTreeMap;
 
@@ -18,17 +21,14 @@ use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Scope};
 use crate::observers::jumps;
 use crate::observers::law::{Seen, SlipLaw};
+use crate::result::Member;
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
-use crate::selection::settings::{FEWEST_FOR_HALVES, MOST_COMPARED};
+use crate::selection::settings::{FEWEST_FOR_HALVES, LEVEL, MATERIAL, MATERIAL_SHARE};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits::without_jumps;
 
-/// Probability by which an explanation leaves the confidence set that is as good as the best.
-pub const LEVEL: f64 = 0.1;
-/// Difference, nats per sample, that nobody cares about: innovations whose standard deviations differ by one percent.
-const MATERIAL: f64 = 0.01;
-/// Draws of signs.
+/// Draws of signs, and of recordings.
 const RESAMPLES: usize = 2000;
 /// Stretches of a recording that are compared where recordings are few.
 const STRETCHES: usize = 12;
@@ -40,8 +40,12 @@ const NOISES: [f64; 7] = [1.0, 1.25, 1.6, 2.2, 3.5, 7.0, 20.0];
 /// An explanation and how well it predicts.
 #[derive(Clone, Debug)]
 pub struct Scored {
+    /// Which of the models compared it is.
+    pub index: usize,
     /// Names of its effects, in alphabetical order.
     pub names: Vec<&'static str>,
+    /// Number of parameters that its effects count as.
+    pub cost: usize,
     /// Mean log predictive density of each recording, nats per sample.
     pub densities: Vec<f64>,
     /// Probability of a distance from the other members like its own, were all as good.
@@ -106,7 +110,7 @@ fn cluster(run: &Run, few: bool, sample: usize) -> (usize, usize) {
 
 /// Scores one explanation: mean log density of each recording that it predicts, in the order of the recordings. What comes before `start_up_s` does
 /// not count.
-fn score(model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Scored {
+fn score(index: usize, model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Scored {
     let few = sources(&folds[0]).len() < FEWEST_FOR_HALVES;
     let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
     for session in folds {
@@ -123,7 +127,8 @@ fn score(model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Score
             }
         }
     }
-    Scored { names: names(model), densities: sums.into_values().map(|(sum, count)| sum / count).collect(), p_value: 1.0 }
+    let densities = sums.into_values().map(|(sum, count)| sum / count).collect();
+    Scored { index, names: names(model), cost: model.cost(), densities, p_value: 1.0 }
 }
 
 /// Log predictive density of every sample of every recording, by a fitted model.
@@ -198,45 +203,97 @@ fn most<T>(items: impl IntoIterator<Item = T>, value: impl Fn(&T) -> f64) -> T {
 
 /// Explanations compared.
 pub struct Comparison {
-    /// The model without effects.
-    pub bare: Scored,
-    /// The model that was found.
-    pub found: Scored,
+    /// All of them, the model without effects first.
+    scored: Vec<Scored>,
     /// The simplest members of the confidence set, best first.
     pub set: Vec<Scored>,
+    /// Difference, nats per sample, that nobody cares about.
+    margin: f64,
+    seed: u64,
 }
 
 impl Comparison {
-    /// Compares the model that was found with the one without effects and with `others`, most of which came near it.
+    /// Compares models, of which the first has no effects; there is one at least.
     #[must_use]
-    pub fn new(session: &Session, bare: &Model, found: &Model, others: &[&Model], seed: u64, threads: usize) -> Option<Self> {
-        let parts: Vec<Model> = (0..found.slots.len()).map(|slot| found.without(slot)).collect();
-        let mut models: Vec<&Model> = vec![bare, found];
-        for model in parts.iter().chain(others.iter().copied()) {
-            if models.len() < MOST_COMPARED && models.iter().all(|other| other.forms() != model.forms()) {
-                models.push(model);
-            }
-        }
+    pub fn new(session: &Session, models: &[Model], seed: u64, threads: usize) -> Self {
         let folds = folds(session);
         let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
-        let start_up_s = models.iter().map(|model| model.start_up_s()).fold(0.0, f64::max);
-        let scored = in_parallel(&models, threads, |model| score(model, &folds, floor, start_up_s));
-        let [bare, found, ..] = &scored[..] else { return None };
-        let (bare, found) = (bare.clone(), found.clone());
-        Some(Self { bare, found, set: simplest(&confidence_set(scored, seed)) })
+        let start_up_s = models.iter().map(Model::start_up_s).fold(0.0, f64::max);
+        let indices: Vec<usize> = (0..models.len()).collect();
+        let scored = in_parallel(&indices, threads, |&index| score(index, &models[index], &folds, floor, start_up_s));
+        Self::of(scored, seed)
     }
 
-    /// How much better a model with these effects predicts than the one without any, nats per sample; nothing when it was not compared.
+    /// From what was scored, the model without effects first.
+    fn of(scored: Vec<Scored>, seed: u64) -> Self {
+        let most = scored.iter().map(Scored::mean).fold(f64::MIN, f64::max);
+        let margin = (MATERIAL_SHARE * (most - scored[0].mean())).clamp(MATERIAL[0], MATERIAL[1]);
+        let set = simplest(&confidence_set(scored.clone(), margin, seed), margin);
+        Self { scored, set, margin, seed }
+    }
+
+    /// Whether no explanation is better than none.
     #[must_use]
-    pub fn gain(&self, model: &Model) -> Option<f64> {
-        let names = names(model);
-        let compared = std::iter::once(&self.found).chain(&self.set).chain([&self.bare]);
-        compared.into_iter().find(|scored| scored.names == names).map(|scored| scored.mean() - self.bare.mean())
+    pub fn holds_none(&self) -> bool {
+        self.set.iter().any(|member| member.index == 0)
+    }
+
+    /// Which of the models is the explanation: the first of the set, or the one without effects where that is in it.
+    #[must_use]
+    pub fn best(&self) -> usize {
+        if self.holds_none() { 0 } else { self.set.first().map_or(0, |member| member.index) }
+    }
+
+    /// How much better a model predicts than the one without effects, nats per sample.
+    #[must_use]
+    pub fn gain(&self, index: usize) -> f64 {
+        self.scored[index].mean() - self.scored[0].mean()
+    }
+
+    /// A member of the set for the result.
+    #[must_use]
+    pub fn member(&self, member: &Scored) -> Member {
+        Member {
+            effects: member.names.iter().map(|name| (*name).to_owned()).collect(),
+            criterion: self.gain(member.index),
+            p_value: member.p_value,
+        }
+    }
+
+    /// The best of those that have an effect which the explanation does not have, and whether the recordings tell it apart.
+    #[must_use]
+    pub fn second(&self) -> Option<(&Scored, bool)> {
+        let best = &self.scored[self.best()];
+        let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
+        let apart = |one: &Scored| self.set.iter().all(|member| member.index != one.index);
+        let second = self.set.iter().find(other).or_else(|| {
+            self.scored.iter().filter(other).max_by(|x, y| x.mean().total_cmp(&y.mean()))
+        })?;
+        Some((second, apart(second)))
+    }
+
+    /// Probability that an effect is part of the explanation: the share of draws of recordings, with replacement, by which the cheapest model within
+    /// the margin of the best has it.
+    #[must_use]
+    pub fn probability(&self, name: &str) -> f64 {
+        let mut generator = ChaCha8Rng::seed_from_u64(self.seed);
+        let recordings = self.scored[0].densities.len();
+        let has_it = |_: &usize| {
+            let drawn: Vec<usize> = (0..recordings).map(|_| generator.random_range(0..recordings)).collect();
+            let of = |one: &Scored| drawn.iter().map(|&at| one.densities[at]).sum::<f64>() / recordings as f64;
+            let means: Vec<f64> = self.scored.iter().map(of).collect();
+            let enough = means.iter().copied().fold(f64::MIN, f64::max) - self.margin;
+            let cheapest = (0..means.len()).filter(|&at| means[at] >= enough).min_by(|&x, &y| {
+                self.scored[x].cost.cmp(&self.scored[y].cost).then(means[y].total_cmp(&means[x]))
+            });
+            cheapest.is_some_and(|at| self.scored[at].names.contains(&name))
+        };
+        (0..RESAMPLES).filter(has_it).count() as f64 / RESAMPLES as f64
     }
 }
 
 /// The confidence set at [`LEVEL`], best first, each member with its probability.
-fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
+fn confidence_set(mut scored: Vec<Scored>, margin: f64, seed: u64) -> Vec<Scored> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let recordings = scored.first().map_or(0, |one| one.densities.len());
     // Were two explanations as good, each recording could as well have spoken for the other: the same recordings for all pairs.
@@ -246,7 +303,7 @@ fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
     while scored.len() > 1 {
         let pairs: Vec<(usize, Vec<f64>)> = (0..scored.len())
             .flat_map(|worse| (0..scored.len()).filter(move |better| *better != worse).map(move |better| (worse, better)))
-            .map(|(worse, better)| (worse, signed_ranks(&scored[better].densities, &scored[worse].densities)))
+            .map(|(worse, better)| (worse, signed_ranks(&scored[better].densities, &scored[worse].densities, margin)))
             .collect();
         let sum = |ranks: &[f64]| ranks.iter().sum::<f64>();
         let Some((worst, most)) = pairs.iter().map(|(worse, ranks)| (*worse, sum(ranks))).max_by(|x, y| x.1.total_cmp(&y.1)) else {
@@ -266,9 +323,9 @@ fn confidence_set(mut scored: Vec<Scored>, seed: u64) -> Vec<Scored> {
     scored
 }
 
-/// Wilcoxon's signed ranks of the differences beyond [`MATERIAL`], over the norm of the ranks: a few recordings in which much happens do not hide all others.
-fn signed_ranks(better: &[f64], worse: &[f64]) -> Vec<f64> {
-    let differences: Vec<f64> = better.iter().zip(worse).map(|(better, worse)| better - worse - MATERIAL).collect();
+/// Wilcoxon's signed ranks of the differences beyond a margin, over the norm of the ranks: a few recordings in which much happens do not hide all others.
+fn signed_ranks(better: &[f64], worse: &[f64], margin: f64) -> Vec<f64> {
+    let differences: Vec<f64> = better.iter().zip(worse).map(|(better, worse)| better - worse - margin).collect();
     let mut order: Vec<usize> = (0..differences.len()).collect();
     order.sort_by(|&x, &y| differences[x].abs().total_cmp(&differences[y].abs()));
     let mut ranks = vec![0.0; differences.len()];
@@ -279,12 +336,14 @@ fn signed_ranks(better: &[f64], worse: &[f64]) -> Vec<f64> {
     ranks.iter().map(|rank| rank / norm).collect()
 }
 
-/// The members of a confidence set without those that have all effects of another member and more.
-fn simplest(set: &[Scored]) -> Vec<Scored> {
+/// The members of a confidence set that no simpler one does as well as: one with all effects of another member and more leaves, and so does a dearer one that
+/// is not better by the margin. Each set of effects stays once.
+fn simplest(set: &[Scored], margin: f64) -> Vec<Scored> {
     let more =
         |one: &Scored, other: &Scored| one.names.len() > other.names.len() && other.names.iter().all(|name| one.names.contains(name));
+    let dearer = |one: &Scored, other: &Scored| one.cost > other.cost && one.mean() < other.mean() + margin;
     let mut simplest: Vec<Scored> = Vec::new();
-    for one in set.iter().filter(|one| !set.iter().any(|other| more(one, other))) {
+    for one in set.iter().filter(|one| !set.iter().any(|other| more(one, other) || dearer(one, other))) {
         if simplest.iter().all(|other| other.names != one.names) {
             simplest.push(one.clone());
         }
@@ -301,7 +360,7 @@ mod tests {
     use crate::model::initial_state::InitialState;
 
     fn scored(names: &[&'static str], densities: Vec<f64>) -> Scored {
-        Scored { names: names.to_vec(), densities, p_value: 1.0 }
+        Scored { index: names.len(), names: names.to_vec(), cost: names.len(), densities, p_value: 1.0 }
     }
 
     /// Deviations without a mean, the same every time.
@@ -316,8 +375,8 @@ mod tests {
         let plus = |by: f64, seed: u64| -> Vec<f64> { level.iter().zip(scatter(seed, 0.05, 20)).map(|(x, y)| x + y + by).collect() };
         let all = |better: f64| vec![scored(&[], plus(0.0, 5)), scored(&["creep"], plus(better, 6)), scored(&["resonance"], plus(0.0, 7))];
         let names = |set: Vec<Scored>| -> Vec<String> { set.iter().map(|one| one.names.join("+")).collect() };
-        assert_eq!(names(confidence_set(all(0.2), 1)), ["creep"]);
-        let mut equal = names(confidence_set(all(0.0), 1));
+        assert_eq!(names(confidence_set(all(0.2), MATERIAL[1], 1)), ["creep"]);
+        let mut equal = names(confidence_set(all(0.0), MATERIAL[1], 1));
         equal.sort_unstable();
         assert_eq!(equal, ["", "creep", "resonance"]);
     }
@@ -326,8 +385,8 @@ mod tests {
     fn a_gain_that_differs_by_orders_of_magnitude_between_recordings_is_seen_and_one_recording_alone_decides_nothing() {
         let bare = scatter(8, 0.1, 16);
         let with = |gains: &dyn Fn(usize) -> f64| bare.iter().enumerate().map(|(at, value)| value + gains(at)).collect::<Vec<f64>>();
-        let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], 1).len();
-        assert_eq!(set(with(&|at| MATERIAL + 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
+        let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], MATERIAL[1], 1).len();
+        assert_eq!(set(with(&|at| MATERIAL[1] + 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
         assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { 1e-3 * (at % 3) as f64 })), 2);
     }
 
@@ -336,7 +395,7 @@ mod tests {
         let alarms = (0..200_u64)
             .filter(|seed| {
                 let one = |name: &'static [&'static str], offset: u64| scored(name, scatter(1 + 7 * seed + offset, 0.1, 12));
-                let set = confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], 1);
+                let set = confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], MATERIAL[1], 1);
                 !set.iter().any(|member| member.names.is_empty())
             })
             .count();
@@ -347,12 +406,8 @@ mod tests {
     #[test]
     fn a_member_with_more_effects_than_another_is_not_among_the_simplest() {
         let set = [scored(&["creep", "leakage"], vec![1.0]), scored(&["creep"], vec![0.9]), scored(&["resonance"], vec![0.8])];
-        let simple: Vec<String> = simplest(&set).iter().map(|one| one.names.join("+")).collect();
+        let simple: Vec<String> = simplest(&set, 0.01).iter().map(|one| one.names.join("+")).collect();
         assert_eq!(simple, ["creep", "resonance"]);
-    }
-
-    fn holds_the_bare(compared: &Comparison) -> bool {
-        compared.set.iter().any(|member| member.names == compared.bare.names)
     }
 
     #[test]
@@ -363,11 +418,11 @@ mod tests {
             let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
             let delayed = bare.with(dead_time::FORMS[0], vec![delay_s]);
             let lagging = bare.with(pneumatic_lag::FORMS[0], vec![delay_s]);
-            let compared = Comparison::new(&session, &bare, &delayed, &[&lagging], 1, 2).expect("three models");
+            let compared = Comparison::new(&session, &[bare, delayed, lagging], 1, 2);
             if hidden.is_empty() {
-                assert!(holds_the_bare(&compared), "{:?}", compared.set);
+                assert!(compared.holds_none(), "{:?}", compared.set);
             } else {
-                assert!(!holds_the_bare(&compared) && compared.set[0].names == ["dead-time"], "{:?}", compared.set);
+                assert!(compared.best() == 1 && compared.set[0].names == ["dead-time"], "{:?}", compared.set);
             }
         }
     }

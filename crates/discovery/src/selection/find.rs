@@ -7,13 +7,13 @@ use crate::data::statistics::tail;
 use crate::effects::catalogue;
 use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use crate::model::structure::{Model, Scope, Slot};
-use crate::result::{Candidate, DiscoverConfig, RunnerUp};
+use crate::result::{Candidate, DiscoverConfig};
 use crate::search::simplex::PENALTY;
 use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
 use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
 use crate::selection::settings::{LEAST_FURTHER_GAIN, LIKELY, STANDS_OUT};
-use crate::selection::{alike, pairs, rounds, switching_selection};
+use crate::selection::{pairs, switching_selection};
 
 /// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
 pub const PNEUMATIC: [&str; 5] = ["slew-limit", "valve-dead-band", "supply-saturation", "fill-vent-asymmetry", "leakage"];
@@ -115,8 +115,8 @@ impl First {
     fn outcome(&self) -> Outcome {
         let owned: Vec<&'static str> = self.base.names().collect();
         let order = self.standing().model.names().filter(|name| !owned.contains(name)).collect();
-        let mut found = Found { order, candidates: self.candidates.clone(), ..Found::default() };
-        let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] }, &mut found);
+        let found = Found { order, candidates: self.candidates.clone(), ..Found::default() };
+        let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] });
         let met = self.firsts.iter().map(|one| one.fine.pruned()).collect();
         Outcome { model: self.standing().fine.pruned(), second, found, met, tried: best_of_each(&self.tried) }
     }
@@ -170,17 +170,7 @@ impl First {
             }
         }
         standing = with_simpler(bench, standing, &owned);
-        let alike = alike::compare(bench, standing, &owned);
-        standing = alike.first;
-        let second = match alike.second {
-            Some((second, name)) => {
-                found.alike = true;
-                found.apart = rounds::deviations(&second.blocks, &standing.blocks).max(0.0);
-                found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: false });
-                Some(second.fine.pruned())
-            }
-            None => second_best(&standing, &rivals, &mut found),
-        };
+        let second = second_best(&standing, &rivals);
         // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
         if standing.model.names().any(|name| name == CREEP) {
             for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
@@ -275,17 +265,11 @@ fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static
     order.into_iter().map(|(_, name)| name).collect()
 }
 
-/// The best of `rivals` that names something else than `standing` does: its model, and what it means for the verdict.
-fn second_best(standing: &Judged, rivals: &[Judged], found: &mut Found) -> Option<Model> {
+/// The best of `rivals` that names something else than `standing` does.
+fn second_best(standing: &Judged, rivals: &[Judged]) -> Option<Model> {
     let names: Vec<&str> = standing.model.names().collect();
     let other = |rival: &&Judged| rival.model.names().any(|name| !names.contains(&name));
-    let second = rivals.iter().find(other)?;
-    let name = second.model.names().find(|name| !names.contains(name))?;
-    found.apart = rounds::deviations(&second.blocks, &standing.blocks);
-    let is_dearer = (second.select / standing.select).ln() > PENALTY;
-    found.twins = second.model.cost() <= standing.model.cost() && !is_dearer;
-    found.runner_up = Some(RunnerUp { name: name.to_owned(), separable: found.apart > LIKELY && is_dearer });
-    Some(second.fine.pruned())
+    rivals.iter().find(other).map(|second| second.fine.pruned())
 }
 
 #[cfg(test)]

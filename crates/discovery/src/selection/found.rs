@@ -1,23 +1,15 @@
 //! What the search hands on.
 
 use crate::model::structure::Model;
-use crate::result::{Candidate, RunnerUp};
+use crate::result::Candidate;
 
-/// What the search hands on to the verdict.
+/// What the search hands on beside models.
 #[derive(Default)]
 pub struct Found {
     /// Names, the effect that is missed most first.
     pub order: Vec<&'static str>,
     /// Every effect tried alone, best first.
     pub candidates: Vec<Candidate>,
-    /// The second best explanation.
-    pub runner_up: Option<RunnerUp>,
-    /// Whether the second explains as much with as few parameters.
-    pub twins: bool,
-    /// Whether the second takes the place of an effect that the recordings do not tell it from.
-    pub alike: bool,
-    /// How many deviations the first lies above the second.
-    pub apart: f64,
     /// Where something jumps: mean square by which even a right observer misses the times of the jumps.
     pub jump_scatter: Option<f64>,
 }

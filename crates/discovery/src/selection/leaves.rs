@@ -5,13 +5,25 @@ use crate::data::session::Session;
 use crate::model::structure::Model;
 use crate::selection::settings::{GRID_ERROR, MOST_UNEXPLAINED, STANDS_OUT};
 
-/// Mean square on the samples that a model was found with; masked samples count if `all`.
+/// Share of samples with the largest errors that do not count: a step of the command between two samples leaves as much as the step itself in one
+/// sample, whatever the model. The criterion's noise model has as many anywhere in the range.
+const TRIMMED: f64 = 0.01;
+
+/// Mean square of a normal deviate that is left when that share is taken away: `1 - 2 q f(q) / 0.99` with the 99.5 % quantile `q` and the density `f`.
+const OF_A_NORMAL_DEVIATE: f64 = 0.9248;
+
+/// Mean square on the samples that a model was found with, without the largest errors, that of a normal deviate for white noise; masked samples count if
+/// `all`.
 pub fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
     let samples = session.runs.iter().zip(residual).flat_map(|(run, residual)| {
         residual.iter().enumerate().filter(move |&(at, _)| run.role[at].is_worked_with() && (all || run.keep[at])).map(|(_, value)| value)
     });
-    let (sum, count) = samples.fold((0.0, 0.0_f64), |(sum, count), value| (sum + value * value, count + 1.0));
-    sum / count.max(1.0)
+    let mut squares: Vec<f64> = samples.map(|value| value * value).collect();
+    let kept = squares.len() - (TRIMMED * squares.len() as f64) as usize;
+    if kept < squares.len() {
+        squares.select_nth_unstable_by(kept, f64::total_cmp);
+    }
+    squares[..kept].iter().sum::<f64>() / (kept.max(1) as f64 * OF_A_NORMAL_DEVIATE)
 }
 
 /// How much of the mean square above the noise stays unexplained, from the mean squares before, after and of the noise.

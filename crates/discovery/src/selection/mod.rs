@@ -1,7 +1,7 @@
 //! Which effects come in, which leave, and the verdict.
 
-pub mod alike;
 pub mod criterion;
+pub mod decision;
 pub mod find;
 pub mod found;
 pub mod leaves;

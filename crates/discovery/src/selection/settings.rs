@@ -1,5 +1,14 @@
 //! What selection and verdict can be set by: level, folds, materiality, the price of an effect, what counts as unexplained, and the computing budget.
 
+/// Level: probability by which an explanation leaves the confidence set that is as good as the best.
+pub const LEVEL: f64 = 0.1;
+
+/// Materiality: share of the best explanation's gain by which others may differ and nobody cares.
+pub const MATERIAL_SHARE: f64 = 0.05;
+
+/// Materiality: that difference at least and at most, nats per sample. Innovations whose standard deviations differ by one percent differ by 0.01.
+pub const MATERIAL: [f64; 2] = [0.0025, 0.01];
+
 /// Level: blocked deviations that no chance reaches.
 pub const SURE: f64 = 3.0;
 

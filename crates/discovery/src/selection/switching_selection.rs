@@ -12,11 +12,11 @@ use crate::data::statistics::tail;
 use crate::effects::offset_drift;
 use crate::model::structure::{Model, Scope};
 use crate::observers::law::SlipLaw;
-use crate::result::{Candidate, RunnerUp};
+use crate::result::Candidate;
 use crate::search::parallel;
 use crate::selection::found::Outcome;
 use crate::selection::rounds::Bench;
-use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER, SURE};
+use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, MOST_COMPARED, MOST_SCATTER, SURE};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 use crate::selection::{leaves, rounds};
@@ -305,12 +305,6 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         best.iter().copied().filter(|other| other.form.name() != name && !(own && has_zeros(&explanations[other.quasi_static])));
     let others = of_the_other_kind.chain(judged.iter().flatten().filter(with_none)).chain(judged.iter().flatten().filter(unlike));
     if let Some(other) = others.max_by(|x, y| x.log_likelihood.mean().total_cmp(&y.log_likelihood.mean())) {
-        outcome.found.apart = above(log_likelihood, &other.log_likelihood);
-        let separable = outcome.found.apart > LIKELY;
-        outcome.found.twins = !separable;
-        let new = explanations[other.quasi_static].names().find(|name| beside.names().all(|ours| ours != *name));
-        let second = if other.form.name() == name { new.unwrap_or(name) } else { other.form.name() };
-        outcome.found.runner_up = Some(RunnerUp { name: second.to_owned(), separable });
         outcome.second = Some(with_jumps(other, false).0);
     }
     outcome.found.jump_scatter = Some(

@@ -8,12 +8,11 @@ use crate::data::session::{Role, Run, Session};
 use crate::explanation::diagnosis::Residual;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
-use crate::model::structure::{Model, Scope, Slot};
+use crate::model::structure::{Model, Slot};
 use crate::result::{Discovery, Effect, Verdict};
-use crate::search::forms;
+use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
-use crate::selection::rounds::POLISH;
 use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, MOST_UNEXPLAINED, STANDS_OUT};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
@@ -35,27 +34,6 @@ fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], a
         }
     }
     (sum / count.max(1.0)).sqrt()
-}
-
-/// `model` without the effect that is missed least of those found, which `found` then no longer tells; the others' parameters are fitted
-/// again. `bare` is the model without any effect. Nothing when nothing was found.
-pub fn without_the_least(session: &Session, bare: &Model, model: &Model, found: &mut Found) -> Option<Model> {
-    let least = found.order.pop()?;
-    let mut slots = model.slots.clone();
-    slots.retain(|slot| slot.form.name() != least);
-    if !slots.iter().any(|slot| slot.form.jumps().is_some()) {
-        found.jump_scatter = None;
-    }
-    if slots.is_empty() {
-        // Nothing is left to be second to.
-        found.runner_up = None;
-        return Some(bare.clone());
-    }
-    let coarse = Model { slots, ..Model::baseline(model.initial_state, model.stops) };
-    let mut fewer = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
-    fewer.fit_all(session);
-    fewer.anchor(session);
-    Some(fewer.pruned())
 }
 
 /// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
@@ -110,9 +88,8 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
 }
 
-/// Takes the figures of the simulation, and of the observers where something jumps, and believes no effect by more than they show: an effect's
-/// confidence is no larger than the share of the mean square above the noise that is closed on test recordings, and what closes less than
-/// half of it there is not named.
+/// Takes the figures of the simulation, and of the observers where something jumps. What closes less than half of the mean square above the noise on
+/// test recordings is not named, and believed by no more than that share.
 pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Option<[f64; 2]>) {
     let floor = discovery.noise_floor;
     (discovery.rmse_before, discovery.rmse_after) = (before, after);
@@ -130,17 +107,20 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Opt
     if modelled.peek().is_none() {
         return;
     }
-    modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
-    if discovery.verdict == Verdict::Named && share < HALF {
-        discovery.verdict = Verdict::Ambiguous;
+    if share < HALF {
+        modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
+        if discovery.verdict == Verdict::Named {
+            discovery.verdict = Verdict::Ambiguous;
+        }
     }
 }
 
 /// What the mask names.
 const OUTLIERS: &str = "outliers";
 
-/// The verdict and the figures; the model had `owned` effects before the search.
-pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, found: &Found, owned: usize) -> Discovery {
+/// The verdict and the figures.
+pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decision, found: &Found) -> Discovery {
+    let after = &decision.model;
     let residual_after = after.residuals(session);
     let total: usize = session.runs.iter().map(|run| run.role.iter().filter(|role| **role != Role::Test).count()).sum();
     let wrong = |run: &Run| run.keep.iter().zip(&run.role).filter(|(keep, role)| !**keep && **role != Role::Test).count();
@@ -153,10 +133,12 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     let rmse_after = rmse(session, &residual_after, Role::Select, &in_a_gap, false);
     // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
-    let Left { stands_out, share: unexplained } = Left::new(was, is - found.jump_scatter.unwrap_or(0.0), floor * floor);
+    let jumps = after.slots.iter().any(|slot| slot.form.jumps().is_some());
+    let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
+    let Left { stands_out, share: unexplained } = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
     let half_widths = intervals::half_widths(after, session);
-    for (rank, name) in found.order.iter().enumerate() {
+    for name in &decision.order {
         let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };
         let mut parameters: BTreeMap<String, f64> =
@@ -177,11 +159,11 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         effects.push(Effect {
             name: (*name).to_owned(),
             form: slot.form.form().to_owned(),
-            // The first must also have beaten the second.
-            confidence: ((1.0 - unexplained)
-                * if rank == 0 && found.runner_up.is_some() { 1.0 - crate::data::statistics::tail(found.apart) } else { 1.0 })
-            .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
-            .min(if is_confounded(session, slot) { HALF } else { 1.0 }),
+            confidence: decision
+                .compared
+                .probability(name)
+                .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
+                .min(if is_confounded(session, slot) { HALF } else { 1.0 }),
             parameters,
             intervals,
         });
@@ -196,16 +178,14 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
             intervals: BTreeMap::new(),
         });
     }
-    debug_assert!(after.names().filter(|name| !found.order.contains(name)).count() <= owned, "an effect came in unnoticed");
-    // What is named by its jumps was not the search's to compare.
-    let jumps = found.jump_scatter.is_some();
-    let alike = found.alike && !jumps;
-    let twins = found.twins && (effects.len() == 1 || jumps) && found.runner_up.as_ref().is_some_and(|second| !second.separable);
-    let verdict = if stands_out && (unexplained > MOST_UNEXPLAINED || effects.is_empty()) {
+    let inadequate = stands_out && (unexplained > MOST_UNEXPLAINED || effects.is_empty());
+    let verdict = if inadequate {
+        // A catalogue that lacks the cause may hold something like it: nothing of what explains a part is believed by more.
+        effects.iter_mut().for_each(|effect| effect.confidence = effect.confidence.min(HALF));
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if alike || twins || after.slots.iter().any(|slot| is_confounded(session, slot)) {
+    } else if decision.compared.set.len() > 1 || after.slots.iter().any(|slot| is_confounded(session, slot)) {
         Verdict::Ambiguous
     } else {
         Verdict::Named
@@ -216,7 +196,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
     Discovery {
         verdict,
         effects,
-        runner_up: found.runner_up.clone(),
+        runner_up: decision.runner_up.clone(),
         rmse_before: rmse_before * scale,
         rmse_after: rmse_after * scale,
         noise_floor,
@@ -226,8 +206,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], after: &Model, fou
         gap_closed_one_step: None,
         calibrate_s: None,
         unexplained: if stands_out { unexplained } else { 0.0 },
-        criterion: None,
-        confidence_set: Vec::new(),
+        criterion: Some(decision.compared.gain(decision.compared.best())),
+        confidence_set: decision.compared.set.iter().map(|member| decision.compared.member(member)).collect(),
         candidates: found.candidates.clone(),
         loop_area: None,
         memory_horizon: Vec::new(),

@@ -64,11 +64,14 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let samples = (LENGTH_S * rate_hz) as usize;
     let mut raw = Vec::new();
     for (recording, (name, shape)) in all.iter().enumerate() {
-        muscle.begin();
         let start_s = recording as f64 * (LENGTH_S + pause_s);
         let mut fine = Vec::new();
-        // What the rig does at rest before each recording is nobody's to see.
-        for step in -2000..(LENGTH_S / STEP_S) as i64 + 500 {
+        // What the rig does at rest before each recording is nobody's to see. A muscle that forgets does so when the line has let go: else it would go
+        // through a stroke that no recording shows.
+        for step in -5000..(LENGTH_S / STEP_S) as i64 + 500 {
+            if step == -2000 {
+                muscle.begin();
+            }
             let time_s = step as f64 * STEP_S;
             let moment = Moment { session_s: start_s + time_s, recording, begins: step == 0 };
             // Behind the end the command holds, for clocks that run ahead: the muscle goes through nothing that no recording shows.

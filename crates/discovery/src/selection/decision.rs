@@ -1,0 +1,76 @@
+//! The decision: of all explanations that the search has met, the one that predicts recordings it was not fitted to best.
+
+use crate::data::session::Session;
+use crate::model::structure::{Model, Scope};
+use crate::result::RunnerUp;
+use crate::search::forms;
+use crate::selection::criterion::Comparison;
+use crate::selection::found::Outcome;
+use crate::selection::rounds::POLISH;
+use crate::selection::settings::MOST_COMPARED;
+
+/// What was decided.
+pub struct Decision {
+    /// The explanation, fitted to all recordings that are worked with.
+    pub model: Model,
+    /// Names of its effects, the one that is missed most first.
+    pub order: Vec<&'static str>,
+    /// The second best one.
+    pub second: Option<Model>,
+    /// What the second has that the first has not.
+    pub runner_up: Option<RunnerUp>,
+    /// The comparison.
+    pub compared: Comparison,
+}
+
+/// Decides between the model before the search (`base`), the one that was `found`, its parts, and what the search has met beside it.
+pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model, seed: u64, threads: usize) -> Decision {
+    let parts = (0..found.slots.len()).map(|slot| found.without(slot));
+    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried).cloned();
+    let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
+    let mut models = vec![base.clone()];
+    for model in std::iter::once(found.clone()).chain(parts).chain(others) {
+        if models.len() < MOST_COMPARED && keeps_base(&model) && models.iter().all(|other| other.forms() != model.forms()) {
+            models.push(model);
+        }
+    }
+    let compared = Comparison::new(session, &models, seed, threads);
+    let best = compared.best();
+    let model = if models[best].forms() == found.forms() { found.clone() } else { refitted(session, &models[best]) };
+    let owned: Vec<&str> = base.names().collect();
+    let order = by_loss(session, &model, &owned);
+    let second = compared.second().filter(|_| !order.is_empty());
+    let runner_up = second.and_then(|(second, separable)| {
+        let name = second.names.iter().find(|name| model.names().all(|own| own != **name))?;
+        Some(RunnerUp { name: (*name).to_owned(), separable })
+    });
+    let second = second.map(|(second, _)| refitted(session, &models[second.index]));
+    Decision { model, order, second, runner_up, compared }
+}
+
+/// The model with its parameters fitted together, its weights on the fine grid.
+fn refitted(session: &Session, model: &Model) -> Model {
+    let mut fitted = model.clone();
+    if model.slots.iter().all(|slot| slot.form.jumps().is_none()) {
+        let coarse = Model { slots: model.slots.clone(), ..Model::baseline(model.initial_state, model.stops) };
+        fitted = forms::polish(&coarse, session, Scope::Fit, POLISH).model.refined();
+    }
+    fitted.fit_all(session);
+    fitted.anchor(session);
+    fitted.pruned()
+}
+
+/// Names of a model's effects without those `owned`, the one first without which most is left.
+fn by_loss(session: &Session, model: &Model, owned: &[&str]) -> Vec<&'static str> {
+    let free = model.slots.iter().enumerate().filter(|(_, slot)| !owned.contains(&slot.form.name()));
+    let mut order: Vec<(f64, &'static str)> =
+        free.map(|(at, slot)| (model.without(at).fit(session, Scope::Both).1, slot.form.name())).collect();
+    order.sort_by(|x, y| y.0.total_cmp(&x.0));
+    let mut names: Vec<&'static str> = Vec::new();
+    for (_, name) in order {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
