@@ -6,7 +6,7 @@
 //!
 //! Explanations are compared recording by recording, two by two, with Wilcoxon's signed ranks. The *confidence set* holds those that no other is
 //! significantly better than (Hansen, Lunde and Nason 2011): the loser of the clearest pair leaves as long as a pair as clear has a probability
-//! below [`LEVEL`] when chance decides for each recording which way it speaks. Of fewer than six recordings, stretches are compared.
+//! below [`LEVEL`] when chance decides for each recording which way it speaks. Of few recordings, stretches are compared.
 //!
 //! A *margin* is what nobody cares about. A dearer member that is not better than a cheaper one by the margin leaves too. The first of those that
 //! stay is the explanation; where the model without effects stays, there is none.
@@ -26,12 +26,14 @@ use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
 use crate::selection::settings::{FEWEST_FOR_HALVES, LEVEL, MATERIAL, MATERIAL_SHARE};
 use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_refits::without_jumps;
+use crate::selection::switching_refits::{with_lag, without_jumps};
 
+/// Folds of recordings, where there are many.
+const FOLDS: usize = 4;
 /// Draws of signs, and of recordings.
 const RESAMPLES: usize = 2000;
-/// Stretches of a recording that are compared where recordings are few.
-const STRETCHES: usize = 12;
+/// Fewest recordings, or stretches of equal length of them where there are fewer, that are compared.
+const CLUSTERS: usize = 20;
 /// Evaluations for each parameter when a model is fitted to the recordings of a fold.
 const EVALUATIONS: usize = 8;
 /// White noise that is tried, in units of the noise at rest.
@@ -76,10 +78,12 @@ fn sources(session: &Session) -> Vec<usize> {
     sources
 }
 
-/// The session once for each fold: what is predicted has the role to select.
+/// The session once for each fold: what is predicted has the role to select. One recording has its two roles changed; few recordings are left out one by
+/// one; of more, those dealt to the same of [`FOLDS`] hands, the ones that move most first. The first of many is always fitted: what the material went
+/// through before the session shows in it alone, and who has not seen it cannot foretell it.
 fn folds(session: &Session) -> Vec<Session> {
     let sources = sources(session);
-    if sources.len() == 1 || sources.len() >= FEWEST_FOR_HALVES {
+    if sources.len() == 1 {
         let mut swapped = session.clone();
         for role in swapped.runs.iter_mut().flat_map(|run| &mut run.role) {
             *role = match *role {
@@ -88,39 +92,54 @@ fn folds(session: &Session) -> Vec<Session> {
                 other => other,
             };
         }
-        swapped.screen_some();
         return vec![session.clone(), swapped];
     }
-    let leaving = |left_out: &usize| {
+    let travel = |source: usize| -> f64 {
+        let of = |run: &Run| run.input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>();
+        session.worked().filter(|run| run.source.0 == source).map(of).sum()
+    };
+    let few = sources.len() < FEWEST_FOR_HALVES;
+    let first = session.worked().next().map(|run| run.source.0).filter(|_| !few);
+    let mut dealt: Vec<(f64, usize)> =
+        sources.iter().filter(|source| Some(**source) != first).map(|&source| (travel(source), source)).collect();
+    dealt.sort_by(|x, y| y.0.total_cmp(&x.0));
+    let hands = if few { dealt.len() } else { FOLDS };
+    let leaving = |hand: usize| {
         let mut fold = session.clone();
         for run in &mut fold.runs {
-            let role = if run.source.0 == *left_out { Role::Select } else { Role::Fit };
+            let is_left_out = dealt.iter().position(|(_, source)| *source == run.source.0).is_some_and(|place| place % hands == hand);
+            let role = if is_left_out { Role::Select } else { Role::Fit };
             run.role.iter_mut().filter(|role| role.is_worked_with()).for_each(|of| *of = role);
             run.screens = true;
         }
+        fold.screen_some();
         fold
     };
-    sources.iter().map(leaving).collect()
+    (0..hands).map(leaving).collect()
 }
 
-/// Which recording a sample belongs to; of few recordings, which stretch of it.
-fn cluster(run: &Run, few: bool, sample: usize) -> (usize, usize) {
-    (run.source.0, if few { run.part * STRETCHES + sample * STRETCHES / run.input.len() } else { 0 })
+/// Which recording a sample belongs to, and which of so many stretches of it.
+fn cluster(run: &Run, stretches: usize, sample: usize) -> (usize, usize) {
+    (run.source.0, if stretches > 1 { run.part * stretches + sample * stretches / run.input.len() } else { 0 })
 }
 
 /// Scores one explanation: mean log density of each recording that it predicts, in the order of the recordings. What comes before `start_up_s` does
 /// not count.
 fn score(index: usize, model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Scored {
-    let few = sources(&folds[0]).len() < FEWEST_FOR_HALVES;
+    let stretches = CLUSTERS.div_ceil(sources(&folds[0]).len());
     let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
     for session in folds {
-        let mut fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
-        fitted.fit(session, Scope::Fit);
+        let mut fitted = model.clone();
+        // Weights that slips have told are not for a fit to the output to change.
+        if !model.fixed_weights {
+            fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
+            fitted.fit(session, Scope::Fit);
+        }
         let densities = densities(&fitted, session, floor, start_up_s);
         for (run, densities) in session.runs.iter().zip(densities) {
             for (sample, density) in densities.iter().enumerate().filter(|(sample, _)| run.time_s[*sample] >= start_up_s) {
                 if run.role[sample] == Role::Select && run.keep[sample] {
-                    let sum = sums.entry(cluster(run, few, sample)).or_insert((0.0, 0.0));
+                    let sum = sums.entry(cluster(run, stretches, sample)).or_insert((0.0, 0.0));
                     sum.0 += density;
                     sum.1 += 1.0;
                 }
@@ -137,7 +156,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
         && let Some(drive) = slot.form.jumps()
     {
         let (law, own) = SlipLaw::of_parameters(drive, &slot.parameters);
-        let smooth = without_jumps(model);
+        let smooth = with_lag(&without_jumps(model), drive, law.lag_s);
         let quasi_static = |times: f64| QuasiStatic::new(session, &smooth, own * times, slot.form.spec().feels_sensor);
         let times = most(NOISES, |&times| quasi_static(times).fitting(&law));
         return quasi_static(times).of_every_recording(|seen| jumps::observe(seen, &law).log_likelihood);

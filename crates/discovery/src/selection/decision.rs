@@ -29,7 +29,9 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
     let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried).cloned();
     let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
     let mut models = vec![base.clone()];
-    for model in std::iter::once(found.clone()).chain(parts).chain(others) {
+    // All are compared behind the longest start-up: a model that reads half of a recording before it says anything is no simulation of it.
+    let shortest_s = session.worked().map(|run| run.input.len() as f64 * run.period_s).fold(f64::MAX, f64::min);
+    for model in std::iter::once(found.clone()).chain(parts).chain(others).filter(|model| model.start_up_s() < 0.5 * shortest_s) {
         if models.len() < MOST_COMPARED && keeps_base(&model) && models.iter().all(|other| other.forms() != model.forms()) {
             models.push(model);
         }

@@ -9,6 +9,7 @@ use crate::explanation::diagnosis::Residual;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Slot};
+use crate::observers::law::SlipLaw;
 use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
@@ -82,7 +83,8 @@ pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64
     let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
     let in_a_gap = in_a_gap(session, after);
     let residual = after.residuals(session);
-    let smooth = switching_refits::without_jumps(after);
+    let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
+    let smooth = switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s);
     let floor = noise::floor(session, &residual);
     let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
