@@ -136,6 +136,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     let jumps = after.slots.iter().any(|slot| slot.form.jumps().is_some());
+    let confounded = after.slots.iter().any(|slot| is_confounded(session, slot));
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
     let Left { stands_out, share: unexplained } = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
@@ -165,7 +166,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
                 .compared
                 .probability(name)
                 .min(determined(slot, &half_widths[before..before + slot.parameters.len()]))
-                .min(if is_confounded(session, slot) { HALF } else { 1.0 }),
+                // What stands beside such an effect was found with its help.
+                .min(if confounded { HALF } else { 1.0 }),
             parameters,
             intervals,
         });
@@ -187,7 +189,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if decision.compared.set.len() > 1 || after.slots.iter().any(|slot| is_confounded(session, slot)) {
+    } else if decision.compared.set.len() > 1 || confounded {
         Verdict::Ambiguous
     } else {
         Verdict::Named
