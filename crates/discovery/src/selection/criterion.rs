@@ -285,9 +285,8 @@ impl Comparison {
         let best = &self.scored[self.best()];
         let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
         let apart = |one: &Scored| self.set.iter().all(|member| member.index != one.index);
-        let second = self.set.iter().find(other).or_else(|| {
-            self.scored.iter().filter(other).max_by(|x, y| x.mean().total_cmp(&y.mean()))
-        })?;
+        let second =
+            self.set.iter().find(other).or_else(|| self.scored.iter().filter(other).max_by(|x, y| x.mean().total_cmp(&y.mean())))?;
         Some((second, apart(second)))
     }
 
@@ -302,9 +301,9 @@ impl Comparison {
             let of = |one: &Scored| drawn.iter().map(|&at| one.densities[at]).sum::<f64>() / recordings as f64;
             let means: Vec<f64> = self.scored.iter().map(of).collect();
             let enough = means.iter().copied().fold(f64::MIN, f64::max) - self.margin;
-            let cheapest = (0..means.len()).filter(|&at| means[at] >= enough).min_by(|&x, &y| {
-                self.scored[x].cost.cmp(&self.scored[y].cost).then(means[y].total_cmp(&means[x]))
-            });
+            let cheapest = (0..means.len())
+                .filter(|&at| means[at] >= enough)
+                .min_by(|&x, &y| self.scored[x].cost.cmp(&self.scored[y].cost).then(means[y].total_cmp(&means[x])));
             cheapest.is_some_and(|at| self.scored[at].names.contains(&name))
         };
         (0..RESAMPLES).filter(has_it).count() as f64 / RESAMPLES as f64
@@ -404,7 +403,8 @@ mod tests {
     fn a_gain_that_differs_by_orders_of_magnitude_between_recordings_is_seen_and_one_recording_alone_decides_nothing() {
         let bare = scatter(8, 0.1, 16);
         let with = |gains: &dyn Fn(usize) -> f64| bare.iter().enumerate().map(|(at, value)| value + gains(at)).collect::<Vec<f64>>();
-        let set = |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], MATERIAL[1], 1).len();
+        let set =
+            |densities: Vec<f64>| confidence_set(vec![scored(&[], bare.clone()), scored(&["creep"], densities)], MATERIAL[1], 1).len();
         assert_eq!(set(with(&|at| MATERIAL[1] + 1e-4 * 10_f64.powi(at as i32 % 5))), 1);
         assert_eq!(set(with(&|at| if at == 3 { 50.0 } else { 1e-3 * (at % 3) as f64 })), 2);
     }
@@ -414,7 +414,8 @@ mod tests {
         let alarms = (0..200_u64)
             .filter(|seed| {
                 let one = |name: &'static [&'static str], offset: u64| scored(name, scatter(1 + 7 * seed + offset, 0.1, 12));
-                let set = confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], MATERIAL[1], 1);
+                let set =
+                    confidence_set(vec![one(&[], 0), one(&["creep"], 1), one(&["resonance"], 2), one(&["leakage"], 3)], MATERIAL[1], 1);
                 !set.iter().any(|member| member.names.is_empty())
             })
             .count();

@@ -12,7 +12,7 @@ use crate::search::simplex::PENALTY;
 use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
 use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
-use crate::selection::settings::{LEAST_FURTHER_GAIN, LIKELY, STANDS_OUT};
+use crate::selection::settings::{LIKELY, MATERIAL_SHARE, STANDS_OUT};
 use crate::selection::{pairs, switching_selection};
 
 /// Effects that only valve, supply and tube can have: what the measured pressure does not show is none of them.
@@ -114,8 +114,7 @@ impl First {
     /// The best effect alone as an outcome.
     fn outcome(&self) -> Outcome {
         let owned: Vec<&'static str> = self.base.names().collect();
-        let order = self.standing().model.names().filter(|name| !owned.contains(name)).collect();
-        let found = Found { order, candidates: self.candidates.clone(), ..Found::default() };
+        let found = Found { order: new_names(&self.standing().model, &owned), candidates: self.candidates.clone(), ..Found::default() };
         let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] });
         let met = self.firsts.iter().map(|one| one.fine.pruned()).collect();
         Outcome { model: self.standing().fine.pruned(), second, found, met, tried: best_of_each(&self.tried) }
@@ -177,7 +176,7 @@ impl First {
                 slot.form = LEFT_BY_CREEP;
             }
         }
-        found.order = by_loss(bench, &standing, &owned);
+        found.order = new_names(&standing.model, &owned);
         let mut model = standing.fine.pruned();
         if !model.slots.is_empty() {
             let last = forms::polish(&model, session, Scope::Fit, 2 * POLISH);
@@ -210,7 +209,7 @@ fn leaves(session: &Session, standing: &Judged) -> bool {
 fn least_further(session: &Session, standing: &Judged) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
     let left = (standing.select - floor_square).max(0.0);
-    (LEAST_FURTHER_GAIN * left / standing.select).max(2.0 * PENALTY)
+    (MATERIAL_SHARE * left / standing.select).max(2.0 * PENALTY)
 }
 
 /// Whether one effect more pays beside those that are there already.
@@ -252,17 +251,9 @@ fn with_simpler(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judg
     standing
 }
 
-/// Names of the effects, the one first without which most is left.
-fn by_loss(bench: &Bench<'_>, standing: &Judged, owned: &[&str]) -> Vec<&'static str> {
-    let loss = |form: &'static dyn Form| {
-        let slot = standing.model.names().position(|name| name == form.name()).unwrap_or(0);
-        standing.model.without(slot).fit(bench.session, Scope::Both).1
-    };
-    let free = standing.model.slots.iter().filter(|slot| !owned.contains(&slot.form.name()));
-    let mut order: Vec<(f64, &'static str)> = free.map(|slot| (loss(slot.form), slot.form.name())).collect();
-    order.sort_by(|x, y| y.0.total_cmp(&x.0));
-    order.dedup_by(|later, first| later.1 == first.1 && first.1 == CREEP);
-    order.into_iter().map(|(_, name)| name).collect()
+/// Names of a model's effects without those `owned`.
+fn new_names(model: &Model, owned: &[&str]) -> Vec<&'static str> {
+    model.names().filter(|name| !owned.contains(name)).collect()
 }
 
 /// The best of `rivals` that names something else than `standing` does.

@@ -6,7 +6,7 @@ use crate::result::Candidate;
 /// What the search hands on beside models.
 #[derive(Default)]
 pub struct Found {
-    /// Names, the effect that is missed most first.
+    /// Names of the effects that came in.
     pub order: Vec<&'static str>,
     /// Every effect tried alone, best first.
     pub candidates: Vec<Candidate>,

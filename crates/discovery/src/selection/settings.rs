@@ -3,20 +3,14 @@
 /// Level: probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;
 
-/// Materiality: share of the best explanation's gain by which others may differ and nobody cares.
+/// Materiality: share of the best explanation's gain by which others may differ and nobody cares, and of what is left that a further effect takes away.
 pub const MATERIAL_SHARE: f64 = 0.05;
 
 /// Materiality: that difference at least and at most, nats per sample. Innovations whose standard deviations differ by one percent differ by 0.01.
 pub const MATERIAL: [f64; 2] = [0.0025, 0.01];
 
-/// Level: blocked deviations that no chance reaches.
-pub const SURE: f64 = 3.0;
-
-/// Level: blocked deviations by which one of two explanations is told from the other, and that are enough for an improvement by [`LARGE_GAIN`].
+/// Level: blocked deviations from which on an improvement is taken into the search.
 pub const LIKELY: f64 = 2.0;
-
-/// Level: a share of the held-out mean square that chance does not take away.
-pub const LARGE_GAIN: f64 = 0.3;
 
 /// Folds: fewest recordings of which whole halves are left out, and between which a law of the session can be seen.
 pub const FEWEST_FOR_HALVES: usize = 6;
@@ -27,9 +21,6 @@ pub const STANDS_OUT: f64 = 1.15;
 /// Materiality: root mean square, relative to the output's span, that a rig with thresholds of its own leaves on the fine grid: up to 0.079 % with
 /// twenty random operators and recordings without noise, in the median 0.007 % (first rig) and 0.026 % (second), twelve rigs in a test.
 pub const GRID_ERROR: f64 = 0.0008;
-
-/// Materiality: share of what is left above the noise that a further effect takes away.
-pub const LEAST_FURTHER_GAIN: f64 = 0.2;
 
 /// Price of an effect that jumps or stands beside one that does, in the logarithm of the likelihood per sample. Of four rounds of the virtual rigs'
 /// unknown effects (47 cases), the highest were 0.027, 0.025 and 0.023.

@@ -16,7 +16,7 @@ use crate::result::Candidate;
 use crate::search::parallel;
 use crate::selection::found::Outcome;
 use crate::selection::rounds::Bench;
-use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, MOST_COMPARED, MOST_SCATTER, SURE};
+use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 use crate::selection::{leaves, rounds};
@@ -39,7 +39,7 @@ fn above(more: &LogLikelihood, less: &LogLikelihood) -> f64 {
 
 /// Whether `more` explains the recordings better than `less` by more than chance does.
 fn is_no_chance(more: &LogLikelihood, less: &LogLikelihood) -> bool {
-    above(more, less) >= SURE
+    above(more, less) >= LIKELY
 }
 
 /// What a parameter must bring, in the logarithm of the likelihood per sample: 13 over the 13,000 samples that select in a session of 24
@@ -320,11 +320,8 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         && name == VALVE
         && (explains_more || above_noise(select) < HALF * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
     if !simulated || gives_way {
-        let smooth_select = beside.clone().fit(session, Scope::Both).1;
         let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
-        // What takes away more than it leaves to the other is missed most.
-        let last = if first_select - smooth_select > smooth_select - noise * noise { order.len() } else { 0 };
-        order.insert(last, name);
+        order.push(name);
         outcome.found.order = order;
         outcome.model = model;
     }
