@@ -291,8 +291,7 @@ fn no_file_of_these_packages_needs_one_that_needs_it() {
 const LONGEST: usize = 500;
 
 /// Files that are longer, and how long they may be: less with every change, never more.
-const LONGER: [(&str, usize); 11] = [
-    ("crates/identification/src/nuisance.rs", 526),
+const LONGER: [(&str, usize); 10] = [
     ("crates/modelling/src/export/tests.rs", 518),
     ("crates/modelling/src/identify/mod.rs", 533),
     ("crates/modelling/src/network/sequence.rs", 657),
