@@ -224,7 +224,7 @@ fn a_walk_visits_every_sample_in_order_and_equally_often() {
     let tracks = [track(100, 0.0), track(250, 1000.0), track(37, 2000.0)];
     let config = TrainConfig { lanes: 4, chunk: 10, longest_visit: 90, settling_samples: 20, middle_starts: 0.0, ..small_config() };
     let mut walk = Walk::new(&tracks, &config, 1);
-    let mut batch = team::Batch::new(4, 10, 1);
+    let mut batch = batch::Batch::new(4, 10, 1);
     let mut counts = std::collections::BTreeMap::<u32, u32>::new();
     for _ in 0..400 {
         walk.fill(&tracks, 1.0, &mut batch);
@@ -251,7 +251,7 @@ fn starts_in_the_middle_settle_without_weight() {
     let tracks = [track(400, 0.0)];
     let config = TrainConfig { lanes: 3, chunk: 10, longest_visit: 400, settling_samples: 25, middle_starts: 1.0, ..small_config() };
     let mut walk = Walk::new(&tracks, &config, 1);
-    let mut batch = team::Batch::new(3, 10, 1);
+    let mut batch = batch::Batch::new(3, 10, 1);
     let mut since_reset = [0usize; 3];
     for _ in 0..200 {
         walk.fill(&tracks, 1.0, &mut batch);
@@ -274,7 +274,7 @@ fn windows_cover_every_sample_once_an_epoch_with_one_target_at_the_end() {
     let tracks = [track(30, 0.0), track(50, 1000.0), track(4, 2000.0)];
     let mut windows = Windows::new(&tracks, 20, 6, 1);
     assert_eq!(windows.count(), 84);
-    let mut batch = team::Batch::new(6, 20, 1);
+    let mut batch = batch::Batch::new(6, 20, 1);
     let mut seen = std::collections::BTreeSet::new();
     for _ in 0..14 {
         windows.fill(&tracks, 1.0, &mut batch);
