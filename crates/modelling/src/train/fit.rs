@@ -10,7 +10,7 @@ use super::budget::planned_steps;
 use super::checkpoint::CheckpointPlan;
 use super::config::{FrontEndKind, TrainConfig};
 use super::front_end::{self, Channels};
-use super::report::{Progress, TrainError, TrainReport, Validated};
+use super::report::{Ended, Progress, TrainError, TrainReport, Validated};
 use super::run::{Feed, Finished, Run};
 use super::split::split;
 use super::start::starting_network;
@@ -178,7 +178,19 @@ pub fn train_split(
         finished
     };
     model.provenance.optimiser_steps = finished.steps;
-    let (val_rmse, validation) = validation_rmse(&model, recordings, parts)?;
+    let (mut val_rmse, mut validation) = validation_rmse(&model, recordings, parts)?;
+    let mut ended = finished.ended;
+    // A hybrid whose network does not help is its physics.
+    let is_whole = !matches!(ended, Ended::PhysicsSuffices | Ended::Interrupted);
+    if config.front_end == FrontEndKind::Hybrid
+        && config.sufficient > 0.0
+        && is_whole
+        && (val_rmse >= val_rmse_front_end || val_rmse.is_nan())
+    {
+        model.network = None;
+        ended = Ended::PhysicsSuffices;
+        (val_rmse, validation) = validation_rmse(&model, recordings, parts)?;
+    }
     model.provenance.validation_rmse = val_rmse;
     let macs_per_step = model.network.as_ref().map_or(0, Network::macs_per_step);
     let trained = 3.0 * macs_per_step as f64 * (config.lanes * config.chunk) as f64 * finished.steps_here as f64;
@@ -193,7 +205,7 @@ pub fn train_split(
         val_rmse_front_end,
         optimiser_steps: finished.steps,
         planned_steps: finished.planned_steps,
-        ended: finished.ended,
+        ended,
         training_recordings: model.provenance.training_recordings,
         synthetic_recordings: synthetic.len(),
         history: finished.history,

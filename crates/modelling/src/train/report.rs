@@ -93,7 +93,7 @@ pub struct Validated {
 pub enum Ended {
     /// All planned steps were made.
     Complete,
-    /// The front end's readout is exact: no network was trained.
+    /// The front end's readout is exact, or the network of a hybrid made it no better: the model has no network.
     PhysicsSuffices,
     /// Validation stopped improving.
     EarlyStop,

@@ -109,6 +109,23 @@ fn a_training_that_gets_no_better_ends_with_the_best_weights_it_had_and_the_same
 }
 
 #[test]
+fn a_hybrid_whose_network_does_not_help_is_its_physics() {
+    // What the operators leave is noise, and steps are far too long to learn anything.
+    let mut random = ChaCha8Rng::seed_from_u64(6);
+    let mut noisy = recordings();
+    noisy.iter_mut().flat_map(|recording| &mut recording.output).for_each(|output| *output += random.random_range(-0.05..0.05));
+    let config =
+        TrainConfig { learning_rate: 1.0, epochs: Some(5.0), validations: 1, front_end: config::FrontEndKind::Hybrid, ..small_config() };
+    let train = |config: &TrainConfig| train(&noisy, config, 1, 1, &CheckpointPlan::default(), &mut |_| {}).unwrap();
+    let (model, report) = train(&config);
+    assert_eq!((model.network.is_none(), report.ended), (true, Ended::PhysicsSuffices));
+    assert!((report.val_rmse - report.val_rmse_front_end).abs() < 1e-12 && report.val_rmse < 0.1, "{}", report.val_rmse);
+    // Who asks for a network gets one.
+    let (model, report) = train(&TrainConfig { sufficient: 0.0, ..config });
+    assert!(model.network.is_some() && report.val_rmse > report.val_rmse_front_end, "{}", report.val_rmse);
+}
+
+#[test]
 fn a_network_trained_to_be_certified_is_and_still_learns_and_one_that_is_not_is_said_not_to_be() {
     let examine = |certified_radius| {
         let config = TrainConfig { certified_radius, epochs: Some(200.0), ..small_config() };
