@@ -184,6 +184,7 @@ fn tell(teller: &Teller, progress: Progress) {
         Progress::First(model) => format!("a first model; error about {:.4} {}", model.expected.rmse, model.output.unit),
         Progress::Physics { done, of } => format!("physics rungs: {done} of {of}"),
         Progress::Network { number, of, name } => format!("training {number} of {of}: {name}"),
+        Progress::Trained(_) => return,
         Progress::Note(note) => note,
     });
 }

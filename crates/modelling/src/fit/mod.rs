@@ -71,6 +71,8 @@ pub enum Progress {
         /// Which.
         name: &'static str,
     },
+    /// Share of the processor time of all trainings that is behind.
+    Trained(f64),
     /// Why no network is trained, or what else a person should know.
     Note(String),
 }

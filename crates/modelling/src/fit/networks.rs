@@ -15,8 +15,10 @@ use crate::train::{CheckpointPlan, TrainConfig, train};
 use recording::Recording;
 use recording::repeatability::Repeatability;
 
-/// Trainings that leave recordings out: each costs as much as the model that is shipped.
+/// Trainings that leave recordings out.
 const FOLDS: usize = 3;
+/// What each of them costs, as a share of the training of the model that is shipped.
+const OF_BUDGET: f64 = 0.5;
 /// Below this physics is exact, as a share of the output's range.
 const EXACT: f64 = 1e-4;
 /// Samples and seconds of data below which a network learns the recordings by heart.
@@ -78,21 +80,17 @@ pub(super) fn add(
     let count = partition.folds().min(FOLDS);
     let part = |fold: usize| fold * count / partition.folds();
     let fold_of: Vec<usize> = (0..partition.units().len()).map(|unit| part(partition.fold_of(unit))).collect();
-    let of = RUNGS.len() * (count + 1);
-    let mut number = 0;
+    let mut trainings =
+        Trainings { number: 0, of: RUNGS.len() * (count + 1), done: 0.0, all: RUNGS.len() as f64 * (OF_BUDGET * count as f64 + 1.0), tell };
     for (name, preset, what) in RUNGS {
         let clock = Instant::now();
-        let mut begin = || {
-            number += 1;
-            tell(Progress::Network { number, of, name });
-        };
+        let mut train = |recordings: &[Recording], part: f64| trainings.next(recordings, (name, preset), part, budget_cpu_s, settings);
         let mut predictions: Vec<Vec<f64>> = prepared.series.iter().map(|one| vec![f64::NAN; one.len()]).collect();
         let mut refused = None;
         for fold in 0..count {
-            begin();
             let left_out: Vec<usize> = (0..partition.folds()).filter(|other| part(*other) == fold).collect();
             let training = nuisance::cleaned(prepared, partition, judging.search, &left_out);
-            match trained(&training, preset, 0.5 * budget_cpu_s, settings) {
+            match train(&training, OF_BUDGET) {
                 Ok(model) => {
                     let model = NetworkModel::new(model, Path::new(name))?;
                     for (index, _) in fold_of.iter().enumerate().filter(|(_, other)| **other == fold) {
@@ -104,8 +102,7 @@ pub(super) fn add(
                 Err(problem) => refused = Some(problem),
             }
         }
-        begin();
-        let model = trained(&nuisance::cleaned(prepared, partition, judging.search, &[]), preset, budget_cpu_s, settings);
+        let model = train(&nuisance::cleaned(prepared, partition, judging.search, &[]), 1.0);
         let model = match (model, refused) {
             (Ok(model), None) => model,
             (Err(problem), _) | (_, Some(problem)) => {
@@ -127,9 +124,37 @@ pub(super) fn add(
     Ok(())
 }
 
-fn trained(recordings: &[Recording], preset: &str, budget_cpu_s: f64, settings: &Settings) -> Result<TrainedModel> {
-    let Some(config) = TrainConfig::preset(preset) else { anyhow::bail!("there is no preset `{preset}`") };
-    let config = TrainConfig { budget_cpu_s, ..config };
-    let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
-    Ok(train(recordings, &config, settings.seed, settings.threads, &plan, &mut |_| {})?.0)
+/// Trainings one after the other, and how far they are in all.
+struct Trainings<'a> {
+    number: usize,
+    of: usize,
+    /// Those that are done and all, in trainings of the model that is shipped.
+    done: f64,
+    all: f64,
+    tell: &'a (dyn Fn(Progress) + Sync),
+}
+
+impl Trainings<'_> {
+    /// The next training, which takes a part of the budget.
+    fn next(
+        &mut self,
+        recordings: &[Recording],
+        (name, preset): (&'static str, &str),
+        part: f64,
+        budget_cpu_s: f64,
+        settings: &Settings,
+    ) -> Result<TrainedModel> {
+        let Some(config) = TrainConfig::preset(preset) else { anyhow::bail!("there is no preset `{preset}`") };
+        let config = TrainConfig { budget_cpu_s: part * budget_cpu_s, ..config };
+        let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
+        self.number += 1;
+        (self.tell)(Progress::Network { number: self.number, of: self.of, name });
+        let mut along = |progress: crate::train::Progress| {
+            let within = progress.steps as f64 / progress.total_steps.max(1) as f64;
+            (self.tell)(Progress::Trained((self.done + part * within) / self.all));
+        };
+        let trained = train(recordings, &config, settings.seed, settings.threads, &plan, &mut along);
+        self.done += part;
+        Ok(trained?.0)
+    }
 }

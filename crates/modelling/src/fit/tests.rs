@@ -1,3 +1,4 @@
+mod networks;
 mod nuisances;
 
 use std::path::Path;

@@ -1,5 +1,6 @@
 //! The fast passes against the plain step, finite differences in f64, and files against damage.
 
+use model_export::schema;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
-use super::fit::{Milestone, TrainError};
+use super::report::{Milestone, TrainError};
 use super::team::TeamState;
 
 /// Where checkpoints go and whether one is picked up.

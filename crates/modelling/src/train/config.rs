@@ -58,7 +58,7 @@ pub struct TrainConfig {
     /// Share of visits to a recording that start in its middle instead of at its beginning.
     pub middle_starts: f32,
     /// No network is trained when the front end's readout alone leaves less than this root mean square of the normalised output: the
-    /// simpler model suffices. 0 always trains one.
+    /// simpler model suffices, and a hybrid keeps its network only where validation says that it helps. 0 always trains and keeps one.
     pub sufficient: f32,
     /// Longest stretch of one recording that a lane walks before it moves on.
     pub longest_visit: usize,

@@ -109,6 +109,23 @@ fn a_training_that_gets_no_better_ends_with_the_best_weights_it_had_and_the_same
 }
 
 #[test]
+fn a_hybrid_whose_network_does_not_help_is_its_physics() {
+    // What the operators leave is noise, and steps are far too long to learn anything.
+    let mut random = ChaCha8Rng::seed_from_u64(6);
+    let mut noisy = recordings();
+    noisy.iter_mut().flat_map(|recording| &mut recording.output).for_each(|output| *output += random.random_range(-0.05..0.05));
+    let config =
+        TrainConfig { learning_rate: 1.0, epochs: Some(5.0), validations: 1, front_end: config::FrontEndKind::Hybrid, ..small_config() };
+    let train = |config: &TrainConfig| train(&noisy, config, 1, 1, &CheckpointPlan::default(), &mut |_| {}).unwrap();
+    let (model, report) = train(&config);
+    assert_eq!((model.network.is_none(), report.ended), (true, Ended::PhysicsSuffices));
+    assert!((report.val_rmse - report.val_rmse_front_end).abs() < 1e-12 && report.val_rmse < 0.1, "{}", report.val_rmse);
+    // Who asks for a network gets one.
+    let (model, report) = train(&TrainConfig { sufficient: 0.0, ..config });
+    assert!(model.network.is_some() && report.val_rmse > report.val_rmse_front_end, "{}", report.val_rmse);
+}
+
+#[test]
 fn a_network_trained_to_be_certified_is_and_still_learns_and_one_that_is_not_is_said_not_to_be() {
     let examine = |certified_radius| {
         let config = TrainConfig { certified_radius, epochs: Some(200.0), ..small_config() };
@@ -224,7 +241,7 @@ fn a_walk_visits_every_sample_in_order_and_equally_often() {
     let tracks = [track(100, 0.0), track(250, 1000.0), track(37, 2000.0)];
     let config = TrainConfig { lanes: 4, chunk: 10, longest_visit: 90, settling_samples: 20, middle_starts: 0.0, ..small_config() };
     let mut walk = Walk::new(&tracks, &config, 1);
-    let mut batch = team::Batch::new(4, 10, 1);
+    let mut batch = batch::Batch::new(4, 10, 1);
     let mut counts = std::collections::BTreeMap::<u32, u32>::new();
     for _ in 0..400 {
         walk.fill(&tracks, 1.0, &mut batch);
@@ -251,7 +268,7 @@ fn starts_in_the_middle_settle_without_weight() {
     let tracks = [track(400, 0.0)];
     let config = TrainConfig { lanes: 3, chunk: 10, longest_visit: 400, settling_samples: 25, middle_starts: 1.0, ..small_config() };
     let mut walk = Walk::new(&tracks, &config, 1);
-    let mut batch = team::Batch::new(3, 10, 1);
+    let mut batch = batch::Batch::new(3, 10, 1);
     let mut since_reset = [0usize; 3];
     for _ in 0..200 {
         walk.fill(&tracks, 1.0, &mut batch);
@@ -274,7 +291,7 @@ fn windows_cover_every_sample_once_an_epoch_with_one_target_at_the_end() {
     let tracks = [track(30, 0.0), track(50, 1000.0), track(4, 2000.0)];
     let mut windows = Windows::new(&tracks, 20, 6, 1);
     assert_eq!(windows.count(), 84);
-    let mut batch = team::Batch::new(6, 20, 1);
+    let mut batch = batch::Batch::new(6, 20, 1);
     let mut seen = std::collections::BTreeSet::new();
     for _ in 0..14 {
         windows.fill(&tracks, 1.0, &mut batch);

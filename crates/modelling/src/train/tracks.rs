@@ -11,9 +11,9 @@ use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
+use super::batch::Batch;
 use super::config::TrainConfig;
 use super::front_end::Channels;
-use super::team::Batch;
 use crate::network::{built, limit_feature, narrowed, window_sample};
 use recording::Recording;
 

@@ -1,9 +1,8 @@
-//! A front end being identified, and the schema's form of it.
+//! A front end being identified, its weights, and the schema's form of it.
 
 use model_export::schema::{self, FeatureSource};
 
 use super::super::front_end::see;
-use super::weights::Fit;
 
 /// Share of all weights that a stop operator must have to stay.
 const CARRIES: f64 = 0.01;
@@ -41,6 +40,21 @@ pub(super) struct Candidate {
     pub(super) creep_sum: Vec<f64>,
     /// Segments of the curve that bends the sum; 0 is none.
     pub(super) segments: usize,
+}
+
+/// A candidate's weights and how well it does.
+#[derive(Clone, Debug)]
+pub(super) struct Fit {
+    pub(super) weights: Vec<f64>,
+    /// Of each input.
+    pub(super) input_weights: Vec<f64>,
+    pub(super) creep_weights: Vec<f64>,
+    pub(super) bias: f64,
+    pub(super) curve: Option<schema::Curve>,
+    /// Mean square error over the training samples.
+    pub(super) in_sample: f64,
+    /// Mean square error over the folds left out; not a number where nobody judges by it.
+    pub(super) left_out: f64,
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the estimator works in f32")]

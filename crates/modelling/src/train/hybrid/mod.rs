@@ -15,11 +15,11 @@ mod weights;
 
 use model_export::schema::{self, MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_PLAY};
 
-use self::candidate::{Candidate, Kind, Operator, assemble, coefficient, narrow};
+use self::candidate::{Candidate, Fit, Kind, Operator, assemble, coefficient, narrow};
 use self::stick_band::stick_band;
-use self::weights::{FOLDS, Fit, Samples, bent, falling, left_out, straight};
-use super::fit::TrainError;
+use self::weights::{FOLDS, Samples, bent, falling, left_out, straight};
 use super::front_end::Channels;
+use super::report::TrainError;
 use super::tracks::{Track, tracks};
 use crate::identify::{Family, Run, free_thresholds, input_path};
 use crate::network::Channel;

@@ -1,8 +1,6 @@
 //! A candidate's weights: non-negative least squares on the normal equations, the curve behind them, and cross-validation over folds.
 
-use model_export::schema;
-
-use super::candidate::{Candidate, Kind};
+use super::candidate::{Candidate, Fit, Kind};
 use crate::identify::nnls::{Normal, solve};
 use crate::identify::{Rows, fit_curve};
 
@@ -44,21 +42,6 @@ impl Samples {
     fn iter(&self) -> impl Iterator<Item = (&[f64], f64, usize)> {
         self.rows.chunks_exact(self.columns).zip(&self.outputs).zip(&self.folds).map(|((row, output), fold)| (row, *output, *fold))
     }
-}
-
-/// A candidate's weights and how well it does.
-#[derive(Clone, Debug)]
-pub(super) struct Fit {
-    pub(super) weights: Vec<f64>,
-    /// Of each input.
-    pub(super) input_weights: Vec<f64>,
-    pub(super) creep_weights: Vec<f64>,
-    pub(super) bias: f64,
-    pub(super) curve: Option<schema::Curve>,
-    /// Mean square error over the training samples.
-    pub(super) in_sample: f64,
-    /// Mean square error over the folds left out; not a number where nobody judges by it.
-    pub(super) left_out: f64,
 }
 
 /// The weights of the linear sum, by non-negative least squares.
