@@ -61,7 +61,7 @@ mod image {
     // spelt out. Not formatted: within a macro the list of resources moves to the right with every run of the formatter.
     #[rustfmt::skip]
     macro_rules! program {
-        ($sampled:ident, $line:ident at $line_priority:tt, $supply:ident) => {
+        ($sampled:ident, $line:ident, $supply:ident) => {
             #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
             mod app {
                 use core::mem::MaybeUninit;
@@ -263,7 +263,7 @@ mod image {
                     *context.local.ticks_seen = ticks;
                 }
 
-                #[task(binds = $line, priority = $line_priority, local = [line_interrupt])]
+                #[task(binds = $line, priority = 1, local = [line_interrupt])]
                 fn serial(context: serial::Context) {
                     context.local.line_interrupt.interrupt();
                 }
@@ -310,9 +310,9 @@ mod image {
     }
 
     #[cfg(chip = "stm32f405")]
-    program!(ADC, DMA2_STREAM7 at 1, PVD);
+    program!(ADC, DMA2_STREAM7, PVD);
     #[cfg(chip = "stm32h743")]
-    program!(ADC1_2, USART3 at 4, PVD_PVM);
+    program!(ADC1_2, DMA_STR1, PVD_PVM);
 }
 
 #[cfg(not(target_os = "none"))]

@@ -93,7 +93,7 @@ impl Board for ThisBoard {
             timer: device.TIM2,
         };
         let source = Sampler::new(rcc, parts, rates);
-        let (line_interrupt, line) = serial::start(rcc, device.USART3, rates, line);
+        let (line_interrupt, line) = serial::start(rcc, device.USART3, device.DMA1, &device.DMAMUX1, rates, line);
 
         // SAFETY: both controllers go into the link, which runs in the background alone.
         let controller = || unsafe { Controller::new(exchange) };
