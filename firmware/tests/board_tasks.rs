@@ -12,7 +12,7 @@ use firmware::background::ModelPlace;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
 use firmware::board::read_back::ChipThermometer;
-use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
+use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Identity, Link, LinkConfig};
@@ -157,7 +157,7 @@ impl HistoryMemory for Wire {
         self.0.history.borrow_mut().write(word, value);
     }
 }
-impl RecordKeeper for Wire {
+impl CrashMemory for Wire {
     fn keep(&mut self, _sealed: &[u8; firmware::retain::SEALED_BYTES]) {}
 }
 
@@ -211,7 +211,7 @@ impl ModelPlace for NoPlace {
     fn forget(&mut self) {}
 }
 
-type Task = TickTask<'static, Hands<Wire, Wire, Pulse, Wire, Wire, Wire, Wire, Wire>>;
+type Task = TickTask<'static, TickIo<Wire, Wire, Pulse, Wire, Wire, Wire, Wire, Wire>>;
 
 struct Board {
     task: Task,
@@ -223,6 +223,8 @@ struct Board {
     session: u32,
     token: u32,
     noise: u16,
+    /// Whether nobody counts milliseconds any more.
+    time_stands: bool,
 }
 
 impl Board {
@@ -244,7 +246,7 @@ impl Board {
         let link = Link::new(config, store.release(), ram());
         let tick = TickConfig { settings: &settings, facts: FACTS }.build().unwrap();
         let wires = Wire::default();
-        let hands = Hands {
+        let io = TickIo {
             source: wires.clone(),
             analogue: wires.clone(),
             pulse: Pulse(wires.clone()),
@@ -252,21 +254,21 @@ impl Board {
             emergency_stop: wires.clone(),
             watchdog: Watchdog::new(wires.clone()),
             counter: wires.clone(),
-            keeper: wires.clone(),
+            crash_memory: wires.clone(),
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: ChipThermometer::new(950, 1200) };
         let background = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
-        let task = TickTask::new(tick, BootReport::default(), hands, queues, exchange, 168_000, Some(1500));
+        let task = TickTask::new(tick, BootReport::default(), io, queues, exchange, 168_000, Some(1500));
         let mut background = BackgroundTask::new(link, facts, background, exchange);
         let build = Build { source: [1, 2, 3, 4, 5, 6, 7, 8], chip: 0x1007_6413, chip_number: [9; 12] };
         background.link_mut().identify(Identity { build, has_bootloader: true, has_history: true });
-        Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0 }
+        Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0, time_stands: false }
     }
 
     /// A millisecond, with the background's rounds behind it.
     fn step(&mut self) {
-        self.exchange.add_periods(1);
+        self.exchange.add_periods(u32::from(!self.time_stands));
         self.noise = (self.noise + 3) % 5;
         let share = self.wires.0.analogue.get().max(self.wires.0.pulse.get());
         let bar = f32::from(share) / 65_535.0 * self.settings.valve_full_scale_bar;
@@ -359,6 +361,19 @@ fn an_output_that_does_not_obey_and_a_supply_that_is_off_vent_within_50_ms_and_s
             assert_eq!((board.exchange.state(), board.task.rig().supervisor().record().first), (State::Fault, fault.number()));
         }
     }
+}
+
+/// Without it a stopped sampling would go unseen, and so would lost ticks.
+#[test]
+fn a_count_of_milliseconds_that_stands_vents_within_50_ms() {
+    let mut board = Board::new(settings(0)).into_running(2.0);
+    board.time_stands = true;
+    let safe_after = (1..200).find(|_| {
+        board.step();
+        !board.wires.0.energised.get()
+    });
+    assert!(safe_after.is_some_and(|ms| ms <= 50), "{safe_after:?} ms");
+    assert_eq!(board.task.rig().supervisor().record().first, Fault::DeadlineMissed.number());
 }
 
 impl Board {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// The chips.
-const CHIPS: [&str; 1] = ["stm32f405"];
+const CHIPS: [&str; 2] = ["stm32f405", "stm32h743"];
 
 /// Every file of a chip's registers, with its text.
 fn chip_sources(chip: &str) -> Vec<(String, String)> {

@@ -15,7 +15,7 @@ use firmware::board::SELECTED;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, TRANSMIT_QUEUE};
 use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
 use firmware::board::stm32f405::facts::CORE_HZ;
-use firmware::board::tick_task::{CycleCounter, Hands, RecordKeeper, TickQueues, TickTask};
+use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::device::exchange::DeviceOutputs;
 use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
@@ -29,7 +29,7 @@ use model_export::link::fault::FaultSet;
 use model_export::link::frame::MAX_WIRE;
 use model_export::link::state::ResetCause;
 
-/// What the tick's hands read and write.
+/// What the tick reads and writes.
 #[derive(Default)]
 struct Wires {
     sample: Cell<RawSample>,
@@ -121,11 +121,11 @@ impl HistoryMemory for Wire {
     }
 }
 
-impl RecordKeeper for Wire {
+impl CrashMemory for Wire {
     fn keep(&mut self, _sealed: &[u8; SEALED_BYTES]) {}
 }
 
-type BoardHands = Hands<Wire, Wire, Unconnected, Wire, Wire, Wire, Wire, Wire>;
+type BoardIo = TickIo<Wire, Wire, Unconnected, Wire, Wire, Wire, Wire, Wire>;
 
 /// The serial line, both ways.
 #[derive(Default)]
@@ -177,7 +177,7 @@ impl embedded_io::Write for Cable {
 
 /// The board, its hardware and its line.
 pub struct Board {
-    task: TickTask<'static, BoardHands>,
+    task: TickTask<'static, BoardIo>,
     background: BackgroundTask<'static, SlotPair, SlotPair>,
     place: Heap,
     exchange: &'static Exchange,
@@ -214,7 +214,7 @@ impl Board {
         let tick = TickConfig { settings: link.settings(), facts: FACTS }.build().expect("settings that go together");
         let boot = BootReport { reset_cause: ResetCause::PowerOn, faults: link.boot_faults() };
         let wires = Wire::default();
-        let hands = Hands {
+        let io = TickIo {
             source: wires.clone(),
             analogue: wires.clone(),
             pulse: Unconnected,
@@ -222,14 +222,14 @@ impl Board {
             emergency_stop: wires.clone(),
             watchdog: Watchdog::new(wires.clone()),
             counter: wires.clone(),
-            keeper: wires.clone(),
+            crash_memory: wires.clone(),
         };
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: None };
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
-            task: TickTask::new(tick, boot, hands, queues, exchange, CORE_HZ / 1000, None),
+            task: TickTask::new(tick, boot, io, queues, exchange, CORE_HZ / 1000, None),
             background: BackgroundTask::new(link, facts, background_queues, exchange),
             place: Heap::default(),
             exchange,

@@ -2,14 +2,12 @@
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use host_tool::backend::BOARD_MODEL;
 use host_tool::experiment;
 use host_tool::link::{BoardModel, BoardModelConfig, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep, Transport};
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::message::{Quantity, Reply, Request, Status};
-use model_export::link::profiles::Profile;
 use model_export::link::settings::Settings;
 use model_export::link::state::State;
 
@@ -17,8 +15,11 @@ use crate::board_model::{ModelRig, Watch, config};
 
 mod matrix;
 mod more;
+mod profiles;
+mod storage;
 
-pub use matrix::{Expected, Injection, ROWS, Row, slice};
+pub use matrix::{Expected, Injection, ROWS, Row, slice, slice_in_the_chip};
+pub use profiles::{ProfileEnd, profile_ends};
 
 /// Pressure before the fault, bar.
 const SET_POINT_BAR: f64 = 1.5;
@@ -31,7 +32,7 @@ const GONE_BAR: f64 = 0.1;
 /// What is corrected is right this long after it struck, ms, and how exact.
 const CORRECTED_WITHIN_MS: usize = 100;
 const EXACT: f64 = 0.01;
-/// How long a fault is watched, ms.
+/// How long a fault is watched at most, ms. A second after the outputs were safe there is nothing more to see.
 const WATCHED_MS: u32 = 1800;
 
 /// What was measured.
@@ -102,18 +103,26 @@ impl Bench {
         self.ask_for(milliseconds, |_| SET_POINT_BAR);
     }
 
-    /// The same with a set-point that goes up and down by half a bar, once a second.
-    fn swing(&mut self, milliseconds: u32) {
-        self.ask_for(milliseconds, |ms| SET_POINT_BAR - 0.25 + 0.25 * (std::f64::consts::TAU * f64::from(ms) / 1000.0).cos());
-    }
-
-    /// The same between 0.4 and 2.4 bar, 0.8 times a second.
-    fn swing_wide(&mut self, milliseconds: u32) {
-        self.ask_for(milliseconds, |ms| 1.4 + (std::f64::consts::TAU * 0.8 * f64::from(ms) / 1000.0).sin());
-    }
-
     fn ask_for(&mut self, milliseconds: u32, bar_at: impl Fn(u32) -> f64) {
+        self.ask_while(milliseconds, bar_at, |_| true);
+    }
+
+    /// What follows a fault that struck at a tick, with a host that goes on.
+    fn watch_from(&mut self, from: usize, bar_at: impl Fn(u32) -> f64) {
+        self.ask_while(WATCHED_MS, bar_at, |bench| !bench.is_over(from));
+    }
+
+    /// Whether the outputs have been safe since a fault for long enough.
+    fn is_over(&self, from: usize) -> bool {
+        let moments = self.watch.since(from);
+        moments.iter().position(|moment| !moment.energised).is_some_and(|safe| moments.len() > safe + GONE_WITHIN_MS + 20)
+    }
+
+    fn ask_while(&mut self, milliseconds: u32, bar_at: impl Fn(u32) -> f64, goes_on: impl Fn(&Self) -> bool) {
         for ms in (0..milliseconds).step_by(10) {
+            if !goes_on(self) {
+                return;
+            }
             self.rig.send(&Request::SetPoint { quantity: Quantity::Pressure, value: bar_at(ms) as f32 }).expect("a line");
             self.pass(10);
         }
@@ -196,54 +205,19 @@ pub fn held_with_drive(valve_drive: u32) -> (f64, u16) {
     (bench.rig.transport().hardware().pressure_bar(), share)
 }
 
-/// How a profile of a valve or a sensor ends on the image: the safe state before anything is armed, under pressure, and after each fault.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ProfileEnd {
-    /// Its name, and what struck.
-    pub name: String,
-    /// Whether the drive was at zero and the dump valve without current before it was armed.
-    pub rests: bool,
-    /// Pressure that was held, bar.
-    pub held_bar: f64,
-    /// Time until the outputs were safe, ms.
-    pub safe_ms: Option<u32>,
-    /// Whether they stayed so, and the drive at zero.
-    pub stays: bool,
-    /// The fault that the device names.
-    pub fault: u8,
+/// Set-points over time after a fault: what was held.
+fn at_rest(_: u32) -> f64 {
+    SET_POINT_BAR
 }
 
-/// Puts a profile's settings into the image's flash, holds 1 bar with it, and breaks something.
-///
-/// # Panics
-/// When its settings are not taken, or the pressure is not reached.
-#[must_use]
-pub fn profile_ends(profile: &Profile, breakage: Breakage) -> ProfileEnd {
-    const HELD_BAR: f64 = 1.0;
-    /// Ten times what the outputs may take, and so long that a drive that comes back would be seen.
-    const WATCHED_MS: u32 = 500;
-    let mut settings = Settings { control_law: 1, ..Settings::default() };
-    profile.apply(&mut settings).expect("settings of a profile");
-    // A valve that gives the held pressure at the profile's drive for it.
-    let span = settings.valve_highest_share - settings.valve_lowest_share;
-    let share = f64::from(settings.valve_lowest_share) + f64::from(span) * HELD_BAR / f64::from(settings.valve_full_scale_bar);
-    let hardware = HardwareConfig { valve_full_scale_bar: HELD_BAR / share, ..HardwareConfig::default() };
-    let flash = FlashMemory::default().with_settings(&settings).expect("settings that fit");
-    let mut bench = Bench::start_with(config(), &flash, None, hardware);
-    experiment::settle(&mut bench.rig).expect("a self-test that ends");
-    let rests = bench.watch.since(0).iter().all(|moment| !moment.energised && moment.valve_share == 0);
-    bench.rig.command(&Request::Arm).expect("an armed rig");
-    bench.rig.command(&Request::Start).expect("a started rig");
-    bench.ask_for(800, |_| HELD_BAR);
-    let held_bar = bench.rig.transport().hardware().pressure_bar();
-    let from = bench.watch.len();
-    bench.rig.transport().hardware().set_breakage(Some(breakage));
-    bench.ask_for(WATCHED_MS, |_| HELD_BAR);
-    let moments = bench.watch.since(from);
-    let safe = moments.iter().position(|moment| !moment.energised);
-    let stays = safe.is_some_and(|safe| moments[safe..].iter().all(|moment| !moment.energised && moment.valve_share == 0));
-    let safe_ms = safe.and_then(|ticks| u32::try_from(ticks).ok());
-    ProfileEnd { name: format!("{}, {breakage:?}", profile.name), rests, held_bar, safe_ms, stays, fault: bench.fault().0 }
+/// Up and down by half a bar, once a second.
+fn swing(ms: u32) -> f64 {
+    SET_POINT_BAR - 0.25 + 0.25 * (std::f64::consts::TAU * f64::from(ms) / 1000.0).cos()
+}
+
+/// Between 0.4 and 2.4 bar, 0.8 times a second.
+fn wide_swing(ms: u32) -> f64 {
+    1.4 + (std::f64::consts::TAU * 0.8 * f64::from(ms) / 1000.0).sin()
 }
 
 fn set_point_flash(ceiling_bar: f32) -> FlashMemory {
@@ -334,18 +308,21 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
             bench.pass(WATCHED_MS);
             bench.measure(from, row.expected)
         }
-        Injection::CutWhileSaving(operation) => cut_while_saving(operation),
-        Injection::CutWhileUploading(operation) => more::cut_while_uploading(operation),
-        Injection::SlowErase => more::slow_erase(),
+        Injection::CutWhileSaving(operation) => storage::cut_while_saving(operation),
+        Injection::CutWhileUploading(operation) => storage::cut_while_uploading(operation),
+        Injection::SlowErase => storage::slow_erase(),
         Injection::OtherSession | Injection::OldFrame => more::strange_frames(board, row),
-        Injection::SettingsBits => more::settings_bits(),
-        Injection::CutAtEveryOperation => more::cut_at_every_operation(),
-        Injection::BabbleBesideTheHost => more::babble_beside_the_host(),
-        Injection::ModelBits => more::model_bits(),
+        Injection::BootBefore => more::boot_before(board, row),
+        Injection::HalfSettings => storage::half_settings(board, row),
+        Injection::SettingsBits => storage::settings_bits(),
+        Injection::CutAtEveryOperation => storage::cut_at_every_operation(),
+        Injection::BabbleBesideTheHost => more::babble_beside_the_host(board),
+        Injection::ModelBits => storage::model_bits(),
         Injection::MemoryBits => more::memory_bits(),
         Injection::InputsSwapped => more::inputs_swapped(board, row),
+        Injection::InputsSwapAlike => more::inputs_swap_alike(board, row),
         Injection::SupplyRamp(step_mv) => more::supply_ramp(row, step_mv),
-        Injection::Tick(instructions) => more::in_the_tick(board, row, instructions),
+        Injection::Tick(instructions, milliseconds) => more::in_the_tick(board, row, instructions, milliseconds),
         Injection::SecondStart(what) => {
             let mut bench = Bench::start_on(board.clone(), &flash, None);
             bench.pass(400);
@@ -355,7 +332,7 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
             bench.run_up();
             let from = bench.watch.len();
             bench.break_something(what);
-            bench.hold(WATCHED_MS);
+            bench.watch_from(from, at_rest);
             bench.break_something("supply 3300");
             bench.pass(300);
             bench.measure(from, row.expected)
@@ -371,7 +348,7 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
                 bench.pass(milliseconds);
                 bench.break_something(repaired);
             }
-            bench.hold(WATCHED_MS);
+            bench.watch_from(from, at_rest);
             if what.starts_with("supply") {
                 // A dead board has nothing to tell until its supply is back.
                 bench.break_something("supply 3300");
@@ -385,10 +362,41 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
             let from = bench.watch.len();
             bench.rig.transport().hardware().set_breakage(Some(breakage));
             match row.injection {
-                Injection::AroundMoving(_) => bench.swing(WATCHED_MS),
-                Injection::AroundWide(_) => bench.swing_wide(WATCHED_MS),
-                _ => bench.hold(WATCHED_MS),
+                Injection::AroundMoving(_) => bench.watch_from(from, swing),
+                Injection::AroundWide(_) => bench.watch_from(from, wide_swing),
+                _ => bench.watch_from(from, at_rest),
             }
+            bench.measure(from, row.expected)
+        }
+        Injection::AroundFor(breakage, milliseconds) => {
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
+            bench.run_up();
+            let from = bench.watch.len();
+            bench.rig.transport().hardware().set_breakage(Some(breakage));
+            bench.pass(milliseconds);
+            bench.rig.transport().hardware().set_breakage(None);
+            bench.watch_from(from, at_rest);
+            bench.measure(from, row.expected)
+        }
+        Injection::PressureDrifts(bar_per_s) => {
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
+            bench.run_up();
+            let from = bench.watch.len();
+            for ms in (0..WATCHED_MS).step_by(10) {
+                let offset_bar = bar_per_s * f64::from(ms) / 1000.0;
+                bench.rig.transport().hardware().set_breakage(Some(Breakage::PressureOffsetBar(offset_bar)));
+                bench.hold(10);
+            }
+            bench.measure(from, row.expected)
+        }
+        Injection::DriveKeepsItsCode => {
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
+            bench.run_up();
+            let from = bench.watch.len();
+            // The share has 16 bits, the converter's code 12.
+            let code = bench.rig.transport().processor().pins().valve_share >> 4;
+            bench.break_something(&format!("drive-pin {code}"));
+            bench.watch_from(from, swing);
             bench.measure(from, row.expected)
         }
         Injection::HostSilent | Injection::HostBabbles => {
@@ -399,55 +407,18 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
                 // Ends of frames among them, so that the device has something to check all the time.
                 let nonsense: Vec<u8> = (0..92u8).map(|index| if index % 23 == 0 { 0 } else { index.wrapping_mul(89) }).collect();
                 for _ in 0..WATCHED_MS {
+                    if bench.is_over(from) {
+                        break;
+                    }
                     bench.rig.transport().send(&nonsense).expect("a line");
                     bench.pass(1);
                 }
             } else {
-                bench.pass(WATCHED_MS);
+                while bench.watch.len() < from + WATCHED_MS as usize && !bench.is_over(from) {
+                    bench.pass(10);
+                }
             }
             bench.measure(from, row.expected)
         }
     }
-}
-
-/// Saves a lower ceiling and cuts the supply meanwhile.
-fn cut_while_saving(operation: u32) -> Measured {
-    cut_at(operation).0
-}
-
-/// The same, and whether there was an operation to cut.
-fn cut_at(operation: u32) -> (Measured, bool) {
-    const OLD_BAR: f32 = 2.0;
-    const NEW_BAR: f32 = 1.0;
-    /// The longest that saving and the start behind a cut take, ms.
-    const LONGEST_MS: u32 = 4000;
-    let mut bench = Bench::start(&set_point_flash(OLD_BAR), None);
-    experiment::settle(&mut bench.rig).expect("a self-test that ends");
-    let number = model_export::link::settings::by_name("limits.ceiling_bar").expect("a setting").number;
-    let value = model_export::link::settings::SettingValue::Float(NEW_BAR);
-    bench.rig.command(&Request::SettingSet { number, value }).expect("a setting that is taken");
-    bench.break_something(&format!("cut {operation}"));
-    let from = bench.watch.len();
-    let _ = bench.rig.send(&Request::SettingsSave);
-    let mut passed_ms = 0;
-    while passed_ms < LONGEST_MS && bench.rig.transport().processor().pins().resets == 0 {
-        bench.pass(20);
-        passed_ms += 20;
-    }
-    bench.pass(60);
-    let _ = bench.rig.listen(Duration::from_millis(50));
-    let is_cut = bench.rig.transport().processor().pins().resets > 0;
-    let _ = bench.rig.greet_again();
-    let after = host_tool::device_settings::setting(&mut bench.rig, "limits.ceiling_bar").ok();
-    let mut measured = bench.measure(from, Expected::OldOrNew);
-    let float = |bar: f32| Some(model_export::link::settings::SettingValue::Float(bar));
-    if after != float(OLD_BAR) && after != float(NEW_BAR) {
-        measured.ok = false;
-        measured.remark = format!("the ceiling is {after:?} afterwards");
-    } else if !is_cut {
-        // So few operations: nothing was cut, and the new value has to be there.
-        measured.ok = after == float(NEW_BAR);
-        measured.remark = "the saving was over before".to_owned();
-    }
-    (measured, is_cut)
 }

@@ -9,7 +9,7 @@ use rigless::time::VirtualNanos;
 
 use crate::board::RigBoard;
 use crate::chip::flash::sector;
-use crate::chip::part::SUPPLY_MV;
+use crate::chip::pins::SUPPLY_MV;
 use crate::core::nmi;
 use crate::line::FarEnd;
 use crate::log::Log;

@@ -11,7 +11,8 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 use virtual_board::board::RigBoard;
 use virtual_board::boards::{BOARDS, Kind};
-use virtual_board::chip::part::{self as stm32f405, Stm32f405};
+use virtual_board::chip::part::Stm32f405;
+use virtual_board::chip::pins::Pins;
 use virtual_board::log::Log;
 use virtual_board::machine::Machine;
 use virtual_board::part::RigPart;
@@ -77,7 +78,7 @@ fn serve(arguments: &Arguments) -> Result<(), String> {
     }
     let log = Log::of(&bytes);
     match arguments.board {
-        Kind::Stm32f405(wiring) => run_on(arguments, bytes, log, Stm32f405::new(stm32f405::Pins::of(wiring))),
+        Kind::Stm32f405(wiring) => run_on(arguments, bytes, log, Stm32f405::new(Pins::of(wiring))),
         Kind::Stm32h743(wiring) => run_on(arguments, bytes, log, Stm32h743::new(stm32h743::Pins::of(wiring))),
     }
 }

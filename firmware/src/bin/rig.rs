@@ -3,7 +3,7 @@
 //! | task | priority | does |
 //! |---|---|---|
 //! | `supply_falls` (supply monitor) | 5 | vents, remembers, starts again |
-//! | `guard` (SysTick) | 4 | counts periods; starts a tick that the sampling did not start |
+//! | `tick_monitor` (SysTick) | 4 | counts periods; starts a tick that the sampling did not start |
 //! | `tick` (end of a sampling) | 3 | everything the rig does in a millisecond |
 //! | `serial` (line) | 1 | begins the next piece of what is to be sent; on the STM32H743 it moves bytes, at priority 4 |
 //! | `idle` | - | link, storage, self-test, logs |
@@ -61,7 +61,7 @@ mod image {
     // spelt out. Not formatted: within a macro the list of resources moves to the right with every run of the formatter.
     #[rustfmt::skip]
     macro_rules! program {
-        ($sampled:ident, $line:ident at $line_priority:tt, $supply:ident) => {
+        ($sampled:ident, $line:ident, $supply:ident) => {
             #[rtic::app(device = firmware::board::chip::registers::pac, peripherals = true)]
             mod app {
                 use core::mem::MaybeUninit;
@@ -71,14 +71,14 @@ mod image {
                 use firmware::board::chip::registers::pac::Interrupt;
                 use firmware::board::chip::registers::{Peripherals, ThisBoard};
                 use firmware::board::clock::Source;
-                use firmware::board::contract::{Board, HandsOf, LineInterrupt, Started, SupplyMonitor};
+                use firmware::board::contract::{Board, TickIoOf, LineInterrupt, Started, SupplyMonitor};
                 use firmware::board::converter::FACTS;
                 use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
                 use firmware::board::log;
                 use firmware::board::pulse_drive::PulseMonitor;
                 use firmware::board::target::crash;
                 use firmware::board::target::memory;
-                use firmware::board::target::models::{BoardModel, Room, Tenant};
+                use firmware::board::target::models::{BoardModel, ModelSlot, LoadedModel};
                 use firmware::board::tick_task::{TickQueues, TickTask};
                 use firmware::estimator::EstimatorState;
                 use firmware::link::{Identity, Link, LinkBuffers, LinkConfig};
@@ -94,12 +94,12 @@ mod image {
                 const ROUNDS_PER_STACK_LOOK: u32 = 1024;
 
                 type BoardFlash = <ThisBoard as Board>::Flash;
-                type BoardTask = TickTask<'static, HandsOf<ThisBoard>>;
+                type BoardTask = TickTask<'static, TickIoOf<ThisBoard>>;
                 type BoardBackground = BackgroundTask<'static, BoardFlash, BoardFlash, &'static mut LinkBuffers>;
 
                 #[shared]
                 struct Shared {
-                    tenant: Tenant,
+                    loaded: LoadedModel,
                 }
 
                 #[local]
@@ -131,7 +131,7 @@ mod image {
                 fn init(context: init::Context) -> (Shared, Local) {
                     let peripherals = Peripherals { device: context.device, core: context.core };
                     let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
-                    let Started { reset_cause, retained, clock, mut standing, hands, .. } = board;
+                    let Started { reset_cause, retained, clock, mut standing, io, .. } = board;
                     let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
                     boot_faults = boot_faults.union(board.found).union(standing);
                     let program_crc32 = match memory::seal() {
@@ -181,7 +181,7 @@ mod image {
                     let task = in_place(context.local.task_home, || {
                         // The link's settings go together, and so do the defaults; a test holds the latter.
                         let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
-                        TickTask::new(tick, boot, hands, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
+                        TickTask::new(tick, boot, io, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
                     });
 
                     log::start(ThisBoard::NAME, &build, reset_cause, rates.core_hz, program_crc32);
@@ -190,9 +190,9 @@ mod image {
                     if let Some(retained) = retained.filter(|retained| retained.record.first != 0) {
                         log::before(&retained.record);
                     }
-                    ThisBoard::begin(board.beginning, &mut task.hands_mut().source);
+                    ThisBoard::begin(board.beginning, &mut task.io_mut().source);
                     (
-                        Shared { tenant: Tenant::none() },
+                        Shared { loaded: LoadedModel::none() },
                         Local {
                             task,
                             background,
@@ -206,11 +206,11 @@ mod image {
                     )
                 }
 
-                #[idle(local = [background, line, place, cycles_per_tick], shared = [tenant])]
+                #[idle(local = [background, line, place, cycles_per_tick], shared = [loaded])]
                 fn idle(context: idle::Context) -> ! {
                     let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
-                    // SAFETY: the only room; the background holds the slot of a model while it is in use.
-                    let mut room = unsafe { Room::new(context.shared.tenant, place.take(), *cycles_per_tick) };
+                    // SAFETY: the only one; the background holds the slot of a model while it is in use.
+                    let mut slot = unsafe { ModelSlot::new(context.shared.loaded, place.take(), *cycles_per_tick) };
                     let mut state = EXCHANGE.state();
                     let mut fault_is_new = false;
                     let mut stack_unused_bytes = memory::stack_unused_bytes();
@@ -226,7 +226,7 @@ mod image {
                             let _ = line.flush();
                             ThisBoard::enter_bootloader();
                         }
-                        background.step(line, &mut room, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
+                        background.step(line, &mut slot, stack_unused_bytes, cortex_m::peripheral::DWT::cycle_count());
                         if round.is_multiple_of(ROUNDS_PER_STACK_LOOK) {
                             stack_unused_bytes = memory::stack_unused_bytes();
                         }
@@ -246,14 +246,14 @@ mod image {
                     }
                 }
 
-                #[task(binds = $sampled, priority = 3, local = [task], shared = [tenant])]
+                #[task(binds = $sampled, priority = 3, local = [task], shared = [loaded])]
                 fn tick(mut context: tick::Context) {
                     let task = context.local.task;
-                    context.shared.tenant.lock(|tenant| task.run(tenant));
+                    context.shared.loaded.lock(|loaded| task.run(loaded));
                 }
 
                 #[task(binds = SysTick, priority = 4, local = [ticks_seen])]
-                fn guard(context: guard::Context) {
+                fn tick_monitor(context: tick_monitor::Context) {
                     EXCHANGE.add_periods(1);
                     let ticks = EXCHANGE.ticks();
                     if ticks == *context.local.ticks_seen {
@@ -263,7 +263,7 @@ mod image {
                     *context.local.ticks_seen = ticks;
                 }
 
-                #[task(binds = $line, priority = $line_priority, local = [line_interrupt])]
+                #[task(binds = $line, priority = 1, local = [line_interrupt])]
                 fn serial(context: serial::Context) {
                     context.local.line_interrupt.interrupt();
                 }
@@ -310,9 +310,9 @@ mod image {
     }
 
     #[cfg(chip = "stm32f405")]
-    program!(ADC, DMA2_STREAM7 at 1, PVD);
+    program!(ADC, DMA2_STREAM7, PVD);
     #[cfg(chip = "stm32h743")]
-    program!(ADC1_2, USART3 at 4, PVD_PVM);
+    program!(ADC1_2, DMA_STR1, PVD_PVM);
 }
 
 #[cfg(not(target_os = "none"))]

@@ -13,7 +13,7 @@ use super::clock::{ClockReport, ClockTree};
 use super::exchange::Exchange;
 use super::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use super::read_back::ChipThermometer;
-use super::tick_task::{CycleCounter, Hands, RecordKeeper};
+use super::tick_task::{CrashMemory, CycleCounter, TickIo};
 use super::watchdog::WatchdogTimer;
 use crate::retain::Retained;
 use crate::seam::{PulseFrequency, SampleSource, ValveDrive};
@@ -63,7 +63,7 @@ pub trait Board: Sized {
     /// Counts processor cycles.
     type Counter: CycleCounter;
     /// Keeps the fault record.
-    type Keeper: RecordKeeper;
+    type CrashMemory: CrashMemory;
     /// The line to the host.
     type Line: Line;
     /// Its interrupt.
@@ -93,7 +93,7 @@ pub trait Board: Sized {
 }
 
 /// The tick's outputs and inputs on a board.
-pub type HandsOf<B> = Hands<
+pub type TickIoOf<B> = TickIo<
     <B as Board>::Sampling,
     <B as Board>::AnalogueDrive,
     <B as Board>::PulseDrive,
@@ -101,7 +101,7 @@ pub type HandsOf<B> = Hands<
     <B as Board>::StopPin,
     <B as Board>::Watchdog,
     <B as Board>::Counter,
-    <B as Board>::Keeper,
+    <B as Board>::CrashMemory,
 >;
 
 /// A board that has come up.
@@ -123,7 +123,7 @@ pub struct Started<B: Board> {
     /// What the chip says of itself.
     pub build: Build,
     /// The tick's outputs and inputs.
-    pub hands: HandsOf<B>,
+    pub io: TickIoOf<B>,
     /// The line.
     pub line: B::Line,
     /// Its interrupt.

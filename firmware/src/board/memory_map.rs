@@ -14,6 +14,8 @@ pub enum Access {
     ReadExecute,
     /// Reading and writing.
     ReadWrite,
+    /// The same by a transfer controller too, so no cache may hold it.
+    Shared,
 }
 
 /// A region: a power of two of bytes at a multiple of its length.
@@ -33,6 +35,8 @@ mod bits {
     pub const SIZE_SHIFT: u32 = 1;
     /// Normal memory, write-through: what flash and SRAM are.
     pub const CACHEABLE: u32 = 1 << 17;
+    /// Normal memory without a cache: TEX 001 (table B3-13).
+    pub const UNCACHED: u32 = 1 << 19;
     pub const ACCESS_SHIFT: u32 = 24;
     pub const EXECUTE_NEVER: u32 = 1 << 28;
 }
@@ -50,15 +54,23 @@ impl Region {
             Access::None => (0b000, bits::EXECUTE_NEVER),
             Access::Read => (0b110, bits::EXECUTE_NEVER),
             Access::ReadExecute => (0b110, 0),
-            Access::ReadWrite => (0b011, bits::EXECUTE_NEVER),
+            Access::ReadWrite | Access::Shared => (0b011, bits::EXECUTE_NEVER),
         };
-        bits::ENABLE | ((self.length_log2 - 1) << bits::SIZE_SHIFT) | bits::CACHEABLE | (access << bits::ACCESS_SHIFT) | execute_never
+        let cache = if matches!(self.access, Access::Shared) { bits::UNCACHED } else { bits::CACHEABLE };
+        bits::ENABLE | ((self.length_log2 - 1) << bits::SIZE_SHIFT) | cache | (access << bits::ACCESS_SHIFT) | execute_never
     }
 }
 
 #[cfg(test)]
 pub(super) mod unit {
-    use super::Region;
+    use super::{Access, Region};
+
+    #[test]
+    fn a_region_that_a_controller_writes_has_no_cache() {
+        // C, B and TEX of MPU_RASR (Armv7-M manual table B3-13): write-through against not cacheable, both normal memory.
+        let attributes = |access| Region { base: 0, length_log2: 12, access }.attribute_register() >> 16 & 0b11_1111;
+        assert_eq!((attributes(Access::ReadWrite), attributes(Access::Shared)), (0b00_0010, 0b00_1000));
+    }
 
     /// What the unit does with an access, by the manual: the highest-numbered region that holds the address decides, and without one the
     /// privileged background region.

@@ -49,6 +49,7 @@ pub mod stm32f405;
 pub mod stm32h743;
 pub mod supply;
 pub mod tick_task;
+pub mod transfer_line;
 pub mod watchdog;
 
 #[cfg(target_os = "none")]

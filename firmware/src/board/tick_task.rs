@@ -27,14 +27,14 @@ pub trait CycleCounter {
 }
 
 /// Keeps the sealed record, and the history, where a reset does not reach.
-pub trait RecordKeeper: HistoryMemory {
+pub trait CrashMemory: HistoryMemory {
     /// Overwrites the record.
     fn keep(&mut self, sealed: &[u8; SEALED_BYTES]);
 }
 
-/// What the tick's hands are on.
+/// What the tick reads and writes.
 #[derive(Debug)]
-pub struct Hands<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper> {
+pub struct TickIo<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Memory> {
     /// Both measured channels.
     pub source: Source,
     /// The valve's drive by voltage.
@@ -50,7 +50,7 @@ pub struct Hands<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper> {
     /// Measures the tick.
     pub counter: Counter,
     /// Keeps the fault record.
-    pub keeper: Keeper,
+    pub crash_memory: Memory,
 }
 
 /// The tick's ends of the queues.
@@ -68,7 +68,7 @@ pub struct TickQueues<'q> {
 /// The rig in its task.
 pub struct TickTask<'q, H> {
     rig: Rig,
-    hands: H,
+    io: H,
     queues: TickQueues<'q>,
     exchange: &'q Exchange,
     clock: PeriodClock,
@@ -92,7 +92,7 @@ impl<'q, H> TickTask<'q, H> {
     pub fn new(
         tick: Tick,
         boot: BootReport,
-        hands: H,
+        io: H,
         queues: TickQueues<'q>,
         exchange: &'q Exchange,
         cycles_per_tick: u32,
@@ -101,7 +101,7 @@ impl<'q, H> TickTask<'q, H> {
         let monitor = ReadBackMonitor::new(reference_calibration);
         Self {
             rig: Rig::new(tick, boot),
-            hands,
+            io,
             queues,
             exchange,
             clock: PeriodClock::default(),
@@ -140,14 +140,14 @@ impl<'q, H> TickTask<'q, H> {
         }
     }
 
-    /// What the tick's hands are on.
-    pub fn hands_mut(&mut self) -> &mut H {
-        &mut self.hands
+    /// What the tick reads and writes.
+    pub fn io_mut(&mut self) -> &mut H {
+        &mut self.io
     }
 }
 
-impl<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper>
-    TickTask<'_, Hands<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Keeper>>
+impl<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Memory>
+    TickTask<'_, TickIo<Source, Analogue, Pulse, Dump, Stop, Timer, Counter, Memory>>
 where
     Source: SampleSource,
     Analogue: ValveDrive,
@@ -156,20 +156,22 @@ where
     Stop: InputPin,
     Timer: WatchdogTimer,
     Counter: CycleCounter,
-    Keeper: RecordKeeper,
+    Memory: CrashMemory,
 {
     /// One millisecond.
     ///
     /// # Deadline
     /// The tick itself: 1 ms from interrupt to interrupt.
     pub fn run(&mut self, model: &mut impl ModelStep) {
-        let began = self.hands.counter.cycles();
+        let began = self.io.counter.cycles();
         self.exchange.begin_tick();
+        let lost_ticks = self.clock.lost(self.exchange.periods());
         let inputs = TickInputs {
-            sample: self.correction.sample(self.hands.source.sample()),
-            emergency_stop: !matches!(self.hands.emergency_stop.is_low(), Ok(true)),
-            overran: self.overran,
-            lost_ticks: self.clock.lost(self.exchange.periods()),
+            sample: self.correction.sample(self.io.source.sample()),
+            emergency_stop: !matches!(self.io.emergency_stop.is_low(), Ok(true)),
+            // A tick that cannot be told from a late one counts as late.
+            overran: self.overran || self.clock.stands(),
+            lost_ticks,
             background_beat: self.exchange.beat(),
             vent: self.exchange.take_vent(),
             // No answer may be lost, so a command waits for its answer's place.
@@ -179,7 +181,7 @@ where
         let taken = TakenIn::from(&inputs);
         let sample = inputs.sample;
         // What was read is what the last tick put out.
-        if let Some(read) = self.hands.source.read_back() {
+        if let Some(read) = self.io.source.read_back() {
             if let Some(code) = read.reference_code {
                 self.correction.step(code);
             }
@@ -191,7 +193,7 @@ where
         // New settings come only while vented, with the drive at zero.
         let pulse_hz = self.rig.built().pulse_hz();
         if pulse_hz != self.pulse_hz && !outputs.energised {
-            self.hands.pulse.set_pulse_hz(pulse_hz);
+            self.io.pulse.set_pulse_hz(pulse_hz);
             self.pulse_hz = pulse_hz;
         }
         let (analogue, pulse) = match self.rig.built().valve_output() {
@@ -200,20 +202,20 @@ where
         };
         // On the chip setting a pin cannot fail. The watchdog and the pressure watch are there for one that does.
         let order = self.rig.supervisor().dump_order();
-        let _ = self.hands.dump_valve.obey(&order);
+        let _ = self.io.dump_valve.obey(&order);
         let analogue = self.correction.drive(analogue);
         self.put_out = PutOut { share: analogue, closes: order.closes() };
-        self.hands.analogue.drive(analogue);
-        self.hands.pulse.drive(pulse);
-        self.hands.watchdog.serve(outputs.energised, outputs.feed_watchdog);
+        self.io.analogue.drive(analogue);
+        self.io.pulse.drive(pulse);
+        self.io.watchdog.serve(outputs.energised, outputs.feed_watchdog);
         if let Some(mean_squares) = self.rest_noise.step(sample, outputs.vent_verified && !outputs.energised) {
             self.exchange.publish_rest_noise(mean_squares);
         }
         let row = self.rig.history_row(taken, &outputs);
-        self.history.step(&mut self.hands.keeper, row, outputs.energised, outputs.state == State::Fault);
+        self.history.step(&mut self.io.crash_memory, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {
             let retained = Retained { record: *self.rig.supervisor().record(), crash: None };
-            self.hands.keeper.keep(&retained.seal());
+            self.io.crash_memory.keep(&retained.seal());
         }
         if outputs.self_test_wanted && !self.tests_itself {
             self.exchange.ask_for_self_test();
@@ -232,7 +234,7 @@ where
         {
             self.exchange.drop_telemetry();
         }
-        let cycles = self.hands.counter.cycles().wrapping_sub(began);
+        let cycles = self.io.counter.cycles().wrapping_sub(began);
         self.overran = cycles > self.cycles_per_tick;
         self.exchange.publish(outputs.state, outputs.vent_verified, cycles);
     }

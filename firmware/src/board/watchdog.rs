@@ -10,14 +10,14 @@ pub const LONGEST_ERASE_MS: u32 = 2_000;
 
 /// What the watchdog is set to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Regime {
+pub enum WatchdogMode {
     /// For vented states.
     Vented,
     /// For energised states.
     Energised,
 }
 
-impl Regime {
+impl WatchdogMode {
     /// Prescaler code: the divider is 4 shifted left by it (RM0090 section 21.4.2).
     pub const fn prescaler(self) -> u8 {
         match self {
@@ -40,8 +40,8 @@ impl Regime {
         (counts / OSCILLATOR_HZ.1, counts.div_ceil(OSCILLATOR_HZ.0))
     }
 }
-const _: () = assert!(Regime::Energised.period_ms().1 < 50 && Regime::Energised.period_ms().0 > 10);
-const _: () = assert!(Regime::Vented.period_ms().0 > 2 * LONGEST_ERASE_MS);
+const _: () = assert!(WatchdogMode::Energised.period_ms().1 < 50 && WatchdogMode::Energised.period_ms().0 > 10);
+const _: () = assert!(WatchdogMode::Vented.period_ms().0 > 2 * LONGEST_ERASE_MS);
 
 /// The watchdog's registers.
 pub trait WatchdogTimer {
@@ -57,24 +57,24 @@ pub trait WatchdogTimer {
 #[derive(Debug)]
 pub struct Watchdog<T> {
     timer: T,
-    regime: Regime,
+    mode: WatchdogMode,
 }
 
 impl<T: WatchdogTimer> Watchdog<T> {
-    /// Takes over a timer that was started in the regime for vented states.
+    /// Takes over a timer that was started in the mode for vented states.
     pub fn new(mut timer: T) -> Self {
-        timer.set(Regime::Vented.prescaler(), Regime::Vented.reload());
+        timer.set(WatchdogMode::Vented.prescaler(), WatchdogMode::Vented.reload());
         timer.feed();
-        Self { timer, regime: Regime::Vented }
+        Self { timer, mode: WatchdogMode::Vented }
     }
 
-    /// Once a tick: the regime follows the state, and the counter starts again if `feed`. Never waits.
+    /// Once a tick: the mode follows the state, and the counter starts again if `feed`. Never waits.
     pub fn serve(&mut self, energised: bool, feed: bool) {
-        let wanted = if energised { Regime::Energised } else { Regime::Vented };
+        let wanted = if energised { WatchdogMode::Energised } else { WatchdogMode::Vented };
         // A setting takes up to five periods of the slow oscillator; until then the next one has to wait a tick.
-        if wanted != self.regime && !self.timer.is_busy() {
+        if wanted != self.mode && !self.timer.is_busy() {
             self.timer.set(wanted.prescaler(), wanted.reload());
-            self.regime = wanted;
+            self.mode = wanted;
         }
         if feed {
             self.timer.feed();
@@ -86,9 +86,9 @@ impl<T: WatchdogTimer> Watchdog<T> {
         self.timer.is_busy()
     }
 
-    /// The regime in force.
-    pub fn regime(&self) -> Regime {
-        self.regime
+    /// The mode in force.
+    pub fn mode(&self) -> WatchdogMode {
+        self.mode
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
             watchdog.serve(true, true);
             watchdog.timer.advance();
         }
-        assert_eq!(watchdog.regime(), Regime::Energised);
+        assert_eq!(watchdog.mode(), WatchdogMode::Energised);
         assert!(ticks_until_it_bites(&mut watchdog, true) < 50);
     }
 }

@@ -35,18 +35,30 @@ pub enum Injection {
     AroundWide(Breakage),
     /// While there is pressure, on a chip that started a second time: its option bytes are in force.
     SecondStart(&'static str),
-    /// While there is pressure, these 16-bit words in place of the tick's first instructions, for 20 ms.
-    Tick(&'static [u16]),
+    /// While there is pressure, these 16-bit words in place of the tick's first instructions, for so many ms.
+    Tick(&'static [u16], u32),
     /// While there is pressure, the supply falls from 3.3 V to 1.5 V by so many mV a ms.
     SupplyRamp(u32),
     /// Both analogue inputs are exchanged from the start.
     InputsSwapped,
+    /// The same at a pressure where both read alike; then the set-point moves.
+    InputsSwapAlike,
+    /// While there is pressure, the pressure sensor drifts by so many bar a second.
+    PressureDrifts(f64),
+    /// While there is pressure, in the hardware around it, for so many ms.
+    AroundFor(Breakage, u32),
+    /// The drive's pin keeps the code it has while the set-point moves.
+    DriveKeepsItsCode,
+    /// The upper half of the active settings' slot is erased before a start.
+    HalfSettings,
     /// Power goes in the middle of this operation on flash while a model arrives.
     CutWhileUploading(u32),
     /// Settings are saved with flash at its slowest.
     SlowErase,
     /// Frames of another session ask for more pressure.
     OtherSession,
+    /// After a reset, all that moved the rig before it is said again.
+    BootBefore,
     /// A frame of this session again.
     OldFrame,
     /// Every bit of every stored word of the settings slot, with its header and its activations, one start for each.
@@ -115,6 +127,23 @@ const PUSH_FOR_EVER: &[u16] = &[0xb5ff, 0xe7fd];
 const STORE_INTO_PROGRAM: &[u16] = &[0x4679, 0x6008];
 /// `movs r0, #0x20`, `lsls r0, r0, #24`, `adds r0, #1`, `bx r0`: the first word of SRAM as code.
 const EXECUTE_MEMORY: &[u16] = &[0x2020, 0x0600, 0x3001, 0x4700];
+/// `bx lr`: a tick that does nothing.
+const RETURN: &[u16] = &[0x4770];
+// A zero into a register, and back: r0 becomes its address 8 bits at a time, r1 zero (RM0090 table 1; Armv7-M manual section B3.2.2).
+/// TIM2_CR1: the sampling timer.
+const STOP_SAMPLING_TIMER: &[u16] = &[0x2040, 0x0600, 0x2100, 0x6001, 0x4770];
+/// ADC1_CR2: the converter.
+const STOP_CONVERTER: &[u16] = &[0x2040, 0x0200, 0x3001, 0x0200, 0x3020, 0x0200, 0x2100, 0x6081, 0x4770];
+/// DAC_CR: the drive.
+const STOP_DRIVE: &[u16] = &[0x2040, 0x0400, 0x3074, 0x0200, 0x2100, 0x6001, 0x4770];
+/// GPIOB_MODER: the pins of dump valve and emergency stop.
+const RELEASE_PINS: &[u16] = &[0x2040, 0x0200, 0x3002, 0x0200, 0x3004, 0x0200, 0x2100, 0x6001, 0x4770];
+/// RCC_APB1ENR: the clocks of drive, pulse width and sampling timer.
+const STOP_CLOCKS: &[u16] = &[0x2040, 0x0200, 0x3002, 0x0200, 0x3038, 0x0200, 0x2100, 0x6401, 0x4770];
+/// SYST_CSR: the count of milliseconds, and the monitor of the tick.
+const STOP_TIME: &[u16] = &[0x20e0, 0x0400, 0x30e0, 0x0200, 0x2100, 0x6101, 0x4770];
+/// NVIC_ICER0, bit 18: the tick's interrupt.
+const DISABLE_TICK: &[u16] = &[0x20e0, 0x0400, 0x30e1, 0x0200, 0x3080, 0x2104, 0x0409, 0x6001, 0x4770];
 
 /// The matrix.
 pub const ROWS: &[Row] = &[
@@ -231,6 +260,20 @@ pub const ROWS: &[Row] = &[
     row("inputs-swapped", "limits on the wrong quantity", Injection::InputsSwapped, Expected::Bounded),
     vents("inputs-swap-under-pressure", "limits on the wrong quantity", Injection::Chip("inputs swapped"), Fault::LaserRate),
     row(
+        "inputs-swap-where-both-read-alike",
+        "limits on the wrong quantity",
+        Injection::InputsSwapAlike,
+        Expected::Vents(Fault::PressureMismatch, 1250),
+    ),
+    row(
+        "pressure-drifts-0.4-bar-per-s",
+        "limits at the wrong place",
+        Injection::PressureDrifts(0.4),
+        Expected::Vents(Fault::PressureMismatch, 1000),
+    ),
+    vents("emergency-stop-for-3-ms", "operator is not heard", Injection::AroundFor(Breakage::EmergencyStop, 3), Fault::EmergencyStop),
+    row("drive-pin-keeps-its-code", "pressure does not follow", Injection::DriveKeepsItsCode, Expected::Vents(Fault::OutputMismatch, 250)),
+    row(
         "laser-frozen-with-noise",
         "blind control",
         Injection::AroundWide(Breakage::LaserFrozenWithNoise),
@@ -245,18 +288,29 @@ pub const ROWS: &[Row] = &[
     vents("supply-dips-at-the-second-start", "wrong codes, undefined logic", Injection::SecondStart("supply 2800"), Fault::BrownOut),
     row("supply-falls-10-v-per-s", "undefined logic", Injection::SupplyRamp(10), Expected::Restarts(SAFE_WITHIN_MS)),
     row("supply-falls-100-v-per-s", "undefined logic", Injection::SupplyRamp(100), Expected::Restarts(SAFE_WITHIN_MS)),
-    vents("undefined-instruction", "any", Injection::Tick(UNDEFINED), Fault::HardFault),
-    vents("stack-overflow", "damaged state", Injection::Tick(PUSH_FOR_EVER), Fault::HardFault),
-    vents("program-writes-into-program", "any", Injection::Tick(STORE_INTO_PROGRAM), Fault::HardFault),
-    vents("memory-as-code", "any", Injection::Tick(EXECUTE_MEMORY), Fault::HardFault),
+    vents("undefined-instruction", "any", Injection::Tick(UNDEFINED, 20), Fault::HardFault),
+    vents("stack-overflow", "damaged state", Injection::Tick(PUSH_FOR_EVER, 20), Fault::HardFault),
+    vents("program-writes-into-program", "any", Injection::Tick(STORE_INTO_PROGRAM, 20), Fault::HardFault),
+    vents("memory-as-code", "any", Injection::Tick(EXECUTE_MEMORY, 20), Fault::HardFault),
+    vents("ticks-do-nothing-for-22-ms", "outputs frozen", Injection::Tick(RETURN, 22), Fault::DeadlineMissed),
+    vents("ticks-do-nothing", "outputs frozen", Injection::Tick(RETURN, 100), Fault::WatchdogReset),
+    vents("tick-interrupt-disabled", "outputs frozen", Injection::Tick(DISABLE_TICK, 1), Fault::WatchdogReset),
+    vents("sampling-timer-stops", "control on old samples", Injection::Tick(STOP_SAMPLING_TIMER, 1), Fault::DeadlineMissed),
+    vents("converter-switched-off", "control on old samples", Injection::Tick(STOP_CONVERTER, 1), Fault::DeadlineMissed),
+    vents("drive-switched-off", "no pressure", Injection::Tick(STOP_DRIVE, 1), Fault::OutputMismatch),
+    vents("pins-become-inputs", "no order reaches the dump valve", Injection::Tick(RELEASE_PINS, 1), Fault::OutputMismatch),
+    vents("clocks-of-outputs-stop", "outputs frozen", Injection::Tick(STOP_CLOCKS, 1), Fault::OutputMismatch),
+    vents("count-of-milliseconds-stops", "lost ticks unseen", Injection::Tick(STOP_TIME, 1), Fault::DeadlineMissed),
     row("cut-while-erasing-for-a-model", "another model after the next start", Injection::CutWhileUploading(1), Expected::OldOrNew),
     row("cut-in-a-model", "another model after the next start", Injection::CutWhileUploading(40), Expected::OldOrNew),
     row("cut-in-a-models-last-words", "another model after the next start", Injection::CutWhileUploading(0), Expected::OldOrNew),
     row("erase-takes-two-seconds", "watchdog bites", Injection::SlowErase, Expected::OldOrNew),
     row("frames-of-another-session", "pressure that nobody asked for", Injection::OtherSession, Expected::Bounded),
+    row("frames-of-the-boot-before", "pressure that nobody asked for", Injection::BootBefore, Expected::Restarts(SAFE_WITHIN_MS)),
     row("an-old-frame-again", "pressure that nobody asked for", Injection::OldFrame, Expected::Bounded),
     row("babble-beside-the-host", "ticks that come late", Injection::BabbleBesideTheHost, Expected::Bounded),
     row("cut-at-every-operation", "other limits after the next start", Injection::CutAtEveryOperation, Expected::OldOrNew),
+    row("settings-half-erased", "laxer limits", Injection::HalfSettings, Expected::StaysVented(Fault::SettingsInvalid)),
     row("settings-bits", "laxer limits", Injection::SettingsBits, Expected::Bounded),
     row("model-bits", "another model", Injection::ModelBits, Expected::Bounded),
     row("memory-bits", "any", Injection::MemoryBits, Expected::Bounded),
@@ -265,13 +319,31 @@ pub const ROWS: &[Row] = &[
 /// A slice of the matrix that meets every fault and every expectation: the first row of each, and what sweeps over flash.
 #[must_use]
 pub fn slice() -> Vec<&'static Row> {
+    let sweeps = |row: &Row| matches!(row.injection, Injection::SettingsBits | Injection::CutAtEveryOperation);
+    first_of_each_end(|_| true).into_iter().chain(ROWS.iter().filter(|row| sweeps(row))).collect()
+}
+
+/// The same for a second chip: only what strikes in the chip itself, since sensors, pressure and host meet the same program as on the first.
+#[must_use]
+pub fn slice_in_the_chip(known: &[&str]) -> Vec<&'static Row> {
+    use Injection::{BabbleBesideTheHost, Chip, ChipWith, Pulse, ResetIn, Start, Tick};
+    let rows = first_of_each_end(|row| {
+        let in_the_chip = matches!(row.injection, Chip(_) | ChipWith(..) | Pulse(_) | ResetIn(_) | Start(..) | Tick(..));
+        in_the_chip && known.contains(&row.name)
+    });
+    rows.into_iter().chain(ROWS.iter().filter(|row| row.injection == BabbleBesideTheHost)).collect()
+}
+
+/// Of those that are meant, the first row of each end.
+fn first_of_each_end(is_meant: impl Fn(&Row) -> bool) -> Vec<&'static Row> {
     let mut met = Vec::new();
-    let is_in = |row: &&Row| {
-        let is_new = !met.contains(&row.expected);
-        if is_new {
-            met.push(row.expected);
-        }
-        is_new || matches!(row.injection, Injection::SettingsBits | Injection::CutAtEveryOperation)
-    };
-    ROWS.iter().filter(is_in).collect()
+    ROWS.iter()
+        .filter(|row| {
+            let is_new = is_meant(row) && !met.contains(&row.expected);
+            if is_new {
+                met.push(row.expected);
+            }
+            is_new
+        })
+        .collect()
 }

@@ -16,6 +16,7 @@
 //! Every other peripheral has its registers and no model; a run lists those that the image touches.
 
 pub mod beside;
+pub mod bus;
 pub mod capture;
 pub mod crystal;
 pub mod dac;
@@ -23,4 +24,5 @@ pub mod flash;
 pub mod held;
 pub mod lines;
 pub mod part;
+pub mod pins;
 pub mod sampling;

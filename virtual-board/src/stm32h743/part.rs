@@ -12,6 +12,8 @@ use rigless::snapshot::Store;
 use rigless::soc::stm32h743::generated::{self, gpioa, rcc as rcc_registers, tim17};
 use rigless::soc::stm32h743::peripherals::adc::{Adc, AdcCommon, Block, Channel, Converter};
 use rigless::soc::stm32h743::peripherals::dbg::Dbg;
+use rigless::soc::stm32h743::peripherals::dma::{DMA1_FIRST_CHANNEL, Dma};
+use rigless::soc::stm32h743::peripherals::dmamux::Dmamux1;
 use rigless::soc::stm32h743::peripherals::exti::Exti;
 use rigless::soc::stm32h743::peripherals::flash::Flash;
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, PORTS, Pin};
@@ -71,6 +73,8 @@ enum Model {
     SamplingTimer,
     Timer(usize),
     Dac,
+    Transfers,
+    TransferRequests,
     Capture,
     Watchdog,
     Debug,
@@ -120,6 +124,8 @@ pub struct Stm32h743 {
     sampling_timer: With<Tim<General>, TriggerOutput>,
     timers: [Tim<General>; OTHER_TIMERS.len()],
     dac: Dac,
+    transfers: Dma,
+    transfer_requests: Dmamux1,
     capture: Capture<tim17::Register>,
     watchdog: Iwdg,
     debug: Dbg,
@@ -145,6 +151,8 @@ impl Stm32h743 {
             (Converter::Adc3.instance(), Model::ReferenceConverter),
             ("TIM2", Model::SamplingTimer),
             (generated::DAC.name, Model::Dac),
+            (generated::DMA1.name, Model::Transfers),
+            (generated::DMAMUX1.name, Model::TransferRequests),
             (generated::TIM17.name, Model::Capture),
             (generated::IWDG.name, Model::Watchdog),
             (generated::DBGMCU.name, Model::Debug),
@@ -174,6 +182,8 @@ impl Stm32h743 {
             sampling_timer: With { model: Tim::new(TIMERS[SAMPLING_TIMER]), beside: TriggerOutput::default() },
             timers: OTHER_TIMERS.map(|timer| Tim::new(TIMERS[timer])),
             dac: Dac::default(),
+            transfers: Dma::new(DMA1_FIRST_CHANNEL),
+            transfer_requests: Dmamux1::new(),
             capture: Capture::default(),
             watchdog: Iwdg::default(),
             debug: Dbg,
@@ -325,6 +335,8 @@ impl Mcu for Stm32h743 {
             Model::SamplingTimer => Some(&mut self.sampling_timer),
             Model::Timer(nth) => Some(&mut self.timers[nth]),
             Model::Dac => Some(&mut self.dac),
+            Model::Transfers => Some(&mut self.transfers),
+            Model::TransferRequests => Some(&mut self.transfer_requests),
             Model::Capture => Some(&mut self.capture),
             Model::Watchdog => Some(&mut self.watchdog),
             Model::Debug => Some(&mut self.debug),
@@ -339,8 +351,8 @@ impl Store for Stm32h743 {}
 impl RigPart for Stm32h743 {
     const NAME: &'static str = "stm32h743";
     const CORE_HZ: NonZeroU64 = const { NonZeroU64::new(400_000_000).unwrap() };
-    // The data TCM and the AXI SRAM.
-    const FORGETFUL: &'static [(u64, u64)] = &[(0x2000_0000, 128 << 10), (0x2400_0000, 512 << 10)];
+    // The data TCM, the AXI SRAM and SRAM1.
+    const FORGETFUL: &'static [(u64, u64)] = &[(0x2000_0000, 128 << 10), (0x2400_0000, 512 << 10), (0x3000_0000, 128 << 10)];
     // DS12110 table 118: 16 bits at 3.3 V, of the 1.216 V of the converter's model.
     const CALIBRATION: (u64, u32) = (0x1ff1_e860, 1216 * 65535 / 3300);
 

@@ -7,18 +7,22 @@
 //! | models and settings (bank 2) | 0x0810_0000 to 0x081f_ffff | yes | while a word is programmed | no |
 //! | data TCM | 0x2000_0000 to 0x2001_ffff | yes | yes | no |
 //! | AXI SRAM, unused | 0x2400_0000 to 0x2407_ffff | no | no | no |
+//! | SRAM1 to SRAM4, backup SRAM, unused but for the next | 0x3000_0000 to 0x3fff_ffff | no | no | no |
+//! | the line's buffers in SRAM1, not cached | 0x3000_0000 to 0x3000_07ff | yes | yes | no |
 //!
 //! The stack is the lowest thing in the data TCM and grows down, so what overflows it meets the first region, and a hard fault vents.
 
 use crate::board::memory_map::{Access, Region};
 
 /// All regions; the place is the number.
-pub const REGIONS: [Region; 5] = [
+pub const REGIONS: [Region; 7] = [
     Region { base: 0x1fff_c000, length_log2: 14, access: Access::None },
     Region { base: 0x0800_0000, length_log2: 20, access: Access::ReadExecute },
     DATA_FLASH_CLOSED,
     Region { base: 0x2000_0000, length_log2: 17, access: Access::ReadWrite },
     Region { base: 0x2400_0000, length_log2: 19, access: Access::None },
+    Region { base: 0x3000_0000, length_log2: 28, access: Access::None },
+    Region { base: 0x3000_0000, length_log2: 11, access: Access::Shared },
 ];
 /// The region of [`REGIONS`] that holds models and settings.
 pub const DATA_FLASH: u32 = 2;
@@ -42,6 +46,8 @@ mod tests {
             ([0x0810_0000, 0x081f_fffc], (true, false, false)),
             ([0x2000_0000, 0x2001_fffc], (true, true, false)),
             ([0x2400_0000, 0x2407_fffc], (false, false, false)),
+            ([0x3000_0000, 0x3000_07fc], (true, true, false)),
+            ([0x3000_0800, 0x3880_0ffc], (false, false, false)),
         ] {
             for address in addresses {
                 assert_eq!(allows(&REGIONS, address), Some(expected), "{address:#x}");

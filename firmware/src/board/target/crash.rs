@@ -5,7 +5,7 @@ use core::mem::MaybeUninit;
 use model_export::link::fault::Fault;
 
 use crate::board::chip::registers::vent;
-use crate::board::tick_task::RecordKeeper;
+use crate::board::tick_task::CrashMemory;
 use crate::history::{HistoryMemory, HistoryWords, WORDS};
 use crate::retain::{Retained, SEALED_BYTES};
 
@@ -69,32 +69,32 @@ pub fn take() -> Option<Retained> {
 
 /// Keeps the tick's record.
 #[derive(Debug)]
-pub struct Keeper(());
+pub struct NoInitMemory(());
 
-impl Keeper {
+impl NoInitMemory {
     /// # Safety
-    /// One keeper for the whole program, in the tick.
+    /// One for the whole program, in the tick.
     pub const unsafe fn new() -> Self {
         Self(())
     }
 }
 
-impl HistoryWords for Keeper {
+impl HistoryWords for NoInitMemory {
     fn read(&self, word: usize) -> u32 {
         LastTicks.read(word)
     }
 }
 
-impl HistoryMemory for Keeper {
+impl HistoryMemory for NoInitMemory {
     fn write(&mut self, word: usize, value: u32) {
         if let Some(place) = history_word(word) {
-            // SAFETY: within the array, and only the one keeper writes; volatile, because it is read after a reset.
+            // SAFETY: within the array, and only the one of the tick writes; volatile, because it is read after a reset.
             unsafe { place.write_volatile(value) };
         }
     }
 }
 
-impl RecordKeeper for Keeper {
+impl CrashMemory for NoInitMemory {
     fn keep(&mut self, sealed: &[u8; SEALED_BYTES]) {
         write(sealed);
     }

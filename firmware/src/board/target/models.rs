@@ -25,16 +25,16 @@ static mut WEIGHTS: MaybeUninit<[u32; MAX_PACKED_WORDS]> = MaybeUninit::uninit()
 
 /// The tick's side: a model while there is one.
 #[derive(Debug, Default)]
-pub struct Tenant(Option<&'static mut BoardModel>);
+pub struct LoadedModel(Option<&'static mut BoardModel>);
 
-impl Tenant {
+impl LoadedModel {
     /// Without a model.
     pub const fn none() -> Self {
         Self(None)
     }
 }
 
-impl ModelStep for Tenant {
+impl ModelStep for LoadedModel {
     fn step(&mut self, pressure_bar: f32) -> f32 {
         self.0.as_mut().map_or(f32::NAN, |model| model.step(pressure_bar))
     }
@@ -68,8 +68,8 @@ impl ModelStep for Tenant {
 
 /// The background's side.
 #[derive(Debug)]
-pub struct Room<X> {
-    tenant: X,
+pub struct ModelSlot<X> {
+    loaded: X,
     place: Option<&'static mut BoardModel>,
     budget: StepBudget<Counter>,
 }
@@ -84,19 +84,19 @@ impl StepTimer for Counter {
     }
 }
 
-impl<X: Mutex<T = Tenant>> Room<X> {
+impl<X: Mutex<T = LoadedModel>> ModelSlot<X> {
     /// Over the tick's resource and the place for a model.
     ///
     /// # Safety
-    /// One room for the whole program, and bytes of the models' sectors that were admitted must not change from [`ModelPlace::admit`] to
+    /// One slot for the whole program, and bytes of the models' sectors that were admitted must not change from [`ModelPlace::admit`] to
     /// [`ModelPlace::forget`]. [`crate::background`] keeps that: it forgets a model before its slot can be written, and flash in use refuses to be.
-    pub const unsafe fn new(tenant: X, place: Option<&'static mut BoardModel>, cycles_per_tick: u32) -> Self {
+    pub const unsafe fn new(loaded: X, place: Option<&'static mut BoardModel>, cycles_per_tick: u32) -> Self {
         let budget = StepBudget { timer: Counter, cycles: cycles_per_tick / 100 * STEP_SHARE_PERCENT };
-        Self { tenant, place, budget }
+        Self { loaded, place, budget }
     }
 }
 
-impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
+impl<X: Mutex<T = LoadedModel>> ModelPlace for ModelSlot<X> {
     fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.forget();
         let Some(place) = &mut self.place else { return Err(Fault::InternalInconsistent) };
@@ -106,7 +106,7 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
         // SAFETY: it lies within the models' sectors, as has just been checked: mapped flash, which is readable for ever and no object of Rust's.
         // The model that reads it goes in `forget` at the latest, until when nobody changes it, by the contract of `new`.
         let blob: &'static [u8] = unsafe { core::slice::from_raw_parts(blob.as_ptr(), blob.len()) };
-        // SAFETY: the only access to this memory, by the only room. The model that had it before has just gone. Zeroed, hence initialised.
+        // SAFETY: the only access to this memory, by the only slot. The model that had it before has just gone. Zeroed, hence initialised.
         let weights = unsafe {
             let words = (&raw mut WEIGHTS).cast::<u32>();
             words.write_bytes(0, MAX_PACKED_WORDS);
@@ -114,13 +114,13 @@ impl<X: Mutex<T = Tenant>> ModelPlace for Room<X> {
         };
         let facts = place.admit_within(blob, weights, &self.budget)?;
         if let Some(place) = self.place.take() {
-            self.tenant.lock(|tenant| tenant.0 = Some(place));
+            self.loaded.lock(|loaded| loaded.0 = Some(place));
         }
         Ok(facts)
     }
 
     fn forget(&mut self) {
-        if let Some(place) = self.tenant.lock(|tenant| tenant.0.take()) {
+        if let Some(place) = self.loaded.lock(|loaded| loaded.0.take()) {
             self.place = Some(place);
         }
         if let Some(place) = &mut self.place {

@@ -101,7 +101,7 @@ fn read_in_turn(turn: u8) -> u8 {
 
 impl SampleSource for Sampler {
     fn sample(&mut self) -> RawSample {
-        // The tick may also have been started by the guard, because no conversion came.
+        // The tick may also have been started by the tick monitor, because no conversion came.
         if self.converter.sr().read().jeoc().bit_is_clear() {
             return RawSample::MISSING;
         }
@@ -151,10 +151,10 @@ pub unsafe fn chip_calibration() -> Option<ChipThermometer> {
     ChipThermometer::new(code_30, code_110)
 }
 
-/// Starts the guard: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.
+/// Starts the tick monitor: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.
 ///
 /// The sampling's own timer tells when half of its period is over. The bound is for one that stands still: then there is no phase to keep.
-pub fn start_guard(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
+pub fn start_tick_monitor(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(rates.cycles_per_tick() - 1);
     let period = rates.timer_counts_per_tick();

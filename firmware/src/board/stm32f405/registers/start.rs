@@ -20,7 +20,7 @@ use crate::board::stm32f405::flash::InternalFlash;
 use crate::board::stm32f405::{brown_out, reset_cause};
 use crate::board::target::cycles::Cycles;
 use crate::board::target::{crash, identity, protection};
-use crate::board::tick_task::Hands;
+use crate::board::tick_task::TickIo;
 use crate::storage::Sectors;
 
 /// The board that this build is for, on its chip.
@@ -50,7 +50,7 @@ impl Board for ThisBoard {
     type StopPin = pins::StopPin;
     type Watchdog = watchdog::Timer;
     type Counter = Cycles;
-    type Keeper = crash::Keeper;
+    type CrashMemory = crash::NoInitMemory;
     type Line = serial::SerialLine;
     type LineInterrupt = serial::Port;
     type Flash = Sectors<Logged<InternalFlash<Controller>>>;
@@ -103,7 +103,7 @@ impl Board for ThisBoard {
             // SAFETY: as above.
             thermometer: (clock.source == Source::Crystal).then(|| unsafe { sampling::chip_calibration() }).flatten(),
             build: identity::read(clock.source == Source::Crystal),
-            hands: Hands {
+            io: TickIo {
                 source,
                 analogue,
                 pulse,
@@ -112,7 +112,7 @@ impl Board for ThisBoard {
                 watchdog,
                 counter: Cycles::start(&mut core.DCB, core.DWT),
                 // SAFETY: the only one.
-                keeper: unsafe { crash::Keeper::new() },
+                crash_memory: unsafe { crash::NoInitMemory::new() },
             },
             line,
             line_interrupt,
@@ -125,7 +125,7 @@ impl Board for ThisBoard {
 
     fn begin((mut tick_monitor, rates): (SYST, Rates), sampling: &mut Sampler) {
         sampling.begin();
-        sampling::start_guard(&mut tick_monitor, sampling, rates);
+        sampling::start_tick_monitor(&mut tick_monitor, sampling, rates);
     }
 
     fn read_pulse(expectation: &PulseExpectation) -> (ExpectedPulse, PulseReading) {

@@ -212,7 +212,7 @@ pub unsafe fn reference_calibration() -> u16 {
 /// Starts the tick monitor: an interrupt each period, half a period away from the sampling's. Both count the same clock, so the distance stays.
 ///
 /// The sampling's own timer tells when half of its period is over. The bound is for one that stands still: then there is no phase to keep.
-pub fn start_guard(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
+pub fn start_tick_monitor(syst: &mut SYST, sampler: &Sampler, rates: Rates) {
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(rates.cycles_per_tick() - 1);
     let period = rates.timer_counts_per_tick();

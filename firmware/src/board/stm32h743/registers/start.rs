@@ -21,7 +21,7 @@ use crate::board::stm32h743::flash::InternalFlash;
 use crate::board::stm32h743::reset_cause;
 use crate::board::target::cycles::Cycles;
 use crate::board::target::{crash, identity, protection};
-use crate::board::tick_task::Hands;
+use crate::board::tick_task::TickIo;
 
 /// The board that this build is for, on its chip.
 pub struct ThisBoard;
@@ -50,7 +50,7 @@ impl Board for ThisBoard {
     type StopPin = pins::StopPin;
     type Watchdog = watchdog::Timer;
     type Counter = Cycles;
-    type Keeper = crash::Keeper;
+    type CrashMemory = crash::NoInitMemory;
     type Line = serial::SerialLine;
     type LineInterrupt = serial::Port;
     type Flash = InternalFlash<Controller>;
@@ -93,7 +93,7 @@ impl Board for ThisBoard {
             timer: device.TIM2,
         };
         let source = Sampler::new(rcc, parts, rates);
-        let (line_interrupt, line) = serial::start(rcc, device.USART3, rates, line);
+        let (line_interrupt, line) = serial::start(rcc, device.USART3, device.DMA1, &device.DMAMUX1, rates, line);
 
         // SAFETY: both controllers go into the link, which runs in the background alone.
         let controller = || unsafe { Controller::new(exchange) };
@@ -107,7 +107,7 @@ impl Board for ThisBoard {
             reference_calibration: (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() }),
             thermometer: None,
             build: identity::read(clock.source == Source::Crystal),
-            hands: Hands {
+            io: TickIo {
                 source,
                 analogue,
                 pulse,
@@ -116,7 +116,7 @@ impl Board for ThisBoard {
                 watchdog,
                 counter: Cycles::start(&mut core.DCB, core.DWT),
                 // SAFETY: the only one.
-                keeper: unsafe { crash::Keeper::new() },
+                crash_memory: unsafe { crash::NoInitMemory::new() },
             },
             line,
             line_interrupt,
@@ -129,7 +129,7 @@ impl Board for ThisBoard {
 
     fn begin((mut tick_monitor, rates): (SYST, Rates), sampling: &mut Sampler) {
         sampling.begin();
-        sampling::start_guard(&mut tick_monitor, sampling, rates);
+        sampling::start_tick_monitor(&mut tick_monitor, sampling, rates);
     }
 
     fn read_pulse(expectation: &PulseExpectation) -> (ExpectedPulse, PulseReading) {

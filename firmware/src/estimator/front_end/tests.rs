@@ -1,0 +1,164 @@
+use super::*;
+use heapless::Vec;
+use model_export::schema::Feature;
+
+fn channel() -> Channel<'static> {
+    Channel { quantity: "pressure", unit: "bar", offset: 1.0, scale: 2.0, minimum: 0.0, maximum: 3.0 }
+}
+
+fn feature(source: FeatureSource) -> Feature {
+    Feature { source, offset: 0.0, gain: 1.0 }
+}
+
+fn config() -> schema::FrontEnd {
+    schema::FrontEnd {
+        lag_coefficient: 1.0,
+        play_thresholds: Vec::from_slice(&[0.0, 0.25]).unwrap(),
+        play_weights: Vec::from_slice(&[0.5, 0.25]).unwrap(),
+        ..schema::FrontEnd::default()
+    }
+}
+
+#[test]
+fn follows_the_play_equation_by_hand() {
+    let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    // u = -0.5, 0.5, 0.25, -0.5: the second operator goes -0.25, 0.25, 0.25, -0.25. All values are exact in binary.
+    let expected = [(0.0, -0.3125), (2.0, 0.3125), (1.5, 0.1875), (0.0, -0.3125)];
+    for (raw, readout) in expected {
+        assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]).readout, readout);
+    }
+}
+
+#[test]
+fn delays_by_fractions_of_a_sample_and_lags() {
+    let config = schema::FrontEnd { dead_time_samples: 1.25, lag_coefficient: 0.5, input_weight: 1.0, ..schema::FrontEnd::default() };
+    let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    front_end.step(&mut state, &[1.0], &mut [0.0; 0]);
+    // A unit step in u, delayed: 0, 0.75, 1, 1; lagged by halves: 0, 0.375, 0.6875, 0.84375.
+    let paths = [0.0, 0.375, 0.6875, 0.84375].map(|expected| (front_end.step(&mut state, &[3.0], &mut [0.0; 0]).path, expected));
+    for (path, expected) in paths {
+        assert_eq!(path, expected);
+    }
+}
+
+#[test]
+fn the_longest_dead_time_is_exact() {
+    let config = schema::FrontEnd { dead_time_samples: 32.0, lag_coefficient: 1.0, input_weight: 1.0, ..schema::FrontEnd::default() };
+    let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    for sample in 0..100u8 {
+        let path = front_end.step(&mut state, &[f32::from(sample)], &mut [0.0; 0]).path;
+        assert_eq!(path, (f32::from(sample.saturating_sub(32)) - 1.0) / 2.0);
+    }
+}
+
+#[test]
+fn creep_starts_at_equilibrium_and_follows_the_sum() {
+    let mut config = config();
+    config.creep_coefficients.push(0.25).unwrap();
+    config.creep_weights.push(2.0).unwrap();
+    let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    assert_eq!(front_end.step(&mut state, &[0.0], &mut [0.0; 0]).readout, -0.3125 * 3.0);
+    assert_eq!(front_end.step(&mut state, &[2.0], &mut [0.0; 0]).readout, 0.3125 + 2.0 * (-0.3125 + 0.25 * 0.625));
+}
+
+#[test]
+fn the_curve_bends_the_sum_by_hand() {
+    let curve = Curve {
+        offset: 0.25,
+        slope: 0.0,
+        bend_points: Vec::from_slice(&[-0.5, 0.0, 0.5]).unwrap(),
+        bends: Vec::from_slice(&[1.0, 1.0, -2.0]).unwrap(),
+    };
+    let config = schema::FrontEnd { lag_coefficient: 1.0, input_weight: 1.0, curve: Some(curve), ..schema::FrontEnd::default() };
+    let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    // u = -1, -0.5, -0.25, 0, 0.25, 0.5, 1: flat, then slope 1, then slope 2, then flat again.
+    let expected = [(-1.0, 0.25), (0.0, 0.25), (0.5, 0.5), (1.0, 0.75), (1.5, 1.25), (2.0, 1.75), (3.0, 1.75)];
+    for (raw, readout) in expected {
+        assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]).readout, readout);
+    }
+}
+
+#[test]
+fn features_are_the_signals_the_schema_names() {
+    let mut config = config();
+    config.dead_time_samples = 1.0;
+    let sources = [
+        FeatureSource::Input,
+        FeatureSource::InputDifference,
+        FeatureSource::Path,
+        FeatureSource::PathDifference,
+        FeatureSource::Play(1),
+        FeatureSource::Stop(1),
+        FeatureSource::Readout,
+    ];
+    config.features.extend(sources.map(feature));
+    config.features.push(Feature { source: FeatureSource::Input, offset: 0.5, gain: 2.0 }).unwrap();
+    let front_end = FrontEnd::new(&config, &channel(), &[]).unwrap();
+    let mut state = FrontEndState::default();
+    let mut features = [f32::NAN; 8];
+    front_end.step(&mut state, &[0.0], &mut features);
+    assert_eq!(features, [-0.5, 0.0, -0.5, 0.0, -0.25, -1.0, -0.3125, -2.0]);
+    front_end.step(&mut state, &[2.0], &mut features);
+    assert_eq!(features, [0.5, 1.0, -0.5, 0.0, -0.25, -1.0, -0.3125, 0.0]);
+    front_end.step(&mut state, &[2.0], &mut features);
+    assert_eq!(features, [0.5, 0.0, 0.5, 1.0, 0.25, 1.0, 0.3125, 0.0]);
+}
+
+#[test]
+fn a_sample_that_is_no_measurement_is_held_and_counted() {
+    let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1.0e5] {
+        let (mut state, mut reference) = (FrontEndState::default(), FrontEndState::default());
+        front_end.step(&mut state, &[2.0], &mut [0.0; 0]);
+        front_end.step(&mut reference, &[2.0], &mut [0.0; 0]);
+        let output = front_end.step(&mut state, &[bad], &mut [0.0; 0]);
+        assert!(output.held);
+        assert_eq!(output.readout, front_end.step(&mut reference, &[2.0], &mut [0.0; 0]).readout);
+        assert_eq!(state.held_samples(), 1);
+    }
+}
+
+#[test]
+fn a_bad_first_sample_leaves_the_start_to_the_first_good_one() {
+    let front_end = FrontEnd::new(&config(), &channel(), &[]).unwrap();
+    let (mut state, mut fresh) = (FrontEndState::default(), FrontEndState::default());
+    // At rest: u = -0.5, as in the hand calculation.
+    assert_eq!(front_end.step(&mut state, &[f32::NAN], &mut [0.0; 0]).readout, -0.3125);
+    for raw in [2.5, 1.0, 1.7] {
+        assert_eq!(front_end.step(&mut state, &[raw], &mut [0.0; 0]), front_end.step(&mut fresh, &[raw], &mut [0.0; 0]));
+    }
+}
+
+#[test]
+fn refuses_what_it_could_not_run() {
+    let refused = |change: fn(&mut schema::FrontEnd)| {
+        let mut config = config();
+        change(&mut config);
+        FrontEnd::new(&config, &channel(), &[]).unwrap_err().field
+    };
+    assert_eq!(refused(|config| config.dead_time_samples = 32.5), "front_end.dead_time_samples");
+    assert_eq!(refused(|config| config.dead_time_samples = f32::NAN), "front_end.dead_time_samples");
+    assert_eq!(refused(|config| config.lag_coefficient = 0.0), "front_end.lag_coefficient");
+    assert_eq!(refused(|config| config.play_thresholds[0] = 0.5), "front_end.play_thresholds");
+    assert_eq!(refused(|config| config.play_weights.truncate(1)), "front_end.play_weights");
+    let curve = |points: &[f32], bends: &[f32]| {
+        Some(Curve {
+            slope: 1.0,
+            bend_points: Vec::from_slice(points).unwrap(),
+            bends: Vec::from_slice(bends).unwrap(),
+            ..Curve::default()
+        })
+    };
+    let refused_curve = |curve: Option<Curve>| FrontEnd::new(&schema::FrontEnd { curve, ..config() }, &channel(), &[]).unwrap_err().field;
+    assert_eq!(refused_curve(curve(&[0.5, 0.5], &[1.0, 1.0])), "front_end.curve.bend_points");
+    assert_eq!(refused_curve(curve(&[0.5], &[])), "front_end.curve.bends");
+    assert_eq!(refused_curve(curve(&[0.5], &[f32::NAN])), "front_end.curve.bends");
+    assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Play(2))).unwrap()), "front_end.features");
+    // The first operator has threshold zero: there is no stop to divide by.
+    assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Stop(0))).unwrap()), "front_end.features");
+}
