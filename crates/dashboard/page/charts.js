@@ -132,9 +132,9 @@ function build() {
   add("chart-pressure", "bar", ["command", "pressure"], [curve("Commanded", "command", { dash: [6, 4] }), curve("Measured", "measured")], tall,
     { marks: true, range: atLeast(0.5, 0) });
   const unseen = (label) => curve(label, "estimate", { width: 0, class: "unseen" });
-  add("chart-displacement", "mm", ["displacement", "estimate", "upper", "lower"],
-    [curve("Laser", "laser"), curve("Estimate", "estimate"), unseen("Bound above"), unseen("Bound below")], tall,
-    { range: atLeast(0.5), bands: [{ series: [3, 4], fill: colour("band") }] });
+  add("chart-displacement", "mm", ["displacement", "estimate", "reference", "upper", "lower"],
+    [curve("Laser", "laser"), curve("Estimate", "estimate"), curve("Reference", "command", { dash: [6, 4] }), unseen("Bound above"), unseen("Bound below")], tall,
+    { range: atLeast(0.5), bands: [{ series: [4, 5], fill: colour("band") }] });
   add("chart-residual", "mm", ["residual"], [curve("Laser − estimate", "laser")], 130, { range: atLeast(0.1) });
   draw(true);
 }

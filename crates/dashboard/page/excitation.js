@@ -1,7 +1,8 @@
 // Excitations: chosen, drawn, checked against the rig's limits, and loaded; what is drawn is what the device will play.
 
-import { $, act, colour, download, make, number, request } from "./elements.js";
+import { $, act, download, make, number, request } from "./elements.js";
 import { choose } from "./operate.js";
+import { sketch } from "./sketch.js";
 
 const field = (name, label, value, more = {}) => ({ name, label, value, step: "any", ...more });
 const range = [field("minimum_bar", "Lowest / bar", 0), field("maximum_bar", "Highest / bar", 2)];
@@ -62,55 +63,7 @@ async function check() {
 }
 
 export function draw() {
-  const canvas = $("excitation-canvas");
-  if (!preview || !canvas || canvas.clientWidth === 0) return;
-  const [width, height, ratio] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
-  canvas.width = width * ratio;
-  canvas.height = height * ratio;
-  const context = canvas.getContext("2d");
-  context.scale(ratio, ratio);
-  const values = preview.pressure_bar;
-  const top = Math.max(preview.ceiling_bar, ...downsample(values, width).map(([, high]) => high)) * 1.08;
-  const y = (bar) => height - 18 - (bar / top) * (height - 26);
-  const x = (share) => 40 + share * (width - 50);
-  context.font = "11px sans-serif";
-  context.fillStyle = colour("muted");
-  context.strokeStyle = colour("grid");
-  for (let bar = 0; bar <= top; bar += top > 2.5 ? 1 : 0.5) {
-    context.strokeRect(x(0), y(bar), x(1) - x(0), 0);
-    context.fillText(`${bar} bar`, 2, y(bar) + 4);
-  }
-  context.fillText("0 s", x(0), height - 3);
-  context.textAlign = "right";
-  context.fillText(`${number(values.length * preview.period_s, 1)} s`, x(1), height - 3);
-  context.strokeStyle = colour("bad");
-  context.setLineDash([6, 4]);
-  context.beginPath();
-  context.moveTo(x(0), y(preview.ceiling_bar));
-  context.lineTo(x(1), y(preview.ceiling_bar));
-  context.stroke();
-  context.fillStyle = colour("muted");
-  context.fillText("ceiling", x(1), y(preview.ceiling_bar) - 4);
-  context.setLineDash([]);
-  context.strokeStyle = colour("measured");
-  context.lineWidth = 1.5;
-  context.beginPath();
-  downsample(values, width).forEach(([low, high], nth, all) => {
-    context.lineTo(x(nth / all.length), y(low));
-    context.lineTo(x(nth / all.length), y(high));
-  });
-  context.stroke();
-}
-
-function downsample(values, places) {
-  const stride = Math.max(1, Math.ceil(values.length / places));
-  const result = [];
-  for (let at = 0; at < values.length; at += stride) {
-    let [low, high] = [values[at], values[at]];
-    for (let nth = at; nth < Math.min(values.length, at + stride); nth++) [low, high] = [Math.min(low, values[nth]), Math.max(high, values[nth])];
-    result.push([low, high]);
-  }
-  return result;
+  if (preview) sketch($("excitation-canvas"), preview.pressure_bar, preview.pressure_bar.length * preview.period_s, { unit: "bar", ceiling: preview.ceiling_bar, low: 0 });
 }
 
 export function start() {

@@ -12,7 +12,12 @@ export const CHANNELS = {
   displacement: { name: "Displacement (laser)", short: "Laser", unit: "mm", at: 32 },
   estimate: { name: "Estimate", short: "Estimate", unit: "mm", at: 36 },
   residual: { name: "Residual", short: "Residual", unit: "mm" },
+  reference: { name: "Reference", short: "Reference", unit: "mm" },
 };
+const RUNNING = 4;
+/** Whether set-points are displacements. */
+let inMillimetres = false;
+export const follow = (displacement) => (inMillimetres = displacement);
 
 const columns = { time: new Float64Array(SIZE) };
 for (const name of Object.keys(CHANNELS)) columns[name] = new Float32Array(SIZE);
@@ -44,6 +49,7 @@ export function push(view, size, count, bound) {
     columns.time[slot] = time;
     for (const [name, channel] of Object.entries(CHANNELS)) if (channel.at) columns[name][slot] = view.getFloat32(at + channel.at, true);
     columns.residual[slot] = columns.displacement[slot] - columns.estimate[slot];
+    columns.reference[slot] = inMillimetres && view.getUint8(at + 48) === RUNNING ? columns.set[slot] : NaN;
     notices[slot] = view.getUint32(at + 40, true);
     phases[slot] = view.getUint8(at + 48);
     faults[slot] = view.getUint8(at + 49);

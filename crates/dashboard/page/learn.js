@@ -4,6 +4,7 @@ import { $, act, download, make, mayConfigure, mayOperate, number, request, say 
 
 let polling = null;
 let recording = null;
+let finished = 0;
 const chosen = new Set();
 
 function stamp() {
@@ -70,9 +71,22 @@ async function jobs() {
     const report = $("job-report");
     report.hidden = !last.report;
     if (last.report && report.getAttribute("src") !== last.report) report.src = last.report;
+    $("job-use").hidden = !last.model;
+    $("job-use").disabled = !mayConfigure();
+    finished = last.number;
   }
   clearTimeout(polling);
   if (last?.running) polling = setTimeout(() => jobs().catch(() => null), 700);
+}
+
+/** The model of the last computation goes to the device, with the settings that belong to it. */
+async function use() {
+  try {
+    const { model_id: id } = await request("POST", `/api/jobs/${finished}/use`);
+    say(`The device checked the model and uses it: ${id}. Its estimate is drawn beside the laser.`);
+  } catch (problem) {
+    say(problem.message, true);
+  }
 }
 
 async function upload(event) {
@@ -117,7 +131,8 @@ export function start() {
     make("tbody", { id: "recordings" })),
     make("div", { class: "row", id: "jobs-kinds" }),
     make("div", { class: "row" }, make("span", { id: "job-title", role: "status" }),
-      make("button", { id: "job-end", type: "button", hidden: true, onclick: () => request("DELETE", "/api/jobs").catch(() => null) }, "End it")),
+      make("button", { id: "job-end", type: "button", hidden: true, onclick: () => request("DELETE", "/api/jobs").catch(() => null) }, "End it"),
+      make("button", { id: "job-use", type: "button", class: "main", hidden: true, onclick: use }, "Use on the device")),
     make("pre", { id: "job-lines", class: "lines", hidden: true, tabindex: 0, "aria-label": "What the computation says" }),
     make("iframe", { id: "job-report", title: "Report", hidden: true }),
     make("h3", {}, "Model"),

@@ -1,5 +1,6 @@
 // The page: everything starts here, and the keys that always work.
 
+import * as calibrate from "./calibrate.js";
 import * as charts from "./charts.js";
 import { $, mayConfigure, mayOperate, number, say, self } from "./elements.js";
 import * as excitation from "./excitation.js";
@@ -8,6 +9,7 @@ import * as learn from "./learn.js";
 import { connect, link, on, release, take, vent } from "./link.js";
 import * as loop from "./loop.js";
 import * as operate from "./operate.js";
+import * as reference from "./reference.js";
 import * as settings from "./settings.js";
 
 let state = null;
@@ -64,7 +66,10 @@ function follow(value) {
   banner(problem ? `The rig cannot be reached: ${problem}\nIt vents by itself; this page tries again.` : "", true);
   charts.nameFaults(identity?.fault_table ?? []);
   operate.follow(value, link.open && !problem);
+  history.follow(rig?.mode === "displacement");
   learn.follow(value);
+  calibrate.follow(value);
+  reference.follow(value);
   // The first page that may operate does, unless somebody else does already; one that dozed off beside a vented rig goes on.
   if ((!asked || (lost && !wasEnergised)) && !lease && mayOperate()) take();
   asked = true;
@@ -85,7 +90,7 @@ function health() {
   $("health-time").textContent = `${number(history.lastTime(), 1)} s${rig?.speed && rig.speed < 0.95 ? `, at ${number(rig.speed, 2)} of real time` : ""}`;
 }
 
-const TABS = { excitation, learn, settings, teach: { refresh() {} } };
+const TABS = { excitation, reference, learn, calibrate, settings, teach: { refresh() {} } };
 
 function open(name, focus) {
   for (const other of Object.keys(TABS)) {
@@ -140,6 +145,8 @@ function read() {
 learn.start();
 settings.start();
 excitation.start();
+reference.start();
+calibrate.start();
 operate.start();
 loop.start();
 charts.start();

@@ -61,22 +61,25 @@ function reasons() {
   if (rig.phase === "idle" || rig.phase === "fault") {
     rig.blockers.filter((blocker) => !["wrong-state", "fault-latched"].includes(blocker.name)).forEach((blocker) => list.push(line(blocker, "")));
   }
-  if (list.length === 0 && rig.phase === "idle") list.push(make("div", { class: "reason fine" }, "Vented and ready. Nothing blocks arming."));
-  if (rig.phase === "armed") list.push(make("div", { class: "reason" }, "Armed: the dump valve is closed, the output is zero. Start lets the output move."));
+  if (list.length === 0 && rig.phase === "idle" && !rig.task) list.push(make("div", { class: "reason fine" }, "Vented and ready. Nothing blocks arming."));
+  if (rig.task) {
+    list.push(make("div", { class: "reason" }, rig.task.kind === "follow" ? "A reference runs by itself. Vent ends it." : "A step of the calibration runs by itself. Vent ends it."));
+  } else if (rig.phase === "armed") list.push(make("div", { class: "reason" }, "Armed: the dump valve is closed, the output is zero. Start lets the output move."));
   return list;
 }
 
 let shown = "";
 
 function explain() {
-  const key = JSON.stringify([rig?.phase, rig?.faults, rig?.fault_record, rig?.phase === "idle" || rig?.phase === "fault" ? rig.blockers : 0]);
+  const key = JSON.stringify([rig?.phase, rig?.task?.kind, rig?.faults, rig?.fault_record, rig?.phase === "idle" || rig?.phase === "fault" ? rig.blockers : 0]);
   if (key === shown) return;
   shown = key;
   $("why").replaceChildren(...reasons());
 }
 
 function buttons() {
-  const may = holds && connected && mayOperate();
+  // What runs by itself is ended by venting.
+  const may = holds && connected && mayOperate() && !rig?.task;
   const phase = rig?.phase;
   const enabled = {
     arm: phase === "idle" && (mode() !== "playback" || rig.playing), start: phase === "armed", stop: phase === "running",

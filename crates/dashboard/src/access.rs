@@ -38,7 +38,7 @@ impl Role {
     pub(crate) const fn needed(action: &Action) -> Self {
         match action {
             Action::Vent => Self::Observe,
-            Action::Set { .. } | Action::Save | Action::Revert { .. } => Self::Configure,
+            Action::Set { .. } | Action::Save | Action::Revert { .. } | Action::Accept => Self::Configure,
             _ => Self::Operate,
         }
     }

@@ -121,6 +121,31 @@ pub(crate) async fn preview(_: Proven, State(shared): State<Shared>, Json(excita
     Ok(Json(json!(preview)))
 }
 
+pub(crate) async fn reference(_: Proven, State(shared): State<Shared>, Json(reference): Json<Value>) -> Answered {
+    Ok(Json(ask(&shared, |answer| Order::Reference(reference, answer)).await??))
+}
+
+pub(crate) async fn controllers(_: Proven, State(shared): State<Shared>) -> Answered {
+    Ok(Json(ask(&shared, Order::Controllers).await??))
+}
+
+pub(crate) async fn calibration(_: Proven, State(shared): State<Shared>) -> Answered {
+    Ok(Json(ask(&shared, Order::Calibration).await??))
+}
+
+/// Writes the page of the calibration into the folder, and tells where it can be opened.
+pub(crate) async fn calibration_page(Proven(role): Proven, State(shared): State<Shared>) -> Answered {
+    operates(role)?;
+    let page = ask(&shared, Order::CalibrationPage).await??;
+    let name = format!("calibration-{}", crate::audit::now().replace([':', '.'], "-"));
+    let path = shared.folder.join(format!("{name}.html"));
+    let written = path.clone();
+    let problem = |error: std::io::Error| Refused(StatusCode::INTERNAL_SERVER_ERROR, error.to_string());
+    aside(move || std::fs::write(written, page)).await?.map_err(problem)?;
+    let report = shared.jobs.publish(path).map_err(|error| Refused(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    Ok(Json(json!({ "name": name, "report": report })))
+}
+
 pub(crate) async fn take(Proven(role): Proven, State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Peer>) -> Answered {
     let full = || Refused(StatusCode::SERVICE_UNAVAILABLE, "there are too many clients".to_owned());
     let (client, secret) = shared.clients.enter(format!("script at {}", peer.0), role, true).ok_or_else(full)?;
@@ -183,7 +208,7 @@ pub(crate) async fn upload(
     blob: Bytes,
 ) -> Answered {
     let client = client(&shared, &headers, role, peer);
-    Ok(Json(ask(&shared, |answer| Order::Upload(client, blob, answer)).await??))
+    Ok(Json(ask(&shared, |answer| Order::Upload(client, blob, Vec::new(), answer)).await??))
 }
 
 /// Does what waits for the disk elsewhere: this thread brings heartbeats.
@@ -230,6 +255,20 @@ pub(crate) async fn begin_job(Proven(role): Proven, State(shared): State<Shared>
     operates(role)?;
     let told = shared.jobs.begin(&wanted).map_err(|problem| Refused(StatusCode::CONFLICT, problem))?;
     Ok(Json(json!(told)))
+}
+
+/// Puts what a computation made onto the device: its model, and the settings that belong to it.
+pub(crate) async fn use_result(
+    Proven(role): Proven,
+    State(shared): State<Shared>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    headers: HeaderMap,
+    Path(number): Path<u32>,
+) -> Answered {
+    let client = client(&shared, &headers, role, peer);
+    let files = shared.jobs.result(number).map_err(|problem| Refused(StatusCode::CONFLICT, problem))?;
+    let read = aside(move || files.read()).await?.map_err(|problem| Refused(StatusCode::CONFLICT, problem))?;
+    Ok(Json(ask(&shared, |answer| Order::Upload(client, read.0.into(), read.1, answer)).await??))
 }
 
 pub(crate) async fn end_job(Proven(role): Proven, State(shared): State<Shared>) -> Answered {

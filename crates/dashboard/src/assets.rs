@@ -25,6 +25,9 @@ assets! {
     "loop.js" "js" "loop.js";
     "operate.js" "js" "operate.js";
     "excitation.js" "js" "excitation.js";
+    "sketch.js" "js" "sketch.js";
+    "reference.js" "js" "reference.js";
+    "calibrate.js" "js" "calibrate.js";
     "settings.js" "js" "settings.js";
     "learn.js" "js" "learn.js";
     "elements.js" "js" "elements.js";

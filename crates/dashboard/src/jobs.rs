@@ -6,8 +6,9 @@ use std::process::Stdio;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use tokio::io::{AsyncRead, AsyncReadExt, BufReader};
-use tokio::process::Command;
+use tokio::process::{Child, Command};
 use tokio::sync::oneshot;
 
 use crate::access::secret;
@@ -32,10 +33,14 @@ pub struct JobKind {
     pub name: &'static str,
     /// What it answers.
     pub title: &'static str,
-    /// Arguments for these recordings and this folder for what comes out.
-    pub arguments: fn(&[PathBuf], &Path) -> Vec<OsString>,
+    /// Arguments for these recordings and this folder for what comes out, of one command after the other.
+    pub arguments: fn(&[PathBuf], &Path) -> Vec<Vec<OsString>>,
     /// The report in that folder.
     pub report: &'static str,
+    /// The model for the device in that folder, where one is made.
+    pub model: Option<&'static str>,
+    /// JSON in that folder with settings that belong to the model: an object `settings` of names and values.
+    pub settings: Option<&'static str>,
 }
 
 /// What a client asks for.
@@ -60,12 +65,33 @@ pub(crate) struct Told {
     pub exit_code: Option<i32>,
     /// Where its report is.
     pub report: Option<String>,
+    /// Whether it made a model for the device.
+    pub model: bool,
+}
+
+/// What a job made for the device.
+pub(crate) struct Made {
+    model: PathBuf,
+    settings: Option<PathBuf>,
+}
+
+impl Made {
+    /// The model, and the settings that belong to it.
+    pub fn read(self) -> Result<(Vec<u8>, Vec<(String, Value)>), String> {
+        let read = |path: &Path| std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()));
+        let model = read(&self.model)?;
+        let Some(path) = self.settings else { return Ok((model, Vec::new())) };
+        let mut result: Value = serde_json::from_slice(&read(&path)?).map_err(|error| format!("{}: {error}", path.display()))?;
+        let Value::Object(settings) = result["settings"].take() else { return Err(format!("{}: has no settings", path.display())) };
+        Ok((model, settings.into_iter().collect()))
+    }
 }
 
 struct Job {
     told: Told,
+    kind: JobKind,
+    folder: PathBuf,
     secret: String,
-    report: PathBuf,
     end: Option<oneshot::Sender<()>>,
 }
 
@@ -75,11 +101,13 @@ pub(crate) struct Runner {
     jobs: Arc<Jobs>,
     folder: Arc<PathBuf>,
     done: Arc<Mutex<Vec<Job>>>,
+    /// Other pages that may be opened, by their secrets.
+    published: Arc<Mutex<Vec<(String, PathBuf)>>>,
 }
 
 impl Runner {
     pub fn new(jobs: Jobs, folder: PathBuf) -> Self {
-        Self { jobs: Arc::new(jobs), folder: Arc::new(folder), done: Arc::default() }
+        Self { jobs: Arc::new(jobs), folder: Arc::new(folder), done: Arc::default(), published: Arc::default() }
     }
 
     /// Name and title of each kind.
@@ -98,7 +126,24 @@ impl Runner {
 
     /// The report whose address has this secret.
     pub fn report(&self, secret: &str) -> Option<PathBuf> {
-        self.all().iter().find(|job| job.secret == secret).map(|job| job.report.clone())
+        let of_job = self.all().iter().find(|job| job.secret == secret).map(|job| job.folder.join(job.kind.report));
+        let published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
+        of_job.or_else(|| published.iter().find(|(known, _)| known == secret).map(|(_, path)| path.clone()))
+    }
+
+    /// Lets a page be opened at the address that is given back.
+    pub fn publish(&self, path: PathBuf) -> Result<String, getrandom::Error> {
+        let secret = secret()?;
+        self.published.lock().unwrap_or_else(PoisonError::into_inner).push((secret.clone(), path));
+        Ok(format!("/reports/{secret}"))
+    }
+
+    /// What a job made for the device.
+    pub fn result(&self, number: u32) -> Result<Made, String> {
+        let jobs = self.all();
+        let job = jobs.iter().find(|job| job.told.number == number).ok_or("there is no such computation")?;
+        let model = job.kind.model.filter(|_| job.told.model).ok_or("this computation made no model for the device")?;
+        Ok(Made { model: job.folder.join(model), settings: job.kind.settings.map(|name| job.folder.join(name)) })
     }
 
     /// Ends the job that runs.
@@ -125,14 +170,6 @@ impl Runner {
         // Those of an earlier run stay.
         let folder = (0u32..).map(|nth| self.folder.join(format!("{}-{}", kind.name, nth + number))).find(|folder| !folder.exists());
         let folder = folder.ok_or("there are too many results")?;
-        let mut command = Command::new(&self.jobs.program);
-        command
-            .args((kind.arguments)(&paths, &folder))
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .kill_on_drop(true);
-        let mut child = command.spawn().map_err(|error| format!("{}: {error}", self.jobs.program.display()))?;
         let told = Told {
             number,
             kind: kind.name,
@@ -141,29 +178,51 @@ impl Runner {
             lines: Vec::new(),
             exit_code: None,
             report: None,
+            model: false,
         };
+        let commands = (kind.arguments)(&paths, &folder);
+        let first = self.spawn(commands.first().ok_or("there is nothing to compute")?)?;
         let (end, ended) = oneshot::channel();
         let secret = secret().map_err(|error| error.to_string())?;
-        jobs.push(Job { told: told.clone(), secret, report: folder.join(kind.report), end: Some(end) });
+        jobs.push(Job { told: told.clone(), kind, folder, secret, end: Some(end) });
+        let at = jobs.len() - 1;
         drop(jobs);
-        let at = self.all().len() - 1;
-        for stream in [child.stdout.take().map(boxed), child.stderr.take().map(boxed)].into_iter().flatten() {
-            let runner = self.clone();
-            tokio::spawn(async move { runner.read(at, stream).await });
-        }
         let runner = self.clone();
-        tokio::spawn(async move {
-            let status = tokio::select! {
-                status = child.wait() => status.ok(),
-                _ = ended => { let _ = child.kill().await; None }
-            };
-            if let Some(job) = runner.all().get_mut(at) {
-                job.told.running = false;
-                job.told.exit_code = status.and_then(|status| status.code());
-                job.told.report = job.report.is_file().then(|| format!("/reports/{}", job.secret));
-            }
-        });
+        tokio::spawn(async move { runner.run(at, first, &commands[1..], ended).await });
         Ok(told)
+    }
+
+    fn spawn(&self, arguments: &[OsString]) -> Result<Child, String> {
+        let mut command = Command::new(&self.jobs.program);
+        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+        command.spawn().map_err(|error| format!("{}: {error}", self.jobs.program.display()))
+    }
+
+    /// Runs one command after the other, as long as each succeeds and nobody ends them.
+    async fn run(&self, at: usize, mut child: Child, rest: &[Vec<OsString>], mut ended: oneshot::Receiver<()>) {
+        let mut rest = rest.iter();
+        let code = loop {
+            for stream in [child.stdout.take().map(boxed), child.stderr.take().map(boxed)].into_iter().flatten() {
+                let runner = self.clone();
+                tokio::spawn(async move { runner.read(at, stream).await });
+            }
+            let code = tokio::select! {
+                status = child.wait() => status.ok().and_then(|status| status.code()),
+                _ = &mut ended => { let _ = child.kill().await; None }
+            };
+            let next = if code == Some(0) { rest.next() } else { None };
+            child = match next.map(|arguments| self.spawn(arguments)) {
+                None => break code,
+                Some(Ok(child)) => child,
+                Some(Err(_)) => break None,
+            };
+        };
+        if let Some(job) = self.all().get_mut(at) {
+            job.told.running = false;
+            job.told.exit_code = code;
+            job.told.report = job.folder.join(job.kind.report).is_file().then(|| format!("/reports/{}", job.secret));
+            job.told.model = code == Some(0) && job.kind.model.is_some_and(|model| job.folder.join(model).is_file());
+        }
     }
 
     /// Keeps what a job says; a carriage return, as progress bars use it, writes over the line before.

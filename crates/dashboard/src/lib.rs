@@ -31,7 +31,8 @@ pub use access::Role;
 pub use frame::{HEADER_BYTES, SAMPLE_BYTES, VERSION};
 pub use jobs::{JobKind, Jobs};
 pub use rig::{
-    Account, Action, Entry, Explained, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample, Setting,
+    Account, Action, Asked, Entry, Explained, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample,
+    Setting, Task,
 };
 pub use server::{Config, ServeError, Server};
 pub use session::Opener;

@@ -186,6 +186,36 @@ pub struct RigState {
     pub account: Account,
     /// How fast simulated time passes, 1 for real time; `None` on hardware.
     pub speed: Option<f32>,
+    /// What runs by itself under the lease.
+    pub task: Option<Task>,
+    /// Counts what [`Rig::calibration`] and [`Rig::controllers`] would tell anew.
+    pub revision: u32,
+}
+
+/// What runs by itself under the lease: a step of the calibration, or a reference that is followed. It ends, vented, when the lease does.
+#[derive(Clone, Debug, Serialize)]
+pub struct Task {
+    /// `calibrate` or `follow`.
+    pub kind: &'static str,
+    /// Which step, or which reference with which controller.
+    pub name: String,
+    /// What it does now.
+    pub does: String,
+    /// How far it is, 0 to 1; of a step, how far its present measurement is.
+    pub share: f64,
+    /// What a person is asked.
+    pub asks: Option<Asked>,
+}
+
+/// A question to the person at the rig.
+#[derive(Clone, Debug, Serialize)]
+pub struct Asked {
+    /// In words.
+    pub text: String,
+    /// Unit of the answer.
+    pub unit: &'static str,
+    /// What the answer is likely to be.
+    pub value: Option<f64>,
 }
 
 /// What a device is told to follow.
@@ -260,6 +290,25 @@ pub enum Action {
     Plant {
         /// One of [`Identity::plants`].
         name: String,
+    },
+    /// Begin a step of the calibration, again if it was done.
+    Calibrate {
+        /// Its name.
+        step: String,
+    },
+    /// Answer what a step asks.
+    Answer {
+        /// A number in the question's unit.
+        value: f64,
+    },
+    /// Put what the step found into use, unsaved.
+    Accept,
+    /// Follow a reference from rest, then vent.
+    Follow {
+        /// Name of a controller.
+        controller: String,
+        /// As [`Rig::reference`] takes it.
+        reference: Value,
     },
     /// Begin a recording.
     Record {
@@ -361,6 +410,36 @@ pub trait Rig {
     /// # Errors
     /// When it makes no sense; one beyond the limits has its reason in the preview.
     fn preview(&mut self, excitation: &Value) -> Result<Preview, Problem>;
+
+    /// The operator is gone: vents if there can be pressure, and ends what runs by itself.
+    ///
+    /// # Errors
+    /// [`Problem::Gone`]; then the device vents by itself.
+    fn abandon(&mut self, why: &str) -> Result<(), Problem>;
+
+    /// The steps of the calibration: what each will do or has found, and which settings changed.
+    ///
+    /// # Errors
+    /// Why not.
+    fn calibration(&mut self) -> Result<Value, Problem>;
+
+    /// The calibration as a page to be printed.
+    ///
+    /// # Errors
+    /// When no step is done.
+    fn calibration_page(&mut self) -> Result<String, Problem>;
+
+    /// The controllers and references there are, and how the last reference was followed.
+    ///
+    /// # Errors
+    /// Why not.
+    fn controllers(&mut self) -> Result<Value, Problem>;
+
+    /// Where the tip would have to go: `period_s` and `points_mm` of a reference.
+    ///
+    /// # Errors
+    /// When there is none like this.
+    fn reference(&mut self, reference: &Value) -> Result<Value, Problem>;
 
     /// Uploads a model and activates it; takes as long as it takes, and is only called while the device is vented.
     ///

@@ -64,9 +64,14 @@ pub(crate) enum Order {
     Renew(u64, Option<Answer<bool>>),
     Release(Client),
     Act(Client, Action, Answer<Result<Value, Problem>>),
-    Upload(Client, Bytes, Answer<Result<Value, Problem>>),
+    /// A model, and settings that belong to it.
+    Upload(Client, Bytes, Vec<(String, Value)>, Answer<Result<Value, Problem>>),
     Settings(Answer<Result<Vec<Setting>, Problem>>),
     Preview(Value, Answer<Result<Preview, Problem>>),
+    Reference(Value, Answer<Result<Value, Problem>>),
+    Controllers(Answer<Result<Value, Problem>>),
+    Calibration(Answer<Result<Value, Problem>>),
+    CalibrationPage(Answer<Result<String, Problem>>),
     State(Answer<Arc<str>>),
     Samples(usize, Answer<Vec<Sample>>),
     Close(Answer<()>),
@@ -265,18 +270,18 @@ impl Session {
     fn watch_the_lease(&mut self) {
         if let Some(holder) = self.lease.expire(self.lease_length(), Instant::now()) {
             self.audit.note(&holder.name, "lease", "ran out");
-            self.vent_if_energised("the operator fell silent");
+            self.abandon("the operator fell silent");
             self.tell_state();
         }
     }
 
     /// Not what makes it safe: the device's own time-to-live does that. This is sooner, where something is left to do it.
-    fn vent_if_energised(&mut self, why: &str) {
-        if !self.state.phase.is_energised() {
+    fn abandon(&mut self, why: &str) {
+        if !self.state.phase.is_energised() && self.state.task.is_none() {
             return;
         }
         if let Some(rig) = &mut self.rig {
-            let outcome = rig.act(&Action::Vent);
+            let outcome = rig.abandon(why);
             self.audit.note("session", &format!("vent: {why}"), &in_words(&outcome));
         }
     }
@@ -310,7 +315,7 @@ impl Session {
             Order::Release(client) => {
                 if self.lease.release(client.number) {
                     self.audit.note(&client.name, "lease", "given back");
-                    self.vent_if_energised("the operator left");
+                    self.abandon("the operator left");
                     self.tell_state();
                 }
             }
@@ -325,8 +330,8 @@ impl Session {
                 self.ask_state();
                 self.tell_state();
             }
-            Order::Upload(client, blob, answer) => {
-                let outcome = self.may(&client, Role::Configure).and_then(|()| self.upload(&blob));
+            Order::Upload(client, blob, settings, answer) => {
+                let outcome = self.may(&client, Role::Configure).and_then(|()| self.upload(&blob, &settings));
                 self.audit.note(&client.name, &format!("upload of {} bytes", blob.len()), &in_words(&outcome));
                 let _ = answer.send(outcome);
             }
@@ -335,6 +340,18 @@ impl Session {
             }
             Order::Preview(excitation, answer) => {
                 let _ = answer.send(self.with_rig(|rig| rig.preview(&excitation)));
+            }
+            Order::Reference(reference, answer) => {
+                let _ = answer.send(self.with_rig(|rig| rig.reference(&reference)));
+            }
+            Order::Controllers(answer) => {
+                let _ = answer.send(self.with_rig(|rig| rig.controllers()));
+            }
+            Order::Calibration(answer) => {
+                let _ = answer.send(self.with_rig(|rig| rig.calibration()));
+            }
+            Order::CalibrationPage(answer) => {
+                let _ = answer.send(self.with_rig(|rig| rig.calibration_page()));
             }
             Order::State(answer) => {
                 self.ask_state();
@@ -414,11 +431,14 @@ impl Session {
         }
     }
 
-    fn upload(&mut self, blob: &[u8]) -> Result<Value, Problem> {
-        if self.state.phase.is_energised() {
+    fn upload(&mut self, blob: &[u8], settings: &[(String, Value)]) -> Result<Value, Problem> {
+        if self.state.phase.is_energised() || self.state.task.is_some() {
             return Err(Problem::Refused("not while the rig is armed: vent first".to_owned()));
         }
-        self.with_rig(|rig| rig.upload(blob))?;
+        self.with_rig(|rig| {
+            rig.upload(blob)?;
+            settings.iter().try_for_each(|(name, value)| rig.act(&Action::Set { name: name.clone(), value: value.clone() }))
+        })?;
         self.identity = self.rig.as_ref().map(|rig| rig.identity()).unwrap_or_default();
         Ok(json!({ "model_id": self.identity.model_id }))
     }

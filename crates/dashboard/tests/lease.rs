@@ -160,3 +160,61 @@ async fn a_rig_that_is_gone_is_told_and_found_again() {
     while !page.word("state").await["problem"].is_null() {}
     page.frame().await;
 }
+
+/// What became of a task, and when.
+fn task_ended(bench: &Bench) -> String {
+    bench.wait("the end of the task", |watched| watched.task_ended.is_some());
+    bench.watched.lock().unwrap().task_ended.clone().unwrap()
+}
+
+#[tokio::test]
+async fn a_task_is_the_operators_and_ends_with_the_lease_even_where_nothing_is_energised() {
+    let bench = Bench::start();
+    let begin = json!({ "do": "calibrate", "step": "laser" });
+    let mut watcher = bench.page(Role::Configure).await;
+    assert_eq!(bench.api(Role::Configure, &watcher.client, "POST", "/api/act", begin.clone()).0, 409);
+    for (role, leaves) in [(Role::Operate, true), (Role::Operate, false)] {
+        let mut page = bench.page(role).await;
+        page.say("take").await;
+        assert_eq!(page.word("lease").await["taken"], true);
+        let act = |action: Value| bench.api(role, &page.client, "POST", "/api/act", action).0;
+        assert_eq!(act(begin.clone()), 200);
+        let told = loop {
+            let state = watcher.word("state").await;
+            if !state["rig"]["task"].is_null() {
+                break state["rig"]["task"].clone();
+            }
+        };
+        assert_eq!((&told["name"], &told["asks"]["value"]), (&json!("laser"), &json!(2.0)));
+        assert_eq!(act(json!({ "do": "answer", "value": 2.5 })), 200);
+        // What is found changes settings.
+        assert_eq!(act(json!({ "do": "accept" })), 409);
+        assert_eq!(bench.api(Role::Configure, &watcher.client, "POST", "/api/act", json!({ "do": "answer", "value": 9.0 })).0, 409);
+        assert_eq!(bench.watched.lock().unwrap().held.last(), Some(&2.5));
+        page.say("beat").await;
+        if leaves {
+            drop(page);
+            assert_eq!(task_ended(&bench), "the operator left");
+        } else {
+            // A page that hangs beside a vented rig keeps its place for two seconds, and then loses task and lease.
+            let spoke = Instant::now();
+            assert_eq!(task_ended(&bench), "the operator fell silent");
+            assert!(spoke.elapsed() <= Duration::from_secs(2) + MARGIN, "{:?}", spoke.elapsed());
+            drop(page);
+        }
+        bench.watched.lock().unwrap().task_ended = None;
+        watcher.say("here").await;
+    }
+}
+
+#[tokio::test]
+async fn anybody_may_vent_a_task() {
+    let bench = Bench::start();
+    let mut page = bench.page(Role::Operate).await;
+    page.say("take").await;
+    assert_eq!(page.word("lease").await["taken"], true);
+    assert_eq!(bench.api(Role::Operate, &page.client, "POST", "/api/act", json!({ "do": "calibrate", "step": "noise" })).0, 200);
+    let mut watcher = bench.page(Role::Observe).await;
+    watcher.say("vent").await;
+    assert_eq!(task_ended(&bench), "vented");
+}

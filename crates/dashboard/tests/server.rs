@@ -2,11 +2,20 @@
 
 mod support;
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dashboard::{HEADER_BYTES, Role, SAMPLE_BYTES, ServeError, Server, Tls};
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use support::{Bench, config};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
+use tokio_rustls::rustls::crypto::{CryptoProvider, ring, verify_tls12_signature, verify_tls13_signature};
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName, UnixTime};
+use tokio_rustls::rustls::{ClientConfig, DigitallySignedStruct, Error as TlsError, SignatureScheme};
 
 #[tokio::test]
 async fn without_the_token_or_from_another_page_nothing_is_heard() {
@@ -140,6 +149,124 @@ fn recordings_are_files_that_the_other_commands_read_and_computations_run_on_the
     let (code, head, report) = bench.raw("GET", done["report"].as_str().unwrap(), &[], "");
     assert_eq!((code, report.as_str()), (200, "<script>1</script>"));
     assert!(head.contains("sandbox allow-scripts allow-downloads;"), "{head}");
+
+    // What the second command made goes to the device with the settings that belong to it, for who may configure it.
+    assert_eq!(done["model"], true, "{done}");
+    let use_it = |role, number| bench.api(role, &lease, "POST", &format!("/api/jobs/{number}/use"), Value::Null);
+    assert_eq!(use_it(Role::Configure, 7).0, 409);
+    let (code, answer) = use_it(Role::Operate, 1);
+    assert!(code == 409 && answer["error"].as_str().unwrap().contains("configure"), "{answer}");
+    // The first lease may have run out meanwhile.
+    bench.api(Role::Operate, &lease, "DELETE", "/api/lease", Value::Null);
+    let (_, answer) = bench.api(Role::Configure, "", "POST", "/api/lease", Value::Null);
+    let lease = answer["lease"].as_str().unwrap().to_owned();
+    assert_eq!(bench.api(Role::Configure, &lease, "POST", "/api/jobs/1/use", Value::Null).0, 200);
+    let (_, settings) = bench.api(Role::Observe, "", "GET", "/api/settings", Value::Null);
+    assert_eq!(settings["settings"][0]["value"], 400);
+}
+
+#[test]
+fn a_printable_page_is_kept_in_the_folder_and_opened_by_its_secret() {
+    let bench = Bench::start();
+    assert_eq!(bench.api(Role::Observe, "", "POST", "/api/calibration/page", Value::Null).0, 403);
+    let (code, answer) = bench.api(Role::Operate, "", "POST", "/api/calibration/page", Value::Null);
+    assert_eq!(code, 200, "{answer}");
+    let name = answer["name"].as_str().unwrap();
+    assert_eq!(std::fs::read_to_string(bench.folder.path().join(format!("{name}.html"))).unwrap(), "<script>2</script>");
+    let (code, head, page) = bench.raw("GET", answer["report"].as_str().unwrap(), &[], "");
+    assert_eq!((code, page.as_str()), (200, "<script>2</script>"));
+    assert!(head.contains("sandbox allow-scripts"), "{head}");
+    assert_eq!(bench.raw("GET", "/reports/00000000000000000000000000000000", &[], "").0, 404);
+}
+
+/// Trusts one certificate and no other.
+#[derive(Debug)]
+struct Pinned {
+    fingerprint: String,
+    provider: Arc<CryptoProvider>,
+}
+
+impl ServerCertVerifier for Pinned {
+    fn verify_server_cert(
+        &self,
+        certificate: &CertificateDer<'_>,
+        _: &[CertificateDer<'_>],
+        _: &ServerName<'_>,
+        _: &[u8],
+        _: UnixTime,
+    ) -> Result<ServerCertVerified, TlsError> {
+        let found = Sha256::digest(certificate.as_ref()).iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":");
+        if found == self.fingerprint { Ok(ServerCertVerified::assertion()) } else { Err(TlsError::General(format!("certificate {found}"))) }
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        message: &[u8],
+        certificate: &CertificateDer<'_>,
+        signature: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, TlsError> {
+        verify_tls12_signature(message, certificate, signature, &self.provider.signature_verification_algorithms)
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        message: &[u8],
+        certificate: &CertificateDer<'_>,
+        signature: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, TlsError> {
+        verify_tls13_signature(message, certificate, signature, &self.provider.signature_verification_algorithms)
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        self.provider.signature_verification_algorithms.supported_schemes()
+    }
+}
+
+/// `GET /api/state` in TLS by a client that trusts this fingerprint.
+async fn get_in_tls(port: u16, token: &str, fingerprint: &str) -> std::io::Result<String> {
+    let provider = Arc::new(ring::default_provider());
+    let trusted = Pinned { fingerprint: fingerprint.to_owned(), provider: Arc::clone(&provider) };
+    let config = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .dangerous()
+        .with_custom_certificate_verifier(Arc::new(trusted))
+        .with_no_client_auth();
+    let stream = TcpStream::connect(("127.0.0.1", port)).await?;
+    let name = ServerName::try_from("localhost").unwrap();
+    let mut stream = TlsConnector::from(Arc::new(config)).connect(name, stream).await?;
+    let request =
+        format!("GET /api/state HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\nAuthorization: Bearer {token}\r\n\r\n");
+    stream.write_all(request.as_bytes()).await?;
+    let mut answer = Vec::new();
+    // A server may end without the last word of TLS.
+    match stream.read_to_end(&mut answer).await {
+        Err(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => Err(error),
+        _ => Ok(String::from_utf8_lossy(&answer).into_owned()),
+    }
+}
+
+#[tokio::test]
+async fn tls_shakes_hands_with_the_printed_certificate_and_with_no_other_and_no_bare_word_is_heard() {
+    let bench = Bench::start_with(|config| config.tls = Tls::SelfSigned);
+    let fingerprint = bench.fingerprint.clone().expect("a certificate");
+    let token = bench.token(Role::Observe).to_owned();
+    // Somebody who begins a handshake and never goes on keeps nobody waiting.
+    let _silent = TcpStream::connect(("127.0.0.1", bench.port)).await.unwrap();
+    let begun = Instant::now();
+    let answer = get_in_tls(bench.port, &token, &fingerprint).await.unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("\"board\":\"fake\""), "{answer}");
+    assert!(begun.elapsed() < Duration::from_secs(5), "it waited {:?}", begun.elapsed());
+    assert!(get_in_tls(bench.port, "no token", &fingerprint).await.unwrap().starts_with("HTTP/1.1 401"));
+    let other = get_in_tls(bench.port, &token, &fingerprint.replace(':', "-")).await.unwrap_err();
+    assert!(other.to_string().contains("certificate"), "{other}");
+    let mut bare = TcpStream::connect(("127.0.0.1", bench.port)).await.unwrap();
+    let request = format!("GET /api/state HTTP/1.1\r\nHost: localhost:{}\r\nAuthorization: Bearer {token}\r\n\r\n", bench.port);
+    bare.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = Vec::new();
+    // An alert of TLS, or a closed connection.
+    let _ = bare.read_to_end(&mut answer).await;
+    assert!(!answer.starts_with(b"HTTP"), "{}", String::from_utf8_lossy(&answer));
 }
 
 #[test]

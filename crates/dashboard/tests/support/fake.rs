@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use dashboard::{Action, Entry, Explained, Identity, Phase, Preview, Problem, Rig, RigState, Sample, Setting};
+use dashboard::{Action, Asked, Entry, Explained, Identity, Phase, Preview, Problem, Rig, RigState, Sample, Setting, Task};
 use serde_json::{Value, json};
 
 /// Without a sign of life for so long it vents by itself.
@@ -22,6 +22,9 @@ pub struct Watched {
     pub closed: bool,
     /// Whether its line is cut.
     pub cut: bool,
+    /// The task that runs by itself, and why the last one ended.
+    pub task: Option<String>,
+    pub task_ended: Option<String>,
 }
 
 impl Watched {
@@ -75,6 +78,13 @@ impl Fake {
         if self.phase != phase {
             self.phase = phase;
             self.watched.lock().unwrap().phases.push((Instant::now(), phase));
+        }
+    }
+
+    fn end_task(&mut self, why: &str) {
+        let mut watched = self.watched.lock().unwrap();
+        if watched.task.take().is_some() {
+            watched.task_ended = Some(why.to_owned());
         }
     }
 
@@ -158,6 +168,13 @@ impl Rig for Fake {
             host_timeout_ms: self.timeout_ms,
             settings_unsaved: self.timeout_ms != self.saved_ms,
             injected: self.injected.clone(),
+            task: self.watched.lock().unwrap().task.clone().map(|name| Task {
+                kind: "calibrate",
+                name,
+                does: "waits for you".to_owned(),
+                share: 0.5,
+                asks: Some(Asked { text: "Where is it?".to_owned(), unit: "mm", value: Some(2.0) }),
+            }),
             ..RigState::default()
         })
     }
@@ -170,7 +187,10 @@ impl Rig for Fake {
 
     fn act(&mut self, action: &Action) -> Result<(), Problem> {
         match action {
-            Action::Vent | Action::Disarm if self.phase != Phase::Fault => self.go(Phase::Idle),
+            Action::Vent | Action::Disarm if self.phase != Phase::Fault => {
+                self.go(Phase::Idle);
+                self.end_task("vented");
+            }
             Action::Vent | Action::Disarm => {}
             Action::Arm { .. } => {
                 self.wants(Phase::Idle)?;
@@ -195,6 +215,9 @@ impl Rig for Fake {
             Action::Save => self.saved_ms = self.timeout_ms,
             Action::Revert { .. } => self.timeout_ms = self.saved_ms,
             Action::Inject { fault } => self.injected.clone_from(fault),
+            Action::Calibrate { step } => self.watched.lock().unwrap().task = Some(step.clone()),
+            Action::Answer { value } => self.watched.lock().unwrap().held.push(*value as f32),
+            Action::Accept | Action::Follow { .. } => {}
             Action::Load { .. } | Action::Plant { .. } | Action::Record { .. } | Action::EndRecord => {}
         }
         Ok(())
@@ -217,6 +240,28 @@ impl Rig for Fake {
         let points = excitation["points"].as_u64().ok_or_else(|| Problem::Refused("this is no excitation".to_owned()))?;
         let pressure_bar = (0..points).map(|point| point as f64 * 0.01).collect();
         Ok(Preview { period_s: 0.02, pressure_bar, ceiling_bar: 3.0, problem: None, file: String::new() })
+    }
+
+    fn abandon(&mut self, why: &str) -> Result<(), Problem> {
+        self.go(Phase::Idle);
+        self.end_task(why);
+        Ok(())
+    }
+
+    fn calibration(&mut self) -> Result<Value, Problem> {
+        Ok(json!({ "steps": [] }))
+    }
+
+    fn calibration_page(&mut self) -> Result<String, Problem> {
+        Ok("<script>2</script>".to_owned())
+    }
+
+    fn controllers(&mut self) -> Result<Value, Problem> {
+        Ok(json!({ "controllers": ["pid"] }))
+    }
+
+    fn reference(&mut self, reference: &Value) -> Result<Value, Problem> {
+        Ok(reference.clone())
     }
 
     fn upload(&mut self, blob: &[u8]) -> Result<(), Problem> {

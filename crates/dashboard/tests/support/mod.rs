@@ -26,6 +26,7 @@ use fake::{Fake, Watched};
 pub struct Bench {
     pub port: u16,
     tokens: Vec<(Role, String)>,
+    pub fingerprint: Option<String>,
     pub watched: Arc<Mutex<Watched>>,
     pub folder: tempfile::TempDir,
     stop: Option<oneshot::Sender<()>>,
@@ -42,19 +43,33 @@ const KIND: JobKind = JobKind {
             folder.display(),
             data[0].display()
         );
-        vec!["-c".into(), script.into()]
+        // A second command makes the model and the settings that belong to it.
+        let made = format!(
+            "printf blob > {0}/model.blob; printf '{{\"settings\": {{\"limits.host_timeout_ms\": 400}}}}' > {0}/result.json",
+            folder.display()
+        );
+        vec![vec!["-c".into(), script.into()], vec!["-c".into(), made.into()]]
     },
     report: "report.html",
+    model: Some("model.blob"),
+    settings: Some("result.json"),
 };
 
 impl Bench {
     pub fn start() -> Self {
+        Self::start_with(|_| ())
+    }
+
+    /// With another configuration.
+    pub fn start_with(changed: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let config = config(folder.path());
+        let mut config = config(folder.path());
+        changed(&mut config);
         let server = Server::bind(config).unwrap();
         let addresses = server.addresses();
         let tokens = addresses.iter().map(|(role, address)| (*role, address.split_once("token=").unwrap().1.to_owned())).collect();
-        let host = addresses[0].1.strip_prefix("http://127.0.0.1:").unwrap();
+        let fingerprint = server.fingerprint().map(str::to_owned);
+        let host = addresses[0].1.split_once("://127.0.0.1:").unwrap().1;
         let port = host.split('/').next().unwrap().parse().unwrap();
         let watched = Arc::<Mutex<Watched>>::default();
         let (stop, stopped) = oneshot::channel();
@@ -68,7 +83,7 @@ impl Bench {
             });
             server.run_until(opener, async { drop(stopped.await) }).unwrap();
         });
-        let bench = Self { port, tokens, watched, folder, stop: Some(stop), thread: Some(thread) };
+        let bench = Self { port, tokens, fingerprint, watched, folder, stop: Some(stop), thread: Some(thread) };
         bench.wait("the rig", |watched| watched.phase() == Phase::Idle);
         bench
     }
