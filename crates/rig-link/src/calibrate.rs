@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
-use calibration::step::{Finding, Instruction, Measurement, Plan, Sample, SensorMap};
+use calibration::step::{Finding, Instruction, Kind, Measurement, Plan, Sample, SensorMap, Step};
 use model_export::link::message::{Quantity, Request, Telemetry};
 use model_export::link::settings::{SettingValue, by_name};
 
@@ -13,14 +13,14 @@ use crate::device_settings;
 use crate::energise::{self, Ended, Next};
 use crate::experiment;
 use crate::interrupt;
-use crate::link::{Client, FACTS, Hardware, fault_in_words};
+use crate::link::{Client, FACTS, Hardware, Transport, fault_in_words};
 
 /// Telemetry of a quiet rig that is listened to, ms.
-const LISTEN_PERIOD_MS: u32 = 5;
+pub const LISTEN_PERIOD_MS: u32 = 5;
 /// A target that was touched comes to rest, s.
-const REST_S: f64 = 0.3;
+pub const REST_S: f64 = 0.3;
 /// Difference of command and measured pressure that is borne while that difference is what is measured, bar.
-const BORNE_MISMATCH_BAR: f32 = 1.0;
+pub const BORNE_MISMATCH_BAR: f32 = 1.0;
 
 /// What a person is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +70,7 @@ const STAIRCASE_LEVELS: usize = 32;
 ///
 /// # Errors
 /// When the device is gone.
-pub fn plan(rig: &mut Client<Rig>, choices: &Choices, highest_command_bar: Option<f64>) -> Result<Plan> {
+pub fn plan(rig: &mut Client<impl Transport>, choices: &Choices, highest_command_bar: Option<f64>) -> Result<Plan> {
     let mut number = |name: &str| -> Result<f64> {
         match device_settings::setting(rig, name)? {
             SettingValue::Float(value) => Ok(f64::from(value)),
@@ -236,7 +236,7 @@ pub type Change = (&'static str, SettingValue, SettingValue);
 ///
 /// # Errors
 /// When the device refuses; then nothing is changed.
-pub fn apply(rig: &mut Client<Rig>, finding: &Finding) -> Result<Vec<Change>> {
+pub fn apply(rig: &mut Client<impl Transport>, finding: &Finding) -> Result<Vec<Change>> {
     let mut changes: Vec<Change> = Vec::new();
     for (name, value) in &finding.settings {
         let info = by_name(name).with_context(|| format!("there is no setting {name}"))?;
@@ -251,4 +251,31 @@ pub fn apply(rig: &mut Client<Rig>, finding: &Finding) -> Result<Vec<Change>> {
         changes.push((info.name, before, after));
     }
     Ok(changes)
+}
+
+/// How far the steps behind this one may ask, in what a command means to the device once the finding is in use, bar; `before_bar` is what the steps
+/// before it said.
+#[must_use]
+pub fn highest_command_bar(step: &Step, finding: &Finding, before_bar: Option<f64>) -> Option<f64> {
+    let calibrated = |name: &str| finding.settings.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
+    match finding.kind {
+        Kind::Pressure => step.highest_command_bar(),
+        // From here on a command is a pressure, and the same pressure is asked for.
+        Kind::Valve => before_bar.zip(calibrated("valve.full_scale_bar")).map(|(command_bar, full_scale_bar)| {
+            let share = step.drive_share(command_bar);
+            let begin = calibrated("valve.lowest_share").unwrap_or(0.0);
+            (full_scale_bar * (share - begin) / (1.0 - begin)).max(0.0)
+        }),
+        _ => before_bar,
+    }
+}
+
+/// Adds a step's changes to those of the steps before it: each setting once, with what it was before all of them.
+pub fn merge(changes: &mut Vec<Change>, more: Vec<Change>) {
+    for change in more {
+        match changes.iter_mut().find(|(name, ..)| *name == change.0) {
+            Some(known) => known.2 = change.2,
+            None => changes.push(change),
+        }
+    }
 }

@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use super::Outcome;
+use super::rig::read_hardware;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
-use crate::link::{FlashMemory, Hardware, InProcess, Lockstep};
-use crate::operate::{Line, OperatedRig};
+use crate::link::{FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep};
+use crate::operate::{Controller, Line, Offers, OperatedRig};
 use crate::plant::Plant;
+use crate::report::{self, calibration::Heading};
+use crate::track::{self, CONTROLLERS, Reach, reference};
 use crate::{output, say};
 
 /// Operate a rig from a page in the browser: live pressure, laser and estimate, the loop, a vent button that always works.
@@ -29,6 +32,9 @@ pub struct Arguments {
     /// Begin with the flash of a simulated rig (settings, models) from this file.
     #[arg(long, value_name = "FILE")]
     flash: Option<PathBuf>,
+    /// Numbers of a simulated rig's hardware, by name (TOML): supply, valve, sensors and how they err.
+    #[arg(long, value_name = "FILE.toml")]
+    hardware: Option<PathBuf>,
     /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
@@ -70,7 +76,9 @@ pub struct Arguments {
 /// When nothing can be served; a rig that cannot be reached is told on the page and tried again.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     // What is wrong with the command line is said before anything is served.
-    if !matches!(arguments.backend, Backend::Serial(_)) {
+    if arguments.backend.is_board() {
+        ensure!(arguments.hardware.is_none(), "--hardware: only on a simulated rig; {} is a board", arguments.backend.name());
+    } else {
         Plant::named(&arguments.plant)?;
     }
     let tls = match (&arguments.listen, &arguments.certificate, &arguments.key) {
@@ -108,13 +116,17 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
 
 /// Opens the rig, as often as it takes.
 fn opener(arguments: &Arguments) -> Result<Opener> {
-    let Arguments { backend, plant, flash, image, seed, rate_hz, .. } = arguments;
+    let Arguments { backend, plant, flash, hardware, image, seed, rate_hz, .. } = arguments;
     let (backend, plant, image, seed, telemetry_ms) = (backend.clone(), plant.clone(), image.clone(), *seed, 1000 / rate_hz);
     let flash = flash.as_deref().map_or_else(|| Ok(FlashMemory::default()), FlashMemory::read)?;
+    let numbers = hardware.as_deref().map(read_hardware).transpose()?;
     let simulated = move || -> Result<Simulated> {
         let board = if backend == Backend::Qemu { EMULATED_BOARD } else { VIRTUAL_BOARD };
         let mut simulated = Simulated::around(&Plant::named(&plant)?, seed, flash.clone(), board);
         simulated.image.clone_from(&image);
+        if let Some(numbers) = &numbers {
+            simulated.hardware = HardwareConfig { seed: simulated.hardware.seed, ..numbers.clone() };
+        }
         Ok(simulated)
     };
     let (backend, plant) = (arguments.backend.clone(), arguments.plant.clone());
@@ -127,7 +139,7 @@ fn opener(arguments: &Arguments) -> Result<Opener> {
             } else {
                 Line::Other(Rig::open(&backend, &simulated)?)
             };
-            Ok(Box::new(OperatedRig::new(line, &plant, telemetry_ms)?))
+            Ok(Box::new(OperatedRig::new(line, &plant, telemetry_ms, OFFERS)?))
         };
         open().map_err(|error| Problem::Gone(format!("{error:#}")))
     }))
@@ -145,13 +157,44 @@ fn open_browser(address: &str) {
     let _ = Command::new(opener).arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
 }
 
+/// What the page offers beyond the link.
+const OFFERS: Offers = Offers {
+    controllers: &CHOICE,
+    references: &reference::NAMES,
+    reference_period_s: reference::PERIOD_S,
+    reference: |name, [low_mm, high_mm], seed| Some(reference::named(name, Reach { low_mm, high_mm }, seed)?.points_mm),
+    calibration_page: |board, firmware, saved, findings, changes| {
+        let date = crate::cli::rig::today();
+        report::calibration::page(&Heading { board, firmware, date: &date, saved }, findings, changes)
+    },
+};
+
+/// The controllers that need nothing beside one model on the device.
+const CHOICE: [Controller; CONTROLLERS.len()] = {
+    let mut choice = [Controller { name: "", feed_forward: 0, sensor: 0 }; CONTROLLERS.len()];
+    let mut at = 0;
+    while at < choice.len() {
+        let track::Controller { name, feed_forward, sensor } = CONTROLLERS[at];
+        choice[at] = Controller { name, feed_forward, sensor };
+        at += 1;
+    }
+    choice
+};
+
 /// What can be computed of recordings.
 const KINDS: &[JobKind] = &[
-    JobKind { name: "check", title: "Check: what is in them", arguments: check, report: "report.html" },
-    JobKind { name: "identify", title: "Identify: play operators", arguments: identify, report: "report.html" },
-    JobKind { name: "fit", title: "Fit: the ladder of models", arguments: fit, report: "report.html" },
-    JobKind { name: "discover", title: "Discover: what the simulation lacks", arguments: discover, report: "report.html" },
+    kind("check", "Check: what is in them", check, None),
+    kind("identify", "Identify: play operators", identify, Some("model.blob")),
+    kind("fit", "Fit: the ladder of models", fit, Some("model.blob")),
+    kind("discover", "Discover: what the simulation lacks", discover, None),
+    JobKind { settings: Some("result.json"), ..kind("tune", "Tune: controllers", tune, Some("control.blob")) },
 ];
+
+type CommandLines = fn(&[PathBuf], &Path) -> Vec<Vec<OsString>>;
+
+const fn kind(name: &'static str, title: &'static str, arguments: CommandLines, model: Option<&'static str>) -> JobKind {
+    JobKind { name, title, arguments, report: "report.html", model, settings: None }
+}
 
 fn line(command: &str, data: &[PathBuf], rest: &[(&str, &Path)]) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = vec![command.into(), "--data".into()];
@@ -160,19 +203,28 @@ fn line(command: &str, data: &[PathBuf], rest: &[(&str, &Path)]) -> Vec<OsString
     arguments
 }
 
-fn check(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
-    line("check", data, &[("--html", &folder.join("report.html"))])
+fn check(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    vec![line("check", data, &[("--html", &folder.join("report.html"))])]
 }
 
-fn identify(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
-    let [model, result, page] = ["model.toml", "result.json", "report.html"].map(|name| folder.join(name));
-    line("identify", data, &[("--out", &model), ("--json", &result), ("--html", &page)])
+/// Identifies, and makes the model for the device.
+fn identify(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    let [model, result, page, blob] = ["model.toml", "result.json", "report.html", "model.blob"].map(|name| folder.join(name));
+    let mut export: Vec<OsString> = vec!["export".into(), model.clone().into(), "--calibration".into()];
+    export.extend(data.iter().map(OsString::from));
+    export.extend(["--out".into(), blob.into_os_string()]);
+    vec![line("identify", data, &[("--out", &model), ("--json", &result), ("--html", &page)]), export]
 }
 
-fn fit(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
-    line("fit", data, &[("--out", folder)])
+fn fit(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    vec![line("fit", data, &[("--out", folder)])]
 }
 
-fn discover(data: &[PathBuf], folder: &Path) -> Vec<OsString> {
-    line("discover", data, &[("--out", folder)])
+fn discover(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    vec![line("discover", data, &[("--out", folder)])]
+}
+
+fn tune(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    let [result, page] = ["result.json", "report.html"].map(|name| folder.join(name));
+    vec![line("tune", data, &[("--out", folder), ("--json", &result), ("--html", &page)])]
 }

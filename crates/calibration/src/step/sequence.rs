@@ -74,7 +74,7 @@ impl Step {
             ),
             Kind::Pressure => format!(
                 "Compares the pressure sensor with your gauge at {} levels. THE RIG IS PRESSURISED, in rising steps, to at most {:.2} bar by the \
-                 gauge; the ceiling is {:.2} bar. You read the gauge at each. It is vented at the end and on Ctrl-C.",
+                 gauge; the ceiling is {:.2} bar. You read the gauge at each. It is vented at the end, and whenever you end the step.",
                 plan.pressure_levels,
                 plan.highest_share * plan.ceiling_bar,
                 plan.ceiling_bar

@@ -40,6 +40,16 @@ impl Borrowed {
         Ok(())
     }
 
+    /// Puts a borrowed setting to what it was before a part of the session changed it.
+    pub fn restore(&mut self, rig: &mut Client<Paced>, name: &str, value: SettingValue) -> Result<()> {
+        let number = named(name)?.number;
+        set(rig, number, value).with_context(|| format!("{name} cannot be set back"))?;
+        if self.own.get(&number) == Some(&value) {
+            self.own.remove(&number);
+        }
+        Ok(())
+    }
+
     /// Changes a setting for the operator; one that is borrowed changes when the session ends.
     pub fn set(&mut self, rig: &mut Client<Paced>, name: &str, value: &Value) -> Result<()> {
         let info = named(name)?;

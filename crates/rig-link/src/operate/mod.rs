@@ -5,40 +5,74 @@
 //! borrowed: never saved, and set back at its end.
 
 mod borrow;
+mod excite;
+mod follow;
+mod measure;
 mod pace;
 mod play;
 mod simulated;
+mod task;
+#[cfg(test)]
+mod tests;
+mod told;
+mod wizard;
 mod words;
 
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use dashboard::{Account, Action, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample, Setting};
+use calibration::step::{Finding, Plan};
+use dashboard::{Action, Identity, Mode, Phase, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample, Setting};
 use model_export::blob;
 use model_export::link::fault::Fault;
-use model_export::link::message::{Baseline, Quantity, Request, Status};
+use model_export::link::message::{Baseline, Quantity, Request};
 use model_export::link::settings::SettingValue;
 use model_export::link::state::State;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 pub use pace::Line;
 
 use self::borrow::Borrowed;
+use self::excite::KnownLimits;
 use self::pace::Paced;
 use self::play::Play;
-use crate::device_settings;
+use self::task::Task;
+use self::wizard::Wizard;
+use crate::calibrate::{self, Change};
 use crate::experiment;
 use crate::link::{Client, LinkError, Transport, refusal_in_words, version};
-use simulation::excitation::{self, ExcitationConfig, Limits};
+use simulation::excitation;
 
-/// Points that the device has before a start: more than a second at 20 ms.
-const POINTS_AHEAD: u32 = 128;
 /// How long arming may wait for a blocker that passes by itself.
 const PASSING: Duration = Duration::from_millis(500);
-/// Longest excitation that is drawn and played from the page: what takes longer to sample would keep heartbeats waiting.
-const MOST_POINTS: f64 = 100_000.0;
 /// Cycles of a tick at 168 MHz.
 const CYCLES_PER_TICK: u32 = 168_000;
+
+/// A controller that can be chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct Controller {
+    /// Its name.
+    pub name: &'static str,
+    /// `control.feed_forward`.
+    pub feed_forward: u32,
+    /// `control.sensor`.
+    pub sensor: u32,
+}
+
+/// What a session offers beyond the link; it comes from whoever opens it.
+#[derive(Clone, Copy)]
+pub struct Offers {
+    /// Controllers.
+    pub controllers: &'static [Controller],
+    /// Names of the references.
+    pub references: &'static [&'static str],
+    /// Time between two points of a reference, s; whole milliseconds.
+    pub reference_period_s: f64,
+    /// Points of a reference by name, within a lowest and a highest displacement, mm, with a seed.
+    pub reference: fn(&str, [f64; 2], u64) -> Option<Vec<f64>>,
+    /// The printable page of a calibration: board, firmware, whether it is saved, findings and changed settings.
+    pub calibration_page: fn(&str, &str, bool, &[Finding], &[Change]) -> String,
+}
 
 /// A rig, opened, with what a session knows of it.
 pub struct OperatedRig {
@@ -54,6 +88,20 @@ pub struct OperatedRig {
     /// Set-point in the mode's unit.
     set_point: f32,
     play: Option<Play>,
+    /// Whether what runs, or is about to, is played by the device's own clock.
+    plays: bool,
+    offers: Offers,
+    wizard: Wizard,
+    /// What the steps of the calibration would do with the settings in use.
+    plan: Option<Plan>,
+    task: Option<Task>,
+    /// Whether a task's points have taken the place of the operator's excitation, which is kept.
+    task_plays: bool,
+    loaded: Option<Play>,
+    /// Settings that a task changed, with what the session had there.
+    lent: Vec<(&'static str, SettingValue)>,
+    /// How the last reference was followed.
+    followed: Option<Value>,
     /// Something more may follow the last sign of life until then.
     window_until: Instant,
     limits: KnownLimits,
@@ -61,15 +109,6 @@ pub struct OperatedRig {
     /// Settings as the operator has them: while the rig is energised none can change, and reading all of them takes longer than heartbeats may wait.
     settings: Vec<Setting>,
     supply: (Option<f32>, Option<f32>),
-}
-
-/// Settings that the session needs at hand.
-#[derive(Clone, Copy)]
-struct KnownLimits {
-    ceiling_bar: f32,
-    slew_bar_per_s: f32,
-    host_timeout_ms: u32,
-    estimate_bound_mm: f32,
 }
 
 /// A problem as the dashboard tells it; what the device refuses is no reason to give the rig up.
@@ -93,7 +132,7 @@ impl OperatedRig {
     ///
     /// # Errors
     /// When it does not answer, or speaks another protocol.
-    pub fn new(line: Line, plant: &str, telemetry_ms: u32) -> Result<Self> {
+    pub fn new(line: Line, plant: &str, telemetry_ms: u32, offers: Offers) -> Result<Self> {
         let simulated = line.is_simulated();
         let mut client = Client::connect(Paced::new(line))?;
         // A rig that has just been switched on tests itself; one that has run for long is asked once.
@@ -111,6 +150,15 @@ impl OperatedRig {
             phase: words::phase(ready.state),
             set_point: 0.0,
             play: None,
+            plays: false,
+            offers,
+            wizard: Wizard::default(),
+            plan: None,
+            task: None,
+            task_plays: false,
+            loaded: None,
+            lent: Vec::new(),
+            followed: None,
             window_until: Instant::now(),
             limits,
             unsaved: false,
@@ -123,6 +171,7 @@ impl OperatedRig {
             rig.unsaved = rig.borrowed.are_unsaved(&mut rig.client)?;
         }
         rig.settings = rig.borrowed.list(&mut rig.client)?;
+        rig.plan = Some(calibrate::plan(&mut rig.client, rig.wizard.choices(), None)?);
         rig.client.begin_account();
         Ok(rig)
     }
@@ -149,7 +198,7 @@ impl OperatedRig {
         }
     }
 
-    fn listen_to_all(&mut self, limit: Duration, into: &mut Vec<Sample>) -> Result<(), LinkError> {
+    fn listen_to_all(&mut self, limit: Duration, into: &mut Vec<Sample>) -> Result<()> {
         let until = Instant::now() + limit;
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -162,23 +211,40 @@ impl OperatedRig {
             }
             self.hear_of_points();
             let more = self.play.as_ref().is_some_and(|play| play.waits_for().is_none() && play.feed.has_room());
-            if more && self.phase == Phase::Running && self.mode == Mode::Playback && Instant::now() < self.window_until {
+            if more && self.phase == Phase::Running && self.plays && Instant::now() < self.window_until {
                 self.send_points()?;
             }
             while let Some(told) = self.client.take_telemetry() {
                 let sample = words::sample(&told);
                 self.supply = (told.supply_v, told.chip_celsius);
-                let ended = self.phase == Phase::Running && sample.phase == Phase::Armed && self.mode == Mode::Playback;
+                let ended = self.phase == Phase::Running && sample.phase == Phase::Armed && self.plays;
                 self.phase = sample.phase;
                 into.push(sample);
+                if let Some(task) = &mut self.task
+                    && let Err(error) = task.see(&told)
+                {
+                    self.end_task(&format!("{error:#}"));
+                }
                 if ended && self.play.as_ref().is_some_and(|play| play.feed.is_sent()) {
                     // The experiment is over.
                     self.client.send(&Request::Disarm)?;
                 }
             }
+            self.go_on_with_task()?;
             if Instant::now() >= until {
                 return Ok(());
             }
+        }
+    }
+
+    /// What a task did: what the device refuses ends the task, not the session.
+    fn outlive(&mut self, done: Result<()>) -> Result<(), Problem> {
+        match done.map_err(problem) {
+            Err(Problem::Refused(why)) => {
+                self.end_task(&why);
+                Ok(())
+            }
+            other => other,
         }
     }
 
@@ -191,26 +257,13 @@ impl OperatedRig {
                 Mode::Displacement => 2,
             };
             self.borrowed.borrow(&mut self.client, "control.law", SettingValue::Integer(law))?;
-            self.mode = mode;
-            if mode == Mode::Playback {
+            (self.mode, self.plays) = (mode, mode == Mode::Playback);
+            if self.plays {
                 self.send_ahead()?;
             }
             self.wait_for_what_passes()?;
         }
         Ok(self.client.command(&Request::Arm)?)
-    }
-
-    /// Sends what the device shall have before the start.
-    fn send_ahead(&mut self) -> Result<()> {
-        let play = self.play.as_mut().context("load an excitation first")?;
-        self.borrowed.borrow(&mut self.client, "playback.period_ms", SettingValue::Integer(play.period_ms))?;
-        self.client.command(&Request::PlaybackClear)?;
-        play.rewind();
-        while play.feed.confirmed() < POINTS_AHEAD.min(play.feed.length()) {
-            let reply = self.client.request(&Request::Playback(play.feed.chunk()))?;
-            play.take(&reply);
-        }
-        Ok(())
     }
 
     /// Changed settings and a fresh vent make the device ask for a moment.
@@ -258,34 +311,6 @@ impl OperatedRig {
         Ok(())
     }
 
-    fn sampled(&self, excitation: &Value) -> Result<(ExcitationConfig, Vec<f64>, Option<String>)> {
-        let config: ExcitationConfig = serde_json::from_value(excitation.clone()).context("this is no excitation")?;
-        let points = config.segments.iter().map(|segment| segment.duration_s).sum::<f64>() / config.sample_period_s;
-        ensure!(
-            points <= MOST_POINTS,
-            "{points:.0} points are too many for the page, which plays up to {MOST_POINTS:.0}; `catheter rig record` plays more"
-        );
-        let samples = config.sample()?;
-        let checked = limits(&self.limits).check(&samples, &config);
-        let period_ms = config.sample_period_s * 1e3;
-        let whole = (period_ms - period_ms.round()).abs() < 1e-6 && (1.0..=1000.0).contains(&period_ms.round());
-        let not_whole =
-            (!whole).then(|| format!("sample_period_s is {}: a rig plays whole milliseconds, 0.001 to 1 s", config.sample_period_s));
-        let problem = checked.err().map(|error| error.to_string()).or(not_whole);
-        Ok((config, samples.pressure_bar, problem))
-    }
-
-    fn load(&mut self, excitation: &Value) -> Result<()> {
-        ensure!(!self.phase.is_energised(), "not while the rig is armed: vent first");
-        let (config, pressure_bar, problem) = self.sampled(excitation)?;
-        if let Some(problem) = problem {
-            bail!("{problem}");
-        }
-        let points = pressure_bar.iter().map(|bar| *bar as f32).collect();
-        self.play = Some(Play::new(points, (config.sample_period_s * 1e3).round() as u32));
-        Ok(())
-    }
-
     fn inject(&mut self, fault: Option<&str>) -> Result<()> {
         let breakage = fault.map(simulated::breakage).transpose()?;
         let hardware = self.client.transport().line().hardware().context("only a simulated rig can be broken")?;
@@ -307,12 +332,25 @@ impl OperatedRig {
         self.limits = KnownLimits::read(&mut self.client)?;
         self.unsaved = self.borrowed.are_unsaved(&mut self.client)?;
         self.settings = self.borrowed.list(&mut self.client)?;
+        self.plan = Some(calibrate::plan(&mut self.client, self.wizard.choices(), self.wizard.highest_command_bar())?);
+        self.wizard.revision += 1;
         Ok(())
     }
 
     fn carry_out(&mut self, action: &Action) -> Result<()> {
+        let beside = matches!(action, Action::Vent | Action::Answer { .. } | Action::Inject { .. });
+        ensure!(beside || self.task.is_none(), "something runs by itself; vent ends it");
         match action {
-            Action::Vent => self.client.command(&Request::Vent)?,
+            Action::Vent => {
+                self.client.command(&Request::Vent)?;
+                if self.task.is_some() {
+                    self.end_task("it was vented");
+                }
+            }
+            Action::Calibrate { step } => self.begin_step(step)?,
+            Action::Answer { value } => self.answer(*value)?,
+            Action::Accept => self.accept()?,
+            Action::Follow { controller, reference } => self.begin_to_follow(controller, reference)?,
             Action::Arm { mode } => self.arm(*mode)?,
             Action::Disarm => self.client.command(&Request::Disarm)?,
             Action::Start { value } => self.start(*value)?,
@@ -331,6 +369,7 @@ impl OperatedRig {
             Action::Revert { defaults } => {
                 let baseline = if *defaults { Baseline::Defaults } else { Baseline::Saved };
                 self.borrowed.without(&mut self.client, |rig| Ok(rig.command(&Request::SettingsRevert(baseline))?))?;
+                self.wizard.forget();
                 self.changed_settings()?;
             }
             Action::Inject { fault } => self.inject(fault.as_deref())?,
@@ -339,69 +378,6 @@ impl OperatedRig {
         }
         Ok(())
     }
-
-    fn told(&mut self, status: &Status) -> Result<RigState> {
-        self.phase = words::phase(status.state);
-        let mut faults: Vec<_> = status.faults.iter().map(|fault| words::explained('E', &fault.explanation())).collect();
-        // The first one is what to look at.
-        faults.sort_by_key(|fault| fault.number != status.first_fault);
-        let fault_record =
-            if status.first_fault == 0 { None } else { experiment::fault_record(&mut self.client)?.as_ref().map(words::record) };
-        let account = self.client.account();
-        let account = Account {
-            received: account.received,
-            dropped_by_device: account.dropped_by_device,
-            lost_on_the_line: account.lost_on_the_line,
-            damaged_frames: account.damaged_frames,
-        };
-        let has_model = self.client.hello().model_id != [0; 8];
-        Ok(RigState {
-            phase: self.phase,
-            faults,
-            fault_record,
-            blockers: status.blockers.iter().map(|blocker| words::explained('B', &blocker.explanation())).collect(),
-            notices: status.notices.iter().map(|notice| words::explained('N', &notice.explanation())).collect(),
-            time_ms: status.time_ms,
-            late_ticks: status.late_ticks,
-            longest_tick_cycles: status.longest_tick_cycles,
-            reset_cause: words::reset_cause(status.reset_cause).to_owned(),
-            settings_unsaved: self.unsaved,
-            mode: self.mode,
-            ceiling_bar: self.limits.ceiling_bar,
-            host_timeout_ms: self.limits.host_timeout_ms,
-            bound_mm: has_model.then_some(self.limits.estimate_bound_mm),
-            supply_v: self.supply.0,
-            chip_celsius: self.supply.1,
-            playing: self.play.as_ref().map(|play| Playing { points: play.feed.length(), sent: play.feed.confirmed() }),
-            injected: self.injected.clone(),
-            plant: self.plant.clone(),
-            account,
-            speed: self.client.transport().speed(),
-        })
-    }
-}
-
-impl KnownLimits {
-    fn read(rig: &mut Client<Paced>) -> Result<Self> {
-        let float = |rig: &mut Client<Paced>, name: &str| match device_settings::setting(rig, name)? {
-            SettingValue::Float(value) => Ok(value),
-            _ => bail!("{name} is no number"),
-        };
-        let SettingValue::Integer(host_timeout_ms) = device_settings::setting(rig, "limits.host_timeout_ms")? else {
-            bail!("limits.host_timeout_ms is no time");
-        };
-        Ok(Self {
-            ceiling_bar: float(rig, "limits.ceiling_bar")?,
-            slew_bar_per_s: float(rig, "limits.slew_up_bar_per_s")?.min(float(rig, "limits.slew_down_bar_per_s")?),
-            host_timeout_ms,
-            estimate_bound_mm: float(rig, "observer.estimate_bound_mm")?,
-        })
-    }
-}
-
-/// Limits of the device for an excitation.
-fn limits(known: &KnownLimits) -> Limits {
-    Limits { maximum_bar: known.ceiling_bar.into(), maximum_slew_bar_per_s: known.slew_bar_per_s.into(), ..Limits::default() }
 }
 
 impl Rig for OperatedRig {
@@ -425,7 +401,8 @@ impl Rig for OperatedRig {
     }
 
     fn listen(&mut self, limit: Duration, into: &mut Vec<Sample>) -> Result<(), Problem> {
-        self.listen_to_all(limit, into).map_err(gone)
+        let listened = self.listen_to_all(limit, into);
+        self.outlive(listened)
     }
 
     fn state(&mut self) -> Result<RigState, Problem> {
@@ -433,11 +410,13 @@ impl Rig for OperatedRig {
     }
 
     fn renew(&mut self) -> Result<(), Problem> {
+        let begun = self.renew_task();
+        self.outlive(begun)?;
         if self.phase != Phase::Running {
             return Ok(());
         }
         self.window_until = Instant::now() + RENEWAL_WINDOW;
-        if self.mode == Mode::Playback { self.send_points() } else { self.send_set_point() }.map_err(gone)
+        if self.plays { self.send_points() } else { self.send_set_point() }.map_err(gone)
     }
 
     fn act(&mut self, action: &Action) -> Result<(), Problem> {
@@ -473,6 +452,34 @@ impl Rig for OperatedRig {
             Ok(())
         };
         upload(&mut self.client).map_err(problem)
+    }
+
+    fn abandon(&mut self, why: &str) -> Result<(), Problem> {
+        let vented = if self.phase.is_energised() { self.client.command(&Request::Vent).map_err(gone) } else { Ok(()) };
+        if self.task.is_some() {
+            self.end_task(why);
+        }
+        vented
+    }
+
+    fn calibration(&mut self) -> Result<Value, Problem> {
+        let plan = self.plan.as_ref().ok_or_else(|| Problem::Refused("the settings of the rig are not known yet".to_owned()))?;
+        Ok(self.wizard.describe(plan))
+    }
+
+    fn calibration_page(&mut self) -> Result<String, Problem> {
+        let (findings, changes) = self.wizard.result().map_err(problem)?;
+        let hello = self.client.hello();
+        Ok((self.offers.calibration_page)(&hello.board, &version(hello.firmware), !self.unsaved, findings, &changes))
+    }
+
+    fn controllers(&mut self) -> Result<Value, Problem> {
+        let named: Vec<&str> = self.offers.controllers.iter().map(|controller| controller.name).collect();
+        Ok(json!({ "controllers": named, "references": self.offers.references, "followed": self.followed }))
+    }
+
+    fn reference(&mut self, reference: &Value) -> Result<Value, Problem> {
+        follow::preview(&self.offers, reference).map_err(problem)
     }
 
     fn close(&mut self) {

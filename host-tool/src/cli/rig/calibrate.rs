@@ -320,13 +320,8 @@ fn walk(
                     _ => {}
                 }
             }
-            for change in calibrate::apply(rig, &finding)? {
-                match changes.iter_mut().find(|(name, ..)| *name == change.0) {
-                    Some(known) => known.2 = change.2,
-                    None => changes.push(change),
-                }
-            }
-            highest_command_bar = next_highest(&step, &finding, highest_command_bar);
+            calibrate::merge(changes, calibrate::apply(rig, &finding)?);
+            highest_command_bar = calibrate::highest_command_bar(&step, &finding, highest_command_bar);
             findings.push(finding);
             if asks && *kind == Kind::Laser {
                 operator.choose("Take the target away and put the catheter back, then Enter:", rig)?;
@@ -335,21 +330,6 @@ fn walk(
         }
     }
     Ok(())
-}
-
-/// How far the steps to come may ask, in what a command means to the device then.
-fn next_highest(step: &Step, finding: &Finding, before_bar: Option<f64>) -> Option<f64> {
-    let calibrated = |name: &str| finding.settings.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
-    match finding.kind {
-        Kind::Pressure => step.highest_command_bar(),
-        // From here on a command is a pressure, and the same pressure is asked for.
-        Kind::Valve => before_bar.zip(calibrated("valve.full_scale_bar")).map(|(command_bar, full_scale_bar)| {
-            let share = step.drive_share(command_bar);
-            let begin = calibrated("valve.lowest_share").unwrap_or(0.0);
-            (full_scale_bar * (share - begin) / (1.0 - begin)).max(0.0)
-        }),
-        _ => before_bar,
-    }
 }
 
 fn measure(step: &mut Step, rig: &mut Client<Rig>, operator: &mut Operator) -> Result<Finding> {
@@ -400,7 +380,7 @@ fn finish(
 }
 
 /// The date of the computer's clock, in UTC.
-fn today() -> String {
+pub(in crate::cli) fn today() -> String {
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     // Days since 0000-03-01 in eras of 400 years (H. Hinnant, "chrono-compatible low-level date algorithms").
     let days = seconds / 86_400 + 719_468;

@@ -20,6 +20,8 @@ use clap::{Args, Subcommand};
 use model_export::link::message::Request;
 use serde::Serialize;
 
+pub(in crate::cli) use calibrate::today;
+
 use super::Outcome;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
 use crate::experiment;
@@ -195,13 +197,20 @@ fn open(which: &Which) -> Result<Rig> {
         let mut simulated = Simulated::around(&Plant::named(&which.plant)?, which.seed, flash, board);
         simulated.image.clone_from(&which.image);
         if let Some(path) = &which.hardware {
-            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-            let hardware: HardwareConfig = toml::from_str(&text).with_context(|| path.display().to_string())?;
-            simulated.hardware = HardwareConfig { seed: simulated.hardware.seed, ..hardware };
+            simulated.hardware = HardwareConfig { seed: simulated.hardware.seed, ..read_hardware(path)? };
         }
         simulated.injections = injections;
         Ok(simulated)
     })
+}
+
+/// Numbers of a simulated rig's hardware.
+///
+/// # Errors
+/// When the file cannot be read or has other names.
+pub(super) fn read_hardware(path: &Path) -> Result<HardwareConfig> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    toml::from_str(&text).with_context(|| path.display().to_string())
 }
 
 impl Which {
