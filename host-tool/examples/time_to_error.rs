@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use cpu_time::ProcessTime;
+use host_tool::network::Activation;
 use host_tool::recording;
 use host_tool::train::{CheckpointPlan, TrainConfig, train_split};
 use serde_json::json;
@@ -26,9 +27,10 @@ fn main() -> Result<()> {
     let trained_on = recordings.len();
     recordings.extend(recording::load(&[test], None)?);
     let parts: Vec<Vec<bool>> = recordings.iter().enumerate().map(|(index, recording)| vec![index < trained_on; recording.len()]).collect();
-    // Without recordings of our own making: both sides learn from the same.
     let preset = TrainConfig::preset("stream-2x64").context("the preset is gone")?;
-    let config = TrainConfig { budget_cpu_s, synthetic: 0, ..preset };
+    // The cells of the other side, and gates that remember longer from the start, as operators do: the error after equal steps was 18 % and
+    // 14 % less (tuning seed 71, 8,000 and 4,000 steps). Without recordings of our own making: both sides learn from the same.
+    let config = TrainConfig { budget_cpu_s, activation: Activation::Tanh, forget_bias: 3.0, synthetic: 0, ..preset };
     let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     let mut history: Vec<serde_json::Value> = Vec::new();

@@ -36,7 +36,7 @@ pub struct Arguments {
     /// Leave the network rungs out.
     #[arg(long)]
     no_networks: bool,
-    /// CPU time for the training of a network that may be shipped, in s; its cross-validation takes one and a half times as much.
+    /// CPU time for the training of a network that may be shipped, in s; two networks and their cross-validation take five times as much.
     #[arg(long, default_value_t = 60.0, value_name = "S", conflicts_with = "no_networks")]
     network_budget_cpu_s: f64,
     /// Seconds at the start of each recording that set its zero, for the error with calibration; by default about a tenth of the shortest
@@ -46,6 +46,9 @@ pub struct Arguments {
     #[command(flatten)]
     common: Common,
 }
+
+/// Steps of the progress of trainings.
+const PERMILLE: u64 = 1000;
 
 /// What `--json` gets.
 #[derive(Serialize)]
@@ -124,11 +127,17 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             }
         }
         Progress::Network { number, of, name } => {
-            bar.set_length(of as u64);
-            bar.set_position(number as u64 - 1);
+            if number == 1 {
+                // The time left is that of the trainings, which the physics rungs say nothing about.
+                bar.set_length(PERMILLE);
+                bar.set_position(0);
+                bar.reset_elapsed();
+            }
             bar.set_message(format!("training {number} of {of}: {name}"));
             bar.suspend(|| say!("after {:.1} s: training {number} of {of}: {name}", clock.elapsed().as_secs_f64()));
         }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
+        Progress::Trained(share) => bar.set_position((share * PERMILLE as f64) as u64),
         Progress::Note(note) => bar.suspend(|| say!("{note}")),
     };
     let fitted = fit::fit(&recordings, &settings, &tell)?;
