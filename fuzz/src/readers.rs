@@ -3,16 +3,17 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use host_tool::backend::{Backend, Rig, Simulated, VIRTUAL_BOARD};
 use host_tool::discover::effects::of_a_file::Definition;
 use host_tool::excitation::{self, Limits};
 use host_tool::import::{self, CheckVectors};
 use host_tool::journal::{Journal, story};
-use host_tool::link::{FlashMemory, InProcess};
+use host_tool::link::{Client, FlashMemory, HardwareConfig, InProcess};
 use host_tool::model::{self, Fit};
 use host_tool::plant::Plant;
 use host_tool::recording::Signal;
 use host_tool::train::{CheckpointPlan, train};
-use host_tool::{export, history, identify, network, setting_words, track};
+use host_tool::{experiment, export, history, identify, network, setting_words, track};
 
 use crate::seeds;
 use crate::targets::Wrong;
@@ -153,6 +154,19 @@ pub fn settings(bytes: &[u8]) -> Result<(), Wrong> {
         }
         Ok(())
     })
+}
+
+/// Numbers of a simulated rig's hardware: a device that starts with them answers.
+pub fn hardware(bytes: &[u8]) -> Result<(), Wrong> {
+    let text = std::str::from_utf8(bytes).map_err(refused)?;
+    let hardware: HardwareConfig = toml::from_str(text).map_err(refused)?;
+    hardware.problem().map_or(Ok(()), |problem| Err(Wrong::Refused(problem)))?;
+    let plant = Plant::named("pi").map_err(|error| garbage(error.to_string()))?;
+    let mut simulated = Simulated::around(&plant, 1, FlashMemory::default(), VIRTUAL_BOARD);
+    simulated.hardware = hardware;
+    let rig = Rig::open(&Backend::Virtual, || Ok(simulated)).map_err(refused)?;
+    let mut client = Client::connect(rig).map_err(refused)?;
+    experiment::settle(&mut client).map(drop).map_err(refused)
 }
 
 /// Effects of a lab.

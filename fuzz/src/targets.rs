@@ -68,6 +68,7 @@ pub fn all() -> Vec<Target> {
         target("excitation", seeds::excitations, readers::played),
         target("plant", || vec![seeds::file("plant.toml")], readers::plant),
         target("settings", || vec![seeds::file("settings.toml")], readers::settings),
+        target("hardware", || vec![seeds::file("hardware.toml")], readers::hardware),
         target("effects", || vec![seeds::file("effects.toml")], readers::effects),
         target("torch", || vec![seeds::vector("torch_single.safetensors"), seeds::vector("torch_gru_dense.safetensors")], readers::foreign),
         target("keras", || vec![seeds::vector("keras_double.safetensors"), seeds::vector("keras_relu.safetensors")], readers::foreign),

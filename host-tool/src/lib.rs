@@ -17,6 +17,7 @@ pub use simulation::{excitation, plant};
 pub use {output, output::say, recording, virtual_rig as rig};
 
 pub mod cli;
+pub mod control;
 pub mod demo;
 pub mod report;
 pub mod track;

@@ -267,7 +267,7 @@ fn no_file_of_the_firmware_needs_one_that_needs_it() {
 }
 
 /// Packages without circles beside the firmware; the others have files that name what their parent defines.
-const HOST: [&str; 10] = [
+const HOST: [&str; 11] = [
     "crates/calibration",
     "crates/dashboard",
     "crates/discovery",
@@ -277,6 +277,7 @@ const HOST: [&str; 10] = [
     "crates/rig-link",
     "crates/simulation",
     "crates/virtual-rig",
+    "host-tool",
     "virtual-board",
 ];
 

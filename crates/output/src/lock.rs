@@ -20,7 +20,8 @@ pub struct Locked(#[expect(dead_code, reason = "closing it ends the lock")] File
 pub fn lock(path: &Path, patience: Duration) -> Result<Locked> {
     let begin = Instant::now();
     loop {
-        let (file, is_there) = match File::open(path) {
+        // Opening a pipe would wait for somebody at its other end.
+        let (file, is_there) = match crate::input::open(path) {
             Ok(file) => (file, true),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let named = folder_of(path).ancestors().find(|folder| folder.is_dir());

@@ -44,6 +44,14 @@ pub fn may_replace() -> bool {
     MAY_REPLACE.load(Ordering::Relaxed)
 }
 
+/// As [`refuse_replacing`], with the path in the message.
+///
+/// # Errors
+/// As there.
+pub fn refuse_any(path: &Path) -> anyhow::Result<()> {
+    refuse_replacing(path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))
+}
+
 /// Refuses a file that holds something already, unless results may be replaced.
 ///
 /// # Errors

@@ -12,6 +12,10 @@ const CLIPPED_SHARE: f64 = 0.01;
 const CONSTANT_SHARE: f64 = 0.25;
 /// Pressures above this are suspicious: muscles burst and regulators end below it.
 const MOST_BAR: f64 = 20.0;
+/// Displacements above this are suspicious: no catheter bends so far.
+const MOST_MM: f64 = 1000.0;
+/// A sample less often than this is suspicious: milliseconds or microseconds are easily taken for seconds.
+const LONGEST_PERIOD_S: f64 = 5.0;
 
 /// Everything worth saying; `lines` are those of the samples in the file.
 pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
@@ -63,6 +67,10 @@ fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
         let text =
             format!("{count} gap(s) in time, the longest {} s: too much could have happened there to go on across.", short(longest_s));
         notes.push(Note::counted(Subject::Gap, count, lines.line(first), text));
+    }
+    let period_s = recording.sample_period_s;
+    if period_s > LONGEST_PERIOD_S {
+        notes.push(Note::new(Subject::Unit, format!("A sample every {} s. Is the time in ms or us?", short(period_s))));
     }
     let values: Vec<&[f64]> = channels(recording).into_iter().map(|(_, _, values)| values).collect();
     if clock::logs_events(&recording.time_s, &values) {
@@ -137,6 +145,7 @@ fn unit(name: &str, signal: &Signal, values: &[f64]) -> Option<Note> {
     let most = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let text = match signal.unit.as_str() {
         "bar" if most > MOST_BAR => format!("{name} reaches {} bar. Is it in kPa or psi?", short(most)),
+        "mm" if most > MOST_MM => format!("{name} reaches {} mm. Is it in um?", short(most)),
         "Pa" if most < 1e3 => format!("{name} never exceeds {} Pa. Is it in kPa or bar?", short(most)),
         "m" if most > 100.0 => format!("{name} reaches {} m. Is it in mm?", short(most)),
         "rad" if most > 20.0 => format!("{name} reaches {} rad. Is it in degrees?", short(most)),

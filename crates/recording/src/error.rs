@@ -7,8 +7,8 @@ use std::path::PathBuf;
 #[allow(missing_docs, reason = "the messages say what each field is")]
 pub enum RecordingError {
     /// The file or folder does not exist or cannot be opened.
-    #[error("{}: cannot be read ({source}); check the path and its permissions", path.display())]
-    Open { path: PathBuf, source: std::io::Error },
+    #[error("{}: cannot be read ({reason}); check the path and its permissions", path.display())]
+    Open { path: PathBuf, reason: std::io::Error },
     /// A folder was given where one file is wanted.
     #[error("{}: is a folder, a CSV file is wanted here; name one of the files in it", path.display())]
     IsFolder { path: PathBuf },
@@ -57,14 +57,17 @@ pub enum RecordingError {
     /// A number that no sensor gives.
     #[error("{}:{line}: column `{column}` holds {}, which no sensor gives in any unit; correct or remove the row", path.display(), shown(text))]
     TooLarge { path: PathBuf, line: u64, column: String, text: String },
+    /// A signal that is nearly nothing.
+    #[error("{}: `{column}` never exceeds {most:e}, which no sensor gives in any unit; check the columns and their units", path.display())]
+    TooSmall { path: PathBuf, column: String, most: f64 },
     /// A clock that runs faster than any logger.
     #[error("{}: a sample every {period_s:e} s, that is {rate_hz:e} a second; is the time column in another unit? Say it, for example `--columns time=t:s,...`", path.display())]
     TooFast { path: PathBuf, period_s: f64, rate_hz: f64 },
     /// An even clock that would need far more samples than were recorded.
-    #[error("{}: on an even clock of {period_s} s it would have {samples:e} samples instead of {recorded}; give --resample a longer period", path.display())]
+    #[error("{}: on an even clock of {period_s} s it would have {samples:e} samples instead of {recorded}; give --resample a {} period", path.display(), if *samples < 1.0 { "shorter" } else { "longer" })]
     Resample { path: PathBuf, period_s: f64, samples: f64, recorded: usize },
     /// A recording of which nothing is left.
-    #[error("{}: lasts {length_s} s, and --skip-s leaves out {skip_s} s; skip less", path.display())]
+    #[error("{}: lasts {length_s:e} s, and --skip-s leaves out {skip_s:e} s; skip less", path.display())]
     Skipped { path: PathBuf, length_s: f64, skip_s: f64 },
     /// The map of columns cannot be understood.
     #[error("--columns `{text}`: {problem}; write for example `time=t_s,input=voltage_V,output=displacement_um`")]

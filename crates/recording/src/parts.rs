@@ -19,6 +19,12 @@ pub(super) const MOST_VALUES: usize = 48 << 20;
 /// No sensor reads more, in any unit: squares and products of such numbers stay finite.
 pub const LARGEST: f64 = 1e30;
 
+/// A signal that never exceeds this is none: squares of such numbers vanish in a float.
+const SMALLEST: f64 = 1e-30;
+
+/// Line ends of Unix or Windows are wanted.
+const RETURNS: &str = "its lines end in a carriage return alone; save it with the line ends of Unix or Windows";
+
 /// What a file holds.
 pub(super) struct Read {
     pub(super) columns: Columns,
@@ -64,12 +70,15 @@ pub(super) struct Part {
 
 /// Reads the text of a file.
 pub(super) fn read<R: std::io::Read>(path: &Path, lines: &mut Lines<R>, map: &ColumnMap) -> Result<Read, RecordingError> {
-    let broken = |source| RecordingError::Open { path: path.into(), source };
+    let broken = |reason| RecordingError::Open { path: path.into(), reason };
     let (mut head, whole) = lines.head().map_err(broken)?;
     let mark = head.starts_with(b"\xef\xbb\xbf");
     head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     if whole && head.trim_ascii().is_empty() {
         return Err(RecordingError::Empty { path: path.into() });
+    }
+    if head.contains(&b'\r') && !head.contains(&b'\n') {
+        return Err(RecordingError::Format { path: path.into(), problem: RETURNS.to_owned() });
     }
     let known = head.utf8_chunks().next().map_or("", |chunk| chunk.valid());
     let layout = table::layout(known, |cells| cells.len() <= MOST_COLUMNS && names_columns(cells, map));
@@ -365,6 +374,19 @@ fn own_further_input(name: &str, so_far: usize) -> Option<Signal> {
     (name == format!("{quantity}_bar") && so_far < 8).then(|| Signal { quantity, unit: "bar".into() })
 }
 
+impl Recording {
+    /// Refuses a signal that moves by less than any sensor tells; one that is zero throughout is told as constant.
+    fn refuse_nothing(&self) -> Result<(), RecordingError> {
+        for (_, signal, values) in condition::channels(self) {
+            let most = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            if most > 0.0 && most < SMALLEST {
+                return Err(RecordingError::TooSmall { path: self.path.clone(), column: signal.column(), most });
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Part {
     /// Repairs the clock and makes a recording called `name` of the rows.
     pub(super) fn into_recording(self, path: &Path, name: &Path, map: &ColumnMap, columns: &Columns) -> Result<Recording, RecordingError> {
@@ -404,6 +426,7 @@ impl Part {
         let mut recording =
             Recording::new(path, map.input.signal.clone(), map.output.signal.clone(), time_s, input, output)?.with_more_inputs(more_inputs);
         recording.path = name.to_path_buf();
+        recording.refuse_nothing()?;
         recording.group = group;
         recording.extra = extra;
         recording.mark_lost_samples();

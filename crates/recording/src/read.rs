@@ -71,7 +71,7 @@ fn files_named(paths: &[PathBuf], extensions: &[&str]) -> Result<Vec<PathBuf>, R
     }
     let mut found = Vec::new();
     for path in paths {
-        let open = |source| RecordingError::Open { path: path.clone(), source };
+        let open = |reason| RecordingError::Open { path: path.clone(), reason };
         if std::fs::metadata(path).map_err(open)?.is_dir() {
             let before = found.len();
             search(path, extensions, &mut found)?;
@@ -90,7 +90,7 @@ fn files_named(paths: &[PathBuf], extensions: &[&str]) -> Result<Vec<PathBuf>, R
 
 /// Adds the files with these extensions of a folder and its subfolders.
 fn search(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) -> Result<(), RecordingError> {
-    let open = |source| RecordingError::Open { path: folder.to_path_buf(), source };
+    let open = |reason| RecordingError::Open { path: folder.to_path_buf(), reason };
     let entries = std::fs::read_dir(folder).map_err(open)?.collect::<Result<Vec<_>, _>>().map_err(open)?;
     let mut entries: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
     entries.sort();
@@ -141,7 +141,7 @@ fn single(path: &Path, mut recordings: Vec<Recording>) -> Result<Recording, Reco
 
 /// Reads all recordings of one file.
 fn read_parts(path: &Path, map: &ColumnMap) -> Result<Vec<Recording>, RecordingError> {
-    let open = |source| RecordingError::Open { path: path.to_path_buf(), source };
+    let open = |reason| RecordingError::Open { path: path.to_path_buf(), reason };
     if std::fs::metadata(path).map_err(open)?.is_dir() {
         return Err(RecordingError::IsFolder { path: path.to_path_buf() });
     }
@@ -155,7 +155,7 @@ fn parse_parts(path: &Path, bytes: &[u8], map: &ColumnMap) -> Result<Vec<Recordi
 
 /// Reads all recordings from a stream of bytes. Text goes by line by line and is never in memory as a whole.
 fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<Vec<Recording>, RecordingError> {
-    let open = |source| RecordingError::Open { path: path.to_path_buf(), source };
+    let open = |reason| RecordingError::Open { path: path.to_path_buf(), reason };
     let mut stream = Hashed::new(stream);
     let mut head = Vec::new();
     (&mut stream).take(128).read_to_end(&mut head).map_err(open)?;
@@ -166,7 +166,7 @@ fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<
         format::Kind::Gzip => {
             let mut lines = Lines::new(Unfold::new(&mut whole));
             parts::read(path, &mut lines, map).map_err(|error| match error {
-                RecordingError::Open { source, .. } => unfolding(path, &source),
+                RecordingError::Open { reason, .. } => unfolding(path, &reason),
                 other => other,
             })?
         }

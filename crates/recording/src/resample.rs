@@ -26,12 +26,13 @@ const MOST_TIMES: f64 = 20.0;
 /// Whether a recording may be put onto a clock of `period_s`.
 ///
 /// # Errors
-/// When the period is none, or makes far more samples than were recorded.
+/// When the period is none, is longer than the recording, or makes far more samples than were recorded.
 pub fn check(recording: &Recording, period_s: f64) -> Result<(), RecordingError> {
     let length_s: f64 =
         recording.segments().iter().map(|segment| recording.time_s[segment.end - 1] - recording.time_s[segment.start]).sum();
     let samples = length_s / period_s;
-    let sensible = period_s > 0.0 && (samples <= 1e6 || (samples <= MANY && samples <= MOST_TIMES * recording.len() as f64));
+    let sensible =
+        period_s > 0.0 && samples >= 1.0 && (samples <= 1e6 || (samples <= MANY && samples <= MOST_TIMES * recording.len() as f64));
     match sensible {
         true => Ok(()),
         false => Err(RecordingError::Resample { path: recording.path.clone(), period_s, samples, recorded: recording.len() }),

@@ -104,3 +104,42 @@ fn start_and_zero_are_taken_off_as_asked_and_said() {
     assert_eq!((found.len(), found.sample_period_s), (100, 0.04));
     assert!(load(Prepare { skip_s: 4.0, ..Prepare::default() }).expect_err("nothing left").to_string().contains("skip less"));
 }
+
+#[test]
+fn signals_that_are_nearly_nothing_are_refused_and_a_zero_is_not() {
+    let told = message(&rows(50, |index| (0.02 * index, index.sin(), 1e-310 * index.cos())));
+    assert!(told.contains("`displacement_mm` never exceeds") && told.contains("their units"), "{told}");
+    let still = rows(50, |index| (0.02 * index, index.sin(), 0.0));
+    assert!(parse(Path::new("run.csv"), still.as_bytes(), &ColumnMap::own()).is_ok());
+}
+
+#[test]
+fn old_line_ends_and_two_byte_text_are_told_as_such() {
+    let text = rows(50, |index| (0.02 * index, index.sin(), index.cos()));
+    assert!(message(&text.replace('\n', "\r")).contains("carriage return alone"));
+    for bytes in [u16::to_le_bytes, u16::to_be_bytes] {
+        let wide: Vec<u8> = text.encode_utf16().flat_map(bytes).collect();
+        let told = parse(Path::new("run.csv"), &wide, &ColumnMap::own()).expect_err("two bytes a letter").to_string();
+        assert!(told.contains("UTF-16"), "{told}");
+    }
+}
+
+#[test]
+fn a_unit_that_does_not_go_with_the_values_is_told() {
+    for (scales, words) in [([1e6, 1.0, 1.0], "Is the time in ms or us?"), ([1.0, 100.0, 1.0], "kPa"), ([1.0, 1.0, 1e4], "Is it in um?")] {
+        let [time, pressure, displacement] = scales;
+        let text = rows(50, |index| (time * 0.02 * index, pressure * index.sin(), displacement * index.cos()));
+        let recording = parse(Path::new("run.csv"), text.as_bytes(), &ColumnMap::own()).expect("a recording");
+        assert!(recording.notes.iter().any(|note| note.text.contains(words)), "{words}: {:?}", recording.notes);
+    }
+}
+
+#[test]
+fn a_clock_longer_than_the_recording_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.csv");
+    std::fs::write(&path, rows(50, |index| (0.02 * index, index.sin(), index.cos()))).expect("a file");
+    let prepare = Prepare { resample: Some(Resample::Period(1e9)), ..Prepare::default() };
+    let told = load_with(&[path], &ReadOptions { prepare, ..ReadOptions::default() }).expect_err("one sample").to_string();
+    assert!(told.contains("a shorter period"), "{told}");
+}

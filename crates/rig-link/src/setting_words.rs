@@ -118,7 +118,7 @@ pub fn file(heading: &str, settings: &BTreeMap<u16, SettingValue>) -> String {
 /// # Errors
 /// When it is no TOML, a setting is unknown, or a value is none that it may have.
 pub fn read(path: &Path) -> Result<Vec<(&'static SettingInfo, SettingValue)>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = output::read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let table: toml::Table = toml::from_str(&text).with_context(|| format!("{}: is no TOML", path.display()))?;
     let mut settings = BTreeMap::new();
     collect("", &table, &mut settings).with_context(|| path.display().to_string())?;

@@ -96,7 +96,7 @@ fn run_control(control: &Control) -> Result<Outcome> {
             row.max_mm
         );
     }
-    control.common.write("Control, measured", "Controllers on virtual rigs.", &table, |_| {})?;
+    control.common.results.write("Control, measured", "Controllers on virtual rigs.", &table, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -116,7 +116,7 @@ fn run_discover(discover: &Discover) -> Result<Outcome> {
         "excitation": format!("{:?}", config.excitation),
         "rig": format!("{:?}", config.generator),
     });
-    let done = match &discover.common.json {
+    let done = match &discover.common.results.json {
         Some(path) if discover.resume && path.exists() => finished(path, &settings)?,
         _ => Vec::new(),
     };
@@ -140,7 +140,7 @@ fn run_discover(discover: &Discover) -> Result<Outcome> {
                 case.runner_up,
             );
         }
-        if let Some(path) = &discover.common.json {
+        if let Some(path) = &discover.common.results.json {
             crate::output::write_json(path, &serde_json::json!({ "settings": settings, "rows": corpus::rows(cases), "cases": cases }))?;
         }
         anyhow::Ok(())

@@ -31,17 +31,17 @@ const TOLD_APART: usize = 3;
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let recordings = arguments.data.load()?;
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
-    let outputs: Vec<&Path> = arguments.common.files().collect();
+    let outputs: Vec<&Path> = arguments.common.results.files().collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let working = output::working("check", "clocks, noise, what repeats");
     let check = check(&recordings);
     drop(working);
     print(&check, &recordings);
     tell_limits(&recordings, super::lab::find()?.and_then(|lab| lab.limits.maximum_pressure_bar));
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         output::write_result(path, &check)?;
     }
-    if let Some(path) = &arguments.common.html {
+    if let Some(path) = &arguments.common.results.html {
         output::write_atomic(path, report::check::page(&check, &recordings).as_bytes())?;
     }
     Ok(Outcome::Success)

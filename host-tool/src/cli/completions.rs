@@ -1,9 +1,9 @@
 //! `catheter completions`: the completion script of a shell, on standard output.
 
 use anyhow::Result;
-use clap::CommandFactory;
+use clap::Command;
 
-use super::{Cli, Outcome};
+use super::Outcome;
 use crate::output;
 
 /// Print the completion script of a shell.
@@ -13,13 +13,13 @@ pub struct Arguments {
     shell: clap_complete::Shell,
 }
 
-/// Prints the script.
+/// Prints the script of a command line.
 ///
 /// # Errors
 /// Never.
-pub fn run(arguments: &Arguments) -> Result<Outcome> {
+pub fn run(arguments: &Arguments, command: &mut Command) -> Result<Outcome> {
     let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "catheter", &mut script);
+    clap_complete::generate(arguments.shell, command, "catheter", &mut script);
     output::print_bytes(&script);
     Ok(Outcome::Success)
 }

@@ -34,9 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let outputs: Vec<&Path> = names.iter().map(PathBuf::as_path).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
-    if let Some(there) = names.iter().find(|path| path.exists() && !output::may_replace()) {
-        anyhow::bail!("{}: exists already; choose another name, or say --force to replace it", there.display());
-    }
+    names.iter().try_for_each(|path| output::refuse_any(path))?;
     for (recording, path) in recordings.iter().zip(&names) {
         recording::write_as(path, recording, &output::provenance::line())?;
         let own =

@@ -38,9 +38,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     };
     let demo = demo::run(&config)?;
     demo::print_summary(&demo, &out);
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         output::write_result(path, &demo)?;
     }
-    arguments.common.copy_page(&out.join("report.html"))?;
+    arguments.common.results.copy_page(&out.join("report.html"))?;
     Ok(if demo.passed { Outcome::Success } else { Outcome::CheckFailed })
 }

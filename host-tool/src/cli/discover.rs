@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     // Typed twice, the second leaves the first as it is.
     let out = output::free_folder(&arguments.out);
     let outputs = folder::FILES.map(|name| out.join(name));
-    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.files()).collect();
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).chain(arguments.common.results.files()).collect();
     let recordings = arguments.data.load()?;
     let kept =
         if arguments.holdout.is_empty() { Vec::new() } else { recording::load_with(&arguments.holdout, &arguments.data.options()?)? };
@@ -71,10 +71,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let discovery = &finding.discovery;
     let page = crate::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
     let Written { model, for_the_board } = folder::write(&finding, &recordings, &page, &out)?;
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         output::write_result(path, discovery)?;
     }
-    arguments.common.copy_page(&out.join("report.html"))?;
+    arguments.common.results.copy_page(&out.join("report.html"))?;
     tell(discovery, &model, &out);
     match for_the_board {
         Ok(_) => say!("For the microcontroller: catheter export {} ...", out.join("microcontroller.toml").display()),

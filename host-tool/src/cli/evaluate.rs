@@ -10,7 +10,7 @@ use crate::discover::file::DiscoveredModel;
 use crate::evaluate::beyond::{self, Beyond};
 use crate::evaluate::ladder::{self, Entry, Ladder};
 use crate::evaluate::suite::{self, SuiteReport};
-use crate::evaluate::{FamilyErrors, FileErrors, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse, pooled_rmse};
+use crate::evaluate::{FamilyErrors, FileErrors, Judged, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse, pooled_rmse};
 use crate::fit::file::{Expected, FittedModel};
 use crate::fit::nuisance::Nuisance;
 use crate::identify::{ChannelRange, PhysicsModel};
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs = arguments.data.data.clone();
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.reference.iter().chain(&arguments.ladder_train).chain(&arguments.compare).cloned());
-    let outputs: Vec<&Path> = arguments.common.files().collect();
+    let outputs: Vec<&Path> = arguments.common.results.files().collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let model = model::load(&arguments.model)?;
     let reference = arguments.reference.as_deref().map(model::load).transpose()?;
@@ -124,8 +124,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let judging = Judging { fit, skip_s: skip_s.max(arguments.calibrate_s.unwrap_or(0.0)), tare, calibrate_s: 0.0 };
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-    let working = output::working("evaluate", "the model on the recordings");
-    let judged = judge(&*model, &recordings, judging, threads)?;
+    let judged = judge_all(&*model, &recordings, judging, threads)?;
+    let working = output::working("evaluate", "the model on the recordings, with the zero of their start");
     let files: Vec<FileErrors> = judged.iter().map(|judged| judged.errors.clone()).collect();
     let families = by_family(&files);
     let promise = Promise::read(&arguments.model, model.description())?;
@@ -200,7 +200,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(suite) = &suite {
         print_suite(suite);
     }
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         let written = Written {
             model: arguments.model.display().to_string(),
             files: files.iter().collect(),
@@ -221,7 +221,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         };
         output::write_result(path, &written)?;
     }
-    if let Some(path) = &arguments.common.html {
+    if let Some(path) = &arguments.common.results.html {
         let examples = report::examples("model", &recordings, &judged);
         let page = report::evaluation_page(model.description(), &examples, &families, ladder.as_ref(), suite.as_ref());
         output::write_atomic(path, page.as_bytes())?;
@@ -295,6 +295,19 @@ impl Promise {
             }
         })
     }
+}
+
+/// Judges a model, and says how far it is: a prediction takes a time for each sample.
+fn judge_all(model: &dyn Predictor, recordings: &[Recording], judging: Judging, threads: usize) -> Result<Vec<Judged>> {
+    let bar = output::progress(recordings.iter().map(|one| one.len() as u64).sum(), "evaluate");
+    bar.set_message("the model on the recordings");
+    let mut judged = Vec::with_capacity(recordings.len());
+    for part in recordings.chunks(4 * threads) {
+        judged.extend(judge(model, part, judging, threads)?);
+        bar.inc(part.iter().map(|one| one.len() as u64).sum());
+    }
+    bar.finish_and_clear();
+    Ok(judged)
 }
 
 fn print_errors(model: &dyn Predictor, files: &[FileErrors], families: &[FamilyErrors], calibrated: Option<&Calibrated>) {

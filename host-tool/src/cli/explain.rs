@@ -1,22 +1,19 @@
 //! `catheter explain`.
 
-use std::path::PathBuf;
-
 use anyhow::{Result, bail};
 use model_export::link::fault::{AdaptationCondition, Blocker, Explanation, Fault, Notice, explain};
 use serde::Serialize;
 
-use super::Outcome;
-use crate::{output, say};
+use super::{Outcome, Results};
+use crate::say;
 
 /// Say what a fault, blocker, notice or condition means and what to do about it.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Its identifier: E017 is a fault, B003 a blocker, N002 a notice, C005 a condition of adaptation; the list of all when absent.
     identifier: Option<String>,
-    /// Write the result as JSON to this file; folders on the way are created.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    results: Results,
 }
 
 /// What `--json` gets of each.
@@ -74,8 +71,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             say!("{}  {:<24} {}", entry.identifier, entry.name, entry.meaning);
         }
     }
-    if let Some(path) = &arguments.json {
-        if arguments.identifier.is_some() { output::write_result(path, &entries[0])? } else { output::write_result(path, &entries)? }
+    let title = "What the rig says, explained";
+    match &arguments.identifier {
+        Some(identifier) => arguments.results.write(title, &format!("The entry {identifier}."), &entries[0], |_| {})?,
+        None => arguments.results.write(title, "Faults, blockers, notices and conditions.", &entries, |_| {})?,
     }
     Ok(Outcome::Success)
 }

@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     print(&model, &export, recordings.len());
     let summary = Summary::of(&model, &export, c.map(CFiles::into_paths).unwrap_or_default());
     let lead = format!("{} for the microcontroller: what fixed point changes, and what a step costs.", arguments.model.display());
-    arguments.common.write("A model in fixed point", &lead, &summary, |_| {})?;
+    arguments.common.results.write("A model in fixed point", &lead, &summary, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -113,7 +113,7 @@ fn rewrite(arguments: &Arguments, c: Option<&CFiles>) -> Result<Outcome> {
     refuse_overwriting(arguments, Some(c), std::slice::from_ref(path))?;
     write_c(c, &blob).with_context(|| format!("cannot export {}", path.display()))?;
     let summary = Summary::of_blob(&bytes, &blob, vec![c.source.clone(), c.header.clone()]);
-    arguments.common.write("A model as C", &format!("{} as C.", path.display()), &summary, |_| {})?;
+    arguments.common.results.write("A model as C", &format!("{} as C.", path.display()), &summary, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -127,8 +127,10 @@ fn write_c(files: &CFiles, blob: &Blob<'_>) -> Result<()> {
 }
 
 fn refuse_overwriting(arguments: &Arguments, c: Option<&CFiles>, inputs: &[PathBuf]) -> Result<()> {
-    let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.files()).collect();
+    let mut outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.common.results.files()).collect();
     outputs.extend(c.iter().flat_map(|c| [c.source.as_path(), c.header.as_path()]));
+    // The option names the source alone.
+    c.map_or(Ok(()), |c| output::refuse_any(&c.header))?;
     output::refuse_overwriting(inputs, &outputs)
 }
 

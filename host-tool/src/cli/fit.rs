@@ -89,10 +89,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let out = output::free_folder(&arguments.out);
     let model_path = out.join("model");
     let written = folder::files(&out);
-    if let Some(json) = arguments.common.files().find(|file| written.iter().any(|one| one == file)) {
+    if let Some(json) = arguments.common.results.files().find(|file| written.iter().any(|one| one == file)) {
         anyhow::bail!("{} (--json, --html): the fit writes a file of that name itself; choose another", json.display());
     }
-    let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.files()).collect();
+    let outputs: Vec<&Path> = written.iter().map(PathBuf::as_path).chain(arguments.common.results.files()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let settings = Settings {
@@ -102,6 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         calibrate_s: arguments.calibrate_s,
     };
     let bar = output::progress(0, "fit");
+    bar.set_message("physics rungs");
     let failed: Mutex<Option<anyhow::Error>> = Mutex::new(None);
     let tell = |progress: Progress| match progress {
         Progress::First(model) => {
@@ -147,9 +148,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let blob = folder::write(&fitted, &crate::report::fit::page(&fitted), &out)?;
     print(&fitted, &model_path, blob.as_ref());
-    arguments.common.copy_page(&out.join(folder::REPORT))?;
+    arguments.common.results.copy_page(&out.join(folder::REPORT))?;
     say!("report: {}", out.join(folder::REPORT).display());
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         let range = &fitted.prepared.output;
         let summary = Summary {
             chosen: &fitted.ladder[fitted.chosen].name,

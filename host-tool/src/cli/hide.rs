@@ -73,6 +73,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         out.join("truth.sealed.json").display()
     );
     let result = serde_json::json!({"recordings": case.recordings.len(), "holdout": case.kept_out.len(), "noise_mm": case.truth.noise_mm});
-    arguments.common.write("Recordings with a hidden effect", "What was made; the truth is in a file of its own.", &result, |_| {})?;
+    arguments.common.results.write(
+        "Recordings with a hidden effect",
+        "What was made; the truth is in a file of its own.",
+        &result,
+        |_| {},
+    )?;
     Ok(Outcome::Success)
 }

@@ -158,7 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     }
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![arguments.out.as_path()];
-    outputs.extend(arguments.common.files());
+    outputs.extend(arguments.common.results.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     // A setting that the user gave is kept in every kind.
@@ -187,7 +187,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let fit = identify::fit(&recordings, &config)?;
     drop(working);
     fit.model.write(&arguments.out)?;
-    if arguments.common.files().next().is_some() {
+    if arguments.common.results.files().next().is_some() {
         let result = summary(&fit, &recordings, &kinds, chosen);
         let drawn = drawn(&fit, &recordings, arguments, skip_s, threads)?;
         let lead = format!(
@@ -199,6 +199,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         );
         arguments
             .common
+            .results
             .write("A physics model", &lead, &result, |page| report::on_recordings(page, &drawn.0, &drawn.1, &fit.model.output.unit))?;
     }
     print(&fit, &recordings, arguments);
@@ -214,7 +215,7 @@ fn drawn(
     skip_s: f64,
     threads: usize,
 ) -> Result<(Vec<Example>, Vec<FamilyErrors>)> {
-    if arguments.common.html.is_none() {
+    if arguments.common.results.html.is_none() {
         return Ok((Vec::new(), Vec::new()));
     }
     let model = PhysicsPredictor::new(fit.model.clone(), &arguments.out);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::Outcome;
+use super::{Outcome, Results};
 use crate::import::options::{
     DenseActivation, InputOptions, MAX_INPUTS, NetworkInput, Options, activation, dense_activations, features, names, number, positive,
     range, signal,
@@ -94,9 +94,8 @@ pub struct Arguments {
     /// `sequence` changes where the state starts from zero.
     #[arg(long, value_name = "FILE.csv")]
     check: Option<PathBuf>,
-    /// Write the result as JSON to this file; folders on the way are created.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    results: Results,
 }
 
 // `clap` takes an array, a `Vec` or an option of them for an option that is repeated.
@@ -199,7 +198,7 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let path = arguments.file.display();
     let inputs: Vec<PathBuf> = [Some(&arguments.file), arguments.check.as_ref()].into_iter().flatten().cloned().collect();
-    let outputs: Vec<&Path> = [Some(&arguments.out), arguments.json.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let outputs: Vec<&Path> = std::iter::once(arguments.out.as_path()).chain(arguments.results.files()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
     let mut found = import::read(&arguments.file, arguments.options()?).with_context(|| path.to_string())?;
     let check = arguments.check.as_deref().map(|path| vectors(path, &found)).transpose()?;
@@ -210,23 +209,23 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         network::save(&arguments.out, &model)?;
     }
     print(arguments, &found, &model, parity);
-    if let Some(path) = &arguments.json {
-        let network = model.network.as_ref();
-        let summary = Summary {
-            source: found.network.kind,
-            framework: &model.provenance.preset,
-            units: network.map_or_else(Vec::new, |network| network.layers.iter().map(|layer| layer.units).collect()),
-            layers: network.map_or_else(String::new, Network::described),
-            parameters: network.map_or(0, network::Network::parameters),
-            activation: network.map(|network| network.activation),
-            mode: model.mode,
-            written: passed,
-            check: parity,
-            tolerance_of_range: PARITY,
-            notes: &found.notes,
-        };
-        output::write_result(path, &summary)?;
-    }
+    let network = model.network.as_ref();
+    let summary = Summary {
+        source: found.network.kind,
+        framework: &model.provenance.preset,
+        units: network.map_or_else(Vec::new, |network| network.layers.iter().map(|layer| layer.units).collect()),
+        layers: network.map_or_else(String::new, Network::described),
+        parameters: network.map_or(0, network::Network::parameters),
+        activation: network.map(|network| network.activation),
+        mode: model.mode,
+        written: passed,
+        check: parity,
+        tolerance_of_range: PARITY,
+        notes: &found.notes,
+    };
+    let lead =
+        format!("{}: {}.", path, if passed { "it computes what the framework does, as far as it was checked" } else { "the check failed" });
+    arguments.results.write("An imported network", &lead, &summary, |_| {})?;
     Ok(if passed { Outcome::Success } else { Outcome::CheckFailed })
 }
 

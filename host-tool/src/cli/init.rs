@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 
-use super::lab::{FILE, Lab, Limits, Paths, Recordings};
+use super::lab::{FILE, Lab, Limits, Paths, Recordings, Rig};
 use super::reading::{Period, Reading, seconds};
 use super::{Outcome, check};
 use crate::recording::Resample;
@@ -24,6 +24,9 @@ pub struct Arguments {
     /// What no pressure may exceed, bar.
     #[arg(long, value_name = "BAR", value_parser = seconds)]
     maximum_pressure_bar: Option<f64>,
+    /// Which rig `rig`, `track` and `dashboard` speak to where nothing else is said, for example serial:/dev/ttyACM0.
+    #[arg(long, value_name = "virtual|qemu|board-model|serial[:PORT]")]
+    backend: Option<String>,
     #[command(flatten)]
     reading: Reading,
 }
@@ -51,6 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         },
         paths: Paths { recordings: arguments.recordings.as_ref().map(|path| relative(path, &arguments.folder)) },
         limits: Limits { maximum_pressure_bar: arguments.maximum_pressure_bar },
+        rig: Rig { backend: arguments.backend.clone() },
     };
     if let Some(problem) = lab.problem() {
         bail!("{problem}");

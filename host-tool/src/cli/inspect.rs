@@ -116,7 +116,7 @@ fn describe(arguments: &Arguments) -> Result<Outcome> {
     say!("  parameters    {}", description.parameters);
     say!("  step          {} multiplications", description.macs_per_step);
     say!("`catheter export` makes a blob of what the microcontroller can run; `inspect` of a blob tells its memory and cost there.");
-    arguments.common.write("A model", &format!("{}: {}.", arguments.blob.display(), description.kind), &description, |_| {})?;
+    arguments.common.results.write("A model", &format!("{}: {}.", arguments.blob.display(), description.kind), &description, |_| {})?;
     Ok(Outcome::Success)
 }
 
@@ -183,7 +183,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         if golden_check.same_bits { "as exported" } else { "DIFFER from the export" }
     );
     let outcome = if golden_check.passed { Outcome::Success } else { Outcome::CheckFailed };
-    if arguments.common.files().next().is_some() {
+    if arguments.common.results.files().next().is_some() {
         let summary = Summary {
             schema_version: blob.schema_version,
             bytes: bytes.len(),
@@ -197,7 +197,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             cost,
             golden_check,
         };
-        arguments.common.write(
+        arguments.common.results.write(
             "A blob",
             &format!("{path}: what is in it, and whether it does what it did when it was made."),
             &summary,

@@ -20,6 +20,8 @@ pub struct Lab {
     pub paths: Paths,
     /// What the rig must not exceed; `check` tells recordings that do.
     pub limits: Limits,
+    /// Which rig commands speak to.
+    pub rig: Rig,
 }
 
 /// As the options of the same names.
@@ -47,6 +49,14 @@ pub struct Paths {
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     pub maximum_pressure_bar: Option<f64>,
+}
+
+/// Which rig commands speak to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Rig {
+    /// As `--backend`.
+    pub backend: Option<String>,
 }
 
 /// The lab's file in this folder or one above; none is fine.
@@ -88,6 +98,10 @@ impl Lab {
         ];
         if let Some((problem, _)) = checks.iter().find(|(_, good)| !good) {
             return Some((*problem).to_owned());
+        }
+        let no_backend = |name: &String| name.parse::<crate::backend::Backend>().err();
+        if let Some(problem) = self.rig.backend.as_ref().and_then(no_backend) {
+            return Some(format!("rig.backend: {problem}"));
         }
         recordings.columns.as_deref().and_then(|columns| crate::recording::ColumnMap::parse(columns).err()).map(|error| error.to_string())
     }

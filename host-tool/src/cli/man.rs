@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::{Command, CommandFactory};
+use clap::Command;
 
-use super::{Cli, Outcome};
+use super::Outcome;
 use crate::{output, say};
 
 /// Write the manual pages of all commands into a folder.
@@ -16,12 +16,11 @@ pub struct Arguments {
     folder: PathBuf,
 }
 
-/// Writes the pages; pages of an earlier version are replaced.
+/// Writes the pages of a command line; pages of an earlier version are replaced.
 ///
 /// # Errors
 /// When one cannot be written.
-pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let mut command = Cli::command();
+pub fn run(arguments: &Arguments, mut command: Command) -> Result<Outcome> {
     command.build();
     let pages = write(&command, "catheter", &arguments.folder)?;
     say!("{pages} pages in {}; `man -l {}` shows the first", arguments.folder.display(), arguments.folder.join("catheter.1").display());

@@ -2,6 +2,7 @@
 
 mod bench;
 mod check;
+mod common;
 mod completions;
 mod convert;
 mod dashboard;
@@ -30,25 +31,14 @@ mod train;
 mod tune;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use serde::Serialize;
 
+pub use common::{Common, Outcome, Results};
 pub use reading::{Data, Reading};
 
 use crate::output::{self, Loudness};
-use crate::report::{self, Page};
-
-/// How a command ended; the exit code is a contract.
-pub enum Outcome {
-    /// Everything worked: 0.
-    Success,
-    /// The command ran and a check it makes failed: 1.
-    CheckFailed,
-}
 
 /// Hysteresis of a pneumatic catheter: simulate, identify, train, evaluate, export.
 #[derive(Parser)]
@@ -124,64 +114,6 @@ enum Command {
     Man(man::Arguments),
 }
 
-/// Options that every computing command takes.
-#[derive(Args, Clone, Debug)]
-pub struct Common {
-    /// Write the result as JSON to this file; folders on the way are created.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
-    pub json: Option<PathBuf>,
-    /// Write the result as a page with figures and plots to this file.
-    #[arg(long, alias = "report", value_name = "FILE.html", value_parser = output::file_argument("html"))]
-    pub html: Option<PathBuf>,
-    /// Seed of every random choice; equal seeds give equal results.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    pub seed: u64,
-    /// Worker threads; all cores when absent. Results are bit-identical for an equal count.
-    #[arg(long, value_name = "N", value_parser = thread_count)]
-    pub threads: Option<usize>,
-}
-
-impl Common {
-    /// The files that it names.
-    fn files(&self) -> impl Iterator<Item = &Path> {
-        self.json.as_deref().into_iter().chain(self.html.as_deref())
-    }
-
-    /// Writes a result to where it was asked for: as JSON, and as a page with the same figures below what `draw` puts there.
-    ///
-    /// # Errors
-    /// When a file cannot be written.
-    fn write(&self, title: &str, lead: &str, result: &impl Serialize, draw: impl FnOnce(&mut Page)) -> Result<()> {
-        if let Some(path) = &self.json {
-            output::write_result(path, result)?;
-        }
-        if let Some(path) = &self.html {
-            let figures = serde_json::to_value(result)?;
-            output::write_atomic(path, report::result::page(title, lead, &figures, draw).as_bytes())?;
-            crate::say!("report: {}", path.display());
-        }
-        Ok(())
-    }
-
-    /// Copies the page that a command left in its folder to where `--html` wants one.
-    ///
-    /// # Errors
-    /// When a file cannot be read or written.
-    fn copy_page(&self, page: &Path) -> Result<()> {
-        self.html.as_ref().map_or(Ok(()), |path| output::write_atomic(path, &output::read(page)?))
-    }
-}
-
-/// More threads than this is a slip of the finger.
-const MOST_THREADS: usize = 1024;
-
-fn thread_count(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(count) if (1..=MOST_THREADS).contains(&count) => Ok(count),
-        _ => Err(format!("a whole number from 1 to {MOST_THREADS} is wanted")),
-    }
-}
-
 /// Runs the command line and turns the outcome into the exit code: 0 done, 1 a check failed, 2 usage or input.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -192,7 +124,9 @@ pub fn main() -> ExitCode {
     if forced || is_bench {
         output::allow_replacing();
     }
-    let matches = Cli::command().get_matches();
+    let lab = lab::find();
+    let backend = lab.as_ref().ok().and_then(|lab| lab.as_ref()?.rig.backend.clone());
+    let matches = backend.map_or_else(Cli::command, |backend| with_backend(Cli::command(), backend)).get_matches();
     let seed = matches.subcommand().and_then(|(_, words)| words.try_get_one::<u64>("seed").ok().flatten().copied());
     output::provenance::begin(env!("CARGO_PKG_VERSION"), seed);
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
@@ -203,6 +137,8 @@ pub fn main() -> ExitCode {
     }
     output::detail!("catheter {}, seed {}", env!("CARGO_PKG_VERSION"), seed.map_or_else(|| "none".to_owned(), |seed| seed.to_string()));
     let result = match cli.command {
+        // A rig of the lab's file must not become a simulated one because the file is wrong.
+        Command::Rig(_) | Command::Track(_) | Command::Dashboard(_) if lab.is_err() => lab.map(|_| Outcome::Success),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Init(arguments) => init::run(&arguments),
@@ -226,8 +162,8 @@ pub fn main() -> ExitCode {
         Command::PlanExperiment(arguments) => plan_experiment::run(&arguments),
         Command::Hide(arguments) => hide::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
-        Command::Completions(arguments) => completions::run(&arguments),
-        Command::Man(arguments) => man::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, &mut Cli::command()),
+        Command::Man(arguments) => man::run(&arguments, Cli::command()),
     };
     // What the command said belongs to its result: a full disk behind `> table.txt` must not look like success.
     let result = result.and_then(|outcome| output::finish().map(|()| outcome));
@@ -240,4 +176,16 @@ pub fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Commands that speak to a rig.
+const ON_A_RIG: [&str; 3] = ["rig", "track", "dashboard"];
+
+/// The command line with the lab's rig where nothing else is said.
+fn with_backend(command: clap::Command, backend: String) -> clap::Command {
+    // Once in a process: the parser keeps its defaults for ever.
+    let backend: &'static str = backend.leak();
+    ON_A_RIG
+        .into_iter()
+        .fold(command, |command, name| command.mut_subcommand(name, |one| one.mut_arg("backend", |option| option.default_value(backend))))
 }

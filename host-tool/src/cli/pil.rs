@@ -8,7 +8,7 @@ use model_export::link::settings::Settings;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::Outcome;
+use super::{Outcome, Results};
 use crate::backend::{BOARD_MODEL, Backend, EMULATED_BOARD, Rig, Simulated};
 use crate::excitation::{self, ExcitationConfig, Limits, Segment, Signal};
 use crate::experiment::{self, OverTheLink};
@@ -16,7 +16,7 @@ use crate::journal::{self, Event, Journal};
 use crate::link::{Client, FlashMemory, fault_in_words};
 use crate::plant::Plant;
 use crate::recording;
-use crate::{output, say};
+use crate::{output, report, say};
 
 /// Run a closed-loop experiment with the whole firmware logic as ARM code in QEMU, once more in this process, and compare every tick.
 ///
@@ -50,9 +50,8 @@ pub struct Arguments {
     /// Leave the recording of the ARM run here, and its journal beside it.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(".csv"))]
     out: Option<PathBuf>,
-    /// Write the result as JSON to this file; folders on the way are created.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    results: Results,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -96,8 +95,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     excitation.sample_within(&Limits::default())?;
     let plant = Plant::named(&arguments.plant)?;
     let inputs: Vec<PathBuf> = std::iter::once(&arguments.blob).chain(&arguments.excitation).cloned().collect();
-    let outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.json.as_deref()).collect();
+    let outputs: Vec<&Path> = arguments.out.as_deref().into_iter().chain(arguments.results.files()).collect();
     output::refuse_overwriting(&inputs, &outputs)?;
+    arguments.out.iter().try_for_each(|path| output::refuse_any(&path.with_extension("journal")))?;
     let bytes = crate::output::read(&arguments.blob).with_context(|| format!("{}: cannot be read", arguments.blob.display()))?;
     // The comparison of laser and model is off: the blob need not belong to the simulated plant.
     let settings = Settings { mismatch_displacement_mm: 0.0, ..Settings::default() };
@@ -151,8 +151,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         fault: outcome.fault.as_ref().map(|record| fault_in_words(record.first)),
         wall_seconds,
     };
-    if let Some(path) = &arguments.out {
-        recording::write(path, &outcome.recording(path)?)?;
+    // A run that a fault ended at once has no samples, and that is no error here.
+    let recording = match &arguments.out {
+        Some(path) => Some(outcome.recording(path)?),
+        None => outcome.recording(Path::new("pil.csv")).ok(),
+    };
+    if let (Some(path), Some(recording)) = (&arguments.out, &recording) {
+        recording::write(path, recording)?;
         target.write(&path.with_extension("journal"))?;
     }
     say!("{} ticks as ARM code and in this process, {} samples recorded, in {:.1} s", written.ticks, written.samples, written.wall_seconds);
@@ -174,9 +179,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             fault.split(' ').next().unwrap_or(fault)
         );
     }
-    if let Some(path) = &arguments.json {
-        output::write_result(path, &written)?;
-    }
+    let lead = format!("{}: {} ticks as ARM code, compared with this process.", arguments.blob.display(), written.ticks);
+    arguments.results.write("Processor in the loop", &lead, &written, |page| {
+        recording.iter().for_each(|recording| report::check::picture(page, recording));
+    })?;
     Ok(if written.identical && written.fault.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }
 

@@ -40,7 +40,7 @@ pub struct Arguments {
 /// # Errors
 /// On models that do not belong together, or limits that nothing fits.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let outputs = std::iter::once(arguments.out.as_path()).chain(arguments.common.files()).collect::<Vec<_>>();
+    let outputs = std::iter::once(arguments.out.as_path()).chain(arguments.common.results.files()).collect::<Vec<_>>();
     output::refuse_overwriting(&arguments.models, &outputs)?;
     for (name, value) in
         [("--maximum-pressure-bar", arguments.maximum_pressure_bar), ("--maximum-slew-bar-per-s", arguments.maximum_slew_bar_per_s)]
@@ -63,9 +63,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let plans = plan::rank(&first, &second, noise, &limits, arguments.common.seed)?;
     drop(working);
     let best = &plans[0];
-    output::write_atomic(&arguments.out, excitation::to_toml(&best.excitation).as_bytes())?;
+    output::write_atomic(
+        &arguments.out,
+        format!("# {}\n{}", output::provenance::line(), excitation::to_toml(&best.excitation)).as_bytes(),
+    )?;
     let result = serde_json::json!({ "best": best.name, "noise": noise, "plans": plans });
-    arguments.common.write("Which experiment tells two models apart?", &format!("The best is {}.", best.name), &result, |_| {})?;
+    arguments.common.results.write("Which experiment tells two models apart?", &format!("The best is {}.", best.name), &result, |_| {})?;
     let unit = &first.output.unit;
     let width = plans.iter().map(|plan| plan.name.len()).max().unwrap_or(0);
     say!("{:width$}  {:>14}  {:>22}", "excitation", format!("differ by/{unit}"), "ln(likelihood ratio)");

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use serde::Serialize;
 
-use super::Outcome;
+use super::{Outcome, Results};
 use crate::history::{self, DumpRow};
 use crate::journal::{Journal, Story, story};
-use crate::{output, say};
+use crate::say;
 
 /// Run a journal again on this computer, bit for bit, and say why the rig did what it did.
 #[derive(clap::Args)]
@@ -19,9 +19,8 @@ pub struct Arguments {
     /// Say what was in force at this moment and why, in s after the beginning of the journal.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
-    /// Write the result as JSON to this file; folders on the way are created.
-    #[arg(long, value_name = "FILE", value_parser = output::file_argument(""))]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    results: Results,
 }
 
 #[derive(Serialize)]
@@ -88,12 +87,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         say!("  measured displacement {}", number(moment.displacement_mm, "mm"));
         say!("  model {}", moment.estimate_mm.map_or("none".to_owned(), |value| format!("{value:.4} mm")));
     }
-    if let Some(path) = &arguments.json {
-        output::write_result(
-            path,
-            &Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told },
-        )?;
-    }
+    let written =
+        Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told };
+    let lead = format!("{}: {:.3} s on the backend {}, run again.", path.display(), told.duration_s, header.backend);
+    arguments.results.write("A journal, run again", &lead, &written, |_| {})?;
     Ok(if identical && cut.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }
 
@@ -131,6 +128,7 @@ fn dump(rows: &[DumpRow], arguments: &Arguments) -> Result<Outcome> {
         );
     }
     let written = DumpWritten { rows: rows.len(), duration_s, ends_in_a_fault: history::ends_in_a_fault(rows), events: &events, at };
-    arguments.json.as_deref().map_or(Ok(()), |path| output::write_result(path, &written))?;
+    let lead = format!("{}: the last {duration_s:.3} s of a rig.", arguments.journal.display());
+    arguments.results.write("A rig's last seconds", &lead, &written, |_| {})?;
     Ok(Outcome::Success)
 }

@@ -42,7 +42,8 @@ pub struct Arguments {
     /// Folder for the recordings; for one excitation file also the name of a CSV file.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// `pi` (the paper's model), `all-effects`, or a plant file.
+    /// `pi` (the paper's model), `all-effects` (the same with every effect, simulated sample by sample; `track --preset all-effects` is another rig),
+    /// or a plant file.
     #[arg(long, default_value = "pi", value_name = "FILE|pi|all-effects")]
     plant: String,
     /// A of eq. (1) in bar; the pressure reaches twice as much. For sets.
@@ -119,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             })
             .collect(),
     };
-    arguments.common.write("Simulated recordings", &format!("What the plant {} did.", arguments.plant), &summary, |page| {
+    arguments.common.results.write("Simulated recordings", &format!("What the plant {} did.", arguments.plant), &summary, |page| {
         let longest = recordings.iter().take(4).collect::<Vec<_>>();
         longest.into_iter().for_each(|recording| report::check::picture(page, recording));
     })?;
@@ -161,7 +162,7 @@ fn play_file(file: &Path, arguments: &Arguments, limits: &Limits, plant: &Plant)
     let path = if is_file { arguments.out.clone() } else { arguments.out.join(format!("{stem}.csv")) };
     output::check_file(&path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))?;
     output::refuse_overwriting(&[file.to_path_buf()], &[&path])?;
-    output::refuse_replacing(&path).map_err(|problem| anyhow::anyhow!("{}: {problem}", path.display()))?;
+    output::refuse_any(&path)?;
     let recording = dataset::play(&excitation, limits, plant, &path).with_context(|| file.display().to_string())?;
     recording::write(&path, &recording)?;
     Ok(recording)

@@ -44,7 +44,7 @@ pub struct Arguments {
     /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
-    /// The virtual rig.
+    /// The virtual rig, in continuous time; `--plant all-effects` of other commands is another rig, simulated sample by sample.
     #[arg(long, value_enum, alias = "plant", default_value_t = Preset::AllEffects)]
     preset: Preset,
     /// Name of a reference, or a CSV file.
@@ -113,7 +113,7 @@ impl Arguments {
 
 /// The blob of a model: the file itself, or the one that `catheter fit` left beside it.
 fn read_model(path: &Path) -> Result<Vec<u8>> {
-    let read = |path: &Path| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let read = |path: &Path| output::read(path).with_context(|| format!("cannot read {}", path.display()));
     let bytes = read(path)?;
     if bytes.starts_with(&model_export::blob::MAGIC) {
         return Ok(bytes);
@@ -143,13 +143,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if arguments.inverse_model.is_none() && chosen.iter().any(|controller| controller.name == LEARNED) {
         bail!("{LEARNED} needs --inverse-model: an inverse model, made by `catheter train --inverse` and `catheter export`");
     }
-    let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let read = |path: &PathBuf| output::read(path).with_context(|| format!("cannot read {}", path.display()));
     let inverse = arguments.inverse_model.as_ref().map(read).transpose()?;
     let look_ahead = setting("control.learned_look_ahead_ms", SettingValue::Integer(arguments.look_ahead_ms));
     let given = match (&arguments.settings, &arguments.model) {
         (Some(settings), Some(model)) => Some(Control::Given { settings: read_settings(settings)?, blob: read_model(model)? }),
         _ => None,
     };
+    refuse_replacing(arguments, &chosen)?;
     let seed = arguments.common.seed;
     let (reference, beyond, runs) = match &backend {
         board if board.is_board() => {
@@ -191,7 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                         for recording in &recordings {
                             recording::write(&folder.join("recordings").join(&recording.path), recording)?;
                         }
-                        output::write_atomic(&folder.join("control.blob"), &tuned.blob)?;
+                        output::write_atomic(&folder.join(KEPT_MODEL), &tuned.blob)?;
                     }
                     Control::Tuned(Box::new(tuned))
                 }
@@ -227,17 +228,17 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     print(&name, &runs);
     let missed: Vec<String> = runs.iter().filter_map(|run| missed(&run.figures.name, &run.samples)).collect();
     missed.iter().for_each(|one| say!("FAILED: {one}"));
-    if let Some(path) = &arguments.common.json {
+    if let Some(path) = &arguments.common.results.json {
         let controllers = runs.iter().map(|run| &run.figures).collect();
         output::write_result(path, &Summary { controllers, beyond_range: &beyond, missed: &missed })?;
     }
     if let Some(folder) = &arguments.csv {
         for run in &runs {
-            let path = folder.join(format!("{}.csv", run.figures.name));
+            let path = csv_path(folder, &run.figures.name);
             recording::write(&path, &run.recording(&path)?)?;
         }
     }
-    if let Some(path) = &arguments.common.html {
+    if let Some(path) = &arguments.common.results.html {
         let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).chain(missed.iter().cloned()).collect();
         let rig = match backend {
             Backend::Virtual => "the all-effects rig",
@@ -248,6 +249,13 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         output::write_atomic(path, report::track::page(&name, rig, &runs, &warnings).as_bytes())?;
     }
     Ok(if missed.is_empty() { Outcome::Success } else { Outcome::CheckFailed })
+}
+
+/// The model of the tuning, as `--keep` leaves it.
+const KEPT_MODEL: &str = "control.blob";
+
+fn csv_path(folder: &Path, controller: &str) -> PathBuf {
+    folder.join(format!("{controller}.csv"))
 }
 
 fn journal_path(folder: &Path, controller: Controller) -> PathBuf {
@@ -354,6 +362,14 @@ fn the_reference(arguments: &Arguments, reach: Option<Reach>) -> Result<Referenc
         return reference::named(&arguments.reference, reach, arguments.common.seed).context("no such reference");
     }
     reference::from_file(Path::new(&arguments.reference))
+}
+
+/// Refuses, before any work, to replace runs that were left earlier.
+fn refuse_replacing(arguments: &Arguments, chosen: &[Controller]) -> Result<()> {
+    let journals = arguments.journals.iter().flat_map(|folder| chosen.iter().map(|controller| journal_path(folder, *controller)));
+    let csv = arguments.csv.iter().flat_map(|folder| chosen.iter().map(|controller| csv_path(folder, controller.name)));
+    let kept = arguments.keep.iter().map(|folder| folder.join(KEPT_MODEL));
+    journals.chain(csv).chain(kept).try_for_each(|path| output::refuse_any(&path))
 }
 
 /// Refuses, before any work, a reference that is neither a name nor a file.

@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     inputs.extend(arguments.config.clone());
     let mut outputs = vec![arguments.out.as_path()];
-    outputs.extend(arguments.common.files());
+    outputs.extend(arguments.common.results.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let threads = arguments.common.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let plan = CheckpointPlan {
@@ -195,7 +195,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             crate::say!("export it with --compensation, and set control.learned_look_ahead_ms to {ahead_ms:.0}");
         }
     }
-    if arguments.common.files().next().is_some() {
+    if arguments.common.results.files().next().is_some() {
         let result = Written {
             report: &report,
             next_interval: next_interval(&report, recordings.len()),
@@ -205,7 +205,10 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             model: arguments.out.display().to_string(),
         };
         let lead = format!("{}: {} parameters, validation {:.5} {unit}.", arguments.out.display(), report.parameters, report.val_rmse);
-        arguments.common.write("A trained network", &lead, &result, |page| crate::report::training(page, &report.history, &unit))?;
+        arguments
+            .common
+            .results
+            .write("A trained network", &lead, &result, |page| crate::report::training(page, &report.history, &unit))?;
     }
     Ok(Outcome::Success)
 }

@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let (settings_path, blob_path) = (out.join("settings.toml"), out.join("control.blob"));
     let inputs: Vec<PathBuf> = recordings.iter().map(Recording::file).collect();
     let mut outputs = vec![settings_path.as_path(), blob_path.as_path()];
-    outputs.extend(arguments.common.files());
+    outputs.extend(arguments.common.results.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let limits = Limits { ceiling_bar: arguments.ceiling_bar, slew_bar_per_s: arguments.slew_bar_per_s };
     let working = output::working("tune", "fitting the actuator, then gains for every actuator within its intervals");
@@ -99,7 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let chosen = controller(&arguments.controller).context("no such controller")?;
     let settings = named(&tuned.settings(chosen));
     let values: BTreeMap<u16, SettingValue> = tuned.settings(chosen).into_iter().collect();
-    let heading = format!("Settings of the controller {}, tuned from {} recordings.", chosen.name, recordings.len());
+    let made = output::provenance::line();
+    let heading = format!("Settings of the controller {}, tuned from {} recordings; {made}", chosen.name, recordings.len());
     output::write_atomic(&settings_path, setting_words::file(&heading, &values).as_bytes())?;
     output::write_atomic(&blob_path, &tuned.blob)?;
     print(&tuned);
@@ -108,7 +109,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         "The controller {}: the actuator explains the recordings to {:.4} mm, 95 % of its errors are below {:.4} mm.",
         chosen.name, tuned.fitted.rmse_mm, tuned.fitted.error_mm
     );
-    arguments.common.write("A controller from recordings", &lead, &summary(&tuned, chosen.name, settings), |page| {
+    arguments.common.results.write("A controller from recordings", &lead, &summary(&tuned, chosen.name, settings), |page| {
         unknown(&tuned).iter().for_each(|warning| page.paragraph(&format!("**Warning:** {warning}")));
         recordings.iter().take(4).for_each(|recording| report::check::picture(page, recording));
     })?;

@@ -5,14 +5,18 @@
 //! rate-dependent thresholds, creep, a dead zone, saturation, stick-slip) and is trained on the rich set: there the network earns its
 //! keep. Every stage uses the code of the command of the same name; the files it leaves can be taken further with these commands.
 
+mod page;
+mod plan;
 mod results;
 mod stages;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 
+pub use plan::DemoConfig;
+use plan::Plan;
 pub use results::{Demo, Exported, Model, Rig, Stage, Trained};
 
 use crate::evaluate::ladder::{self, Entry};
@@ -23,28 +27,6 @@ use crate::plant::dataset::SetKind;
 use crate::recording::Recording;
 use crate::report::{self, Example};
 use crate::{output, say};
-
-/// How the demonstration runs.
-#[derive(Clone, Debug)]
-pub struct DemoConfig {
-    /// Folder of everything it leaves.
-    pub folder: PathBuf,
-    /// Seed of every random choice.
-    pub seed: u64,
-    /// Threads; equal counts give equal results.
-    pub threads: usize,
-    /// A fraction of the data and of the training: shows that everything works, not how well.
-    pub quick: bool,
-}
-
-/// A rig before anything was measured on it.
-struct Plan {
-    name: &'static str,
-    title: &'static str,
-    plant: &'static str,
-    kind: SetKind,
-    what: &'static str,
-}
 
 const PLANS: [Plan; 2] = [
     Plan {
@@ -112,8 +94,8 @@ pub fn run(config: &DemoConfig) -> Result<Demo> {
         passed,
     };
     demo.seconds = begun.elapsed().as_secs_f64();
-    output::write_json(&config.folder.join("demo.json"), &demo)?;
-    output::write_atomic(&config.folder.join("report.html"), report::demo::page(&demo).as_bytes())?;
+    output::write_result(&config.folder.join("demo.json"), &demo)?;
+    output::write_atomic(&config.folder.join("report.html"), page::page(&demo).as_bytes())?;
     Ok(demo)
 }
 

@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use indicatif::MultiProgress;
 use sha2::{Digest, Sha256};
 
+use super::plan::{DemoConfig, Plan};
 use super::results::{Exported, Stage, Trained};
-use super::{DemoConfig, Plan};
 use crate::evaluate::for_each;
 use crate::evaluate::ladder::{self, Entry};
 use crate::excitation::Limits;

@@ -43,7 +43,13 @@ impl Axis {
         Self { low: floor, high: ceiling.max(floor + 1.0), start, end, logarithmic: true }
     }
 
-    /// The values at the start and at the end of a linear axis.
+    /// Whether it is logarithmic.
+    #[must_use]
+    pub fn is_logarithmic(&self) -> bool {
+        self.logarithmic
+    }
+
+    /// The values at the start and at the end; of a logarithmic axis their powers of ten.
     #[must_use]
     pub fn ends(&self) -> [f64; 2] {
         [self.low, self.high]

@@ -3,6 +3,7 @@
 use super::axis::Axis;
 use super::data::Plot;
 use super::decimate::decimate;
+pub use super::series::Series;
 use super::svg::{Anchor, Svg};
 use super::text::{number, superscript};
 
@@ -17,25 +18,6 @@ const BOTTOM: f64 = 44.0;
 const TOP: f64 = 26.0;
 /// Between panels one above the other.
 const BETWEEN: f64 = 18.0;
-
-/// One line of a plot.
-#[derive(Clone, Debug)]
-pub struct Series {
-    /// Name in the legend; a line without a name is not in it.
-    pub name: String,
-    /// Class of the style sheet: `measured`, `model`, `error`, `one`, `two`, `three`, `input`.
-    pub class: &'static str,
-    /// The points, in order.
-    pub points: Vec<(f64, f64)>,
-}
-
-impl Series {
-    /// A line through values at times.
-    #[must_use]
-    pub fn new(name: &str, class: &'static str, x: &[f64], y: &[f64]) -> Self {
-        Self { name: name.to_owned(), class, points: x.iter().copied().zip(y.iter().copied()).collect() }
-    }
-}
 
 /// One of several plots one above the other.
 #[derive(Clone, Debug)]
@@ -85,6 +67,7 @@ impl Frame {
             frame: [self.left, self.right, self.top, self.bottom],
             x: self.x.ends(),
             y: self.y.ends(),
+            logarithmic: self.y.is_logarithmic(),
             labels: labels.map(str::to_owned),
             series: series.to_vec(),
         }
@@ -92,6 +75,9 @@ impl Frame {
 
     fn grid(&self, svg: &mut Svg, x_label: Option<&str>, y_label: &str, ticks: (usize, usize)) {
         svg.begin_group(if x_label.is_some() { "ticks below" } else { "ticks" }, "");
+        for value in self.y.between_decades() {
+            svg.line("grid minor", (self.left, self.y.at(value)), (self.right, self.y.at(value)));
+        }
         for tick in self.y.ticks(ticks.1) {
             let at = self.y.at(tick.value);
             svg.line("grid", (self.left, at), (self.right, at));
@@ -182,6 +168,22 @@ pub fn panels(caption: Caption<'_>, x_label: &str, width: f64, panels: &[Panel])
         top += panel.height + BETWEEN;
     }
     legend(&mut svg, all.iter(), width, 14.0);
+    svg
+}
+
+/// Lines of positive values over a common axis, on a logarithmic scale; what is not positive lies at its lower end.
+#[must_use]
+pub fn decades(caption: Caption<'_>, x_label: &str, y_label: &str, size: (f64, f64), series: &[Series]) -> Svg {
+    let mut svg = Svg::new(size.0, size.1, caption.title, caption.description);
+    let mut frame = Frame::new(LEFT, size.0 - RIGHT, TOP, size.1 - BOTTOM, series, 0.0, false);
+    let positive = series.iter().flat_map(|line| line.points.iter().map(|point| point.1)).filter(|y| y.is_finite() && *y > 0.0);
+    let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
+    frame.y = Axis::decades(low, high, frame.bottom, frame.top);
+    svg.begin_plot(frame.plot([x_label, y_label], series));
+    frame.grid(&mut svg, Some(x_label), y_label, (8, 6));
+    frame.lines(&mut svg, series);
+    svg.end_group();
+    legend(&mut svg, series.iter(), size.0, 14.0);
     svg
 }
 

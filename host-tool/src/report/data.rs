@@ -3,19 +3,21 @@
 
 use serde_json::{Value, json};
 
-use super::chart::Series;
+use super::series::Series;
 
 /// Most rows of a table: twenty times the pixels of a plot, for what is zoomed into.
 const MOST_ROWS: usize = 4000;
 
-/// A frame with linear axes and the lines in it.
+/// A frame and the lines in it.
 pub struct Plot {
     /// Left, right, top and bottom in the drawing.
     pub frame: [f64; 4],
     /// Values at left and right.
     pub x: [f64; 2],
-    /// Values at bottom and top.
+    /// Values at bottom and top; of a logarithmic axis their powers of ten.
     pub y: [f64; 2],
+    /// Whether the vertical axis is logarithmic.
+    pub logarithmic: bool,
     /// Names of the axes.
     pub labels: [String; 2],
     /// The lines, in the order of the drawing.
@@ -71,7 +73,9 @@ pub fn group(figures: &[(String, Vec<Plot>)]) -> Option<String> {
         for plot in plots {
             let lines: Vec<Value> = plot.series.iter().map(|series| line(&mut tables, series)).collect();
             let [x_label, y_label] = &plot.labels;
-            drawn.push(json!({ "frame": plot.frame, "x": plot.x, "y": plot.y, "xl": x_label, "yl": y_label, "s": lines }));
+            drawn.push(
+                json!({ "frame": plot.frame, "x": plot.x, "y": plot.y, "log": plot.logarithmic, "xl": x_label, "yl": y_label, "s": lines }),
+            );
         }
         described.push(json!({ "id": id, "plots": drawn }));
     }
@@ -128,6 +132,7 @@ mod tests {
             frame: [0.0, 1.0, 0.0, 1.0],
             x: [0.0, 1.0],
             y: [0.0, 1.0],
+            logarithmic: false,
             labels: ["x".into(), "</script>".into()],
             series,
         };

@@ -1,7 +1,7 @@
 //! Reports: what was computed, drawn and explained, as one self-contained HTML document.
 //!
 //! The page is made from the same values that go into the JSON result and from nothing else. [`evaluation_page`] is for
-//! `catheter evaluate --html`, [`demo::page`] for `catheter demo`; both are made of the sections here.
+//! `catheter evaluate --html`, [`crate::demo`] makes that of `catheter demo`; both are made of the sections here.
 
 mod axis;
 pub mod calibration;
@@ -9,110 +9,27 @@ pub mod chart;
 pub mod check;
 mod data;
 mod decimate;
-pub mod demo;
 pub mod discovery;
+mod example;
 pub mod fit;
-mod page;
-mod primer;
+pub(crate) mod page;
+pub(crate) mod primer;
 pub mod result;
-mod sections;
+pub(crate) mod sections;
+mod series;
 mod svg;
 pub use output::text;
 pub mod track;
 
-use std::path::PathBuf;
-
-use serde::Serialize;
-
+pub use example::{Example, Prediction, add_prediction, examples};
 pub use page::Page;
 pub use svg::Svg;
 
+use crate::evaluate::FamilyErrors;
 use crate::evaluate::ladder::Ladder;
 use crate::evaluate::suite::SuiteReport;
-use crate::evaluate::{Errors, FamilyErrors, Judged, by_family};
 use crate::model::Description;
-use crate::recording::{Recording, Signal};
 use crate::train::Milestone;
-
-/// Most examples of one report.
-const MOST_EXAMPLES: usize = 8;
-
-/// A recording with what a model made of it, as plots need it.
-#[derive(Clone, Debug, Serialize)]
-pub struct Example {
-    /// The recording.
-    pub path: PathBuf,
-    /// Its family of excitation.
-    pub family: String,
-    /// What was played.
-    pub input_signal: Signal,
-    /// What was measured.
-    pub output_signal: Signal,
-    /// Times in s, from the recording's first sample.
-    pub time_s: Vec<f64>,
-    /// Input.
-    pub input: Vec<f64>,
-    /// Measured output.
-    pub measured: Vec<f64>,
-    /// First sample that counts.
-    pub first: usize,
-    /// What models made of it, the one that the report is about last.
-    pub predictions: Vec<Prediction>,
-}
-
-/// What one model made of a recording.
-#[derive(Clone, Debug, Serialize)]
-pub struct Prediction {
-    /// Name of the model.
-    pub model: String,
-    /// Prediction, free running.
-    pub predicted: Vec<f64>,
-    /// Its errors.
-    pub errors: Errors,
-}
-
-/// Of every family the recording with the largest error, in order of the families, at most eight. `name` is that of the model in legends.
-#[must_use]
-pub fn examples(name: &str, recordings: &[Recording], judged: &[Judged]) -> Vec<Example> {
-    let mut chosen: Vec<usize> = Vec::new();
-    for family in by_family(judged.iter().map(|judged| &judged.errors)) {
-        let members = (0..judged.len()).filter(|&index| judged[index].errors.family == family.family);
-        chosen.extend(members.max_by(|&one, &other| judged[one].errors.errors.rmse.total_cmp(&judged[other].errors.errors.rmse)));
-    }
-    if chosen.len() > MOST_EXAMPLES {
-        chosen.sort_by(|&one, &other| judged[other].errors.errors.rmse.total_cmp(&judged[one].errors.errors.rmse));
-        chosen.truncate(MOST_EXAMPLES);
-        chosen.sort_unstable();
-    }
-    chosen.into_iter().map(|index| example(name, &recordings[index], &judged[index])).collect()
-}
-
-/// Adds what another model made of the same recordings, behind the model that the report is about.
-pub fn add_prediction(examples: &mut [Example], name: &str, judged: &[Judged]) {
-    for example in examples {
-        if let Some(other) = judged.iter().find(|judged| judged.errors.path == example.path) {
-            example.predictions.insert(0, prediction(name, other));
-        }
-    }
-}
-
-fn prediction(name: &str, judged: &Judged) -> Prediction {
-    Prediction { model: name.to_owned(), predicted: judged.predicted.clone(), errors: judged.errors.errors }
-}
-
-fn example(name: &str, recording: &Recording, judged: &Judged) -> Example {
-    Example {
-        path: recording.path.clone(),
-        family: recording.family.clone(),
-        input_signal: recording.input_signal.clone(),
-        output_signal: recording.output_signal.clone(),
-        time_s: recording.time_s.iter().map(|time_s| time_s - recording.time_s[0]).collect(),
-        input: recording.input.clone(),
-        measured: recording.output.clone(),
-        first: judged.first,
-        predictions: vec![prediction(name, judged)],
-    }
-}
 
 /// The errors of a model on recordings, by family, and the worst of each as plots; nothing without any.
 pub fn on_recordings(page: &mut Page, examples: &[Example], families: &[FamilyErrors], unit: &str) {
@@ -130,18 +47,17 @@ pub fn training(page: &mut Page, history: &[Milestone], unit: &str) {
     page.section("How the training went");
     let steps: Vec<f64> = history.iter().map(|at| at.steps as f64).collect();
     let line = |name: &str, class, value: &dyn Fn(&Milestone) -> f64| {
-        let values: Vec<f64> = history.iter().map(|at| value(at).log10()).collect();
+        let values: Vec<f64> = history.iter().map(value).collect();
         chart::Series::new(name, class, &steps, &values)
     };
     let series = vec![
         line("training", "one", &|at| at.training_rmse), //
         line("validation", "model", &|at| at.validation_rmse),
     ];
-    let panel = chart::Panel { label: format!("log10(RMSE / {unit})"), series, height: 240.0, zero: false };
     let caption =
         chart::Caption { title: "Errors over the training", description: "Training and validation error over the optimiser's steps." };
     page.figure(
-        chart::panels(caption, "optimiser steps", 760.0, &[panel]),
+        chart::decades(caption, "optimiser steps", &format!("RMSE / {unit}"), (760.0, 310.0), &series),
         page::Width::Full,
         "Validation runs freely over recordings that are not trained on; the weights with its least error are kept.",
     );

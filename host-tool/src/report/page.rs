@@ -173,6 +173,7 @@ impl Page {
     #[must_use]
     pub fn finish(mut self, footer: &str) -> String {
         self.close_section();
+        let provenance = output::provenance::line();
         let links: Vec<String> =
             self.contents.iter().map(|(id, heading)| format!("<li><a href=\"#{id}\">{}</a></li>", escape(heading))).collect();
         let contents =
@@ -187,10 +188,11 @@ impl Page {
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
              <meta name=\"color-scheme\" content=\"light dark\">\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; script-src 'sha256-{}'\">\
-             <title>{}</title><style>{STYLE}</style></head><body>{body}<footer>{}</footer><script>{SCRIPT}</script></body></html>\n",
+             <title>{}</title><style>{STYLE}</style></head><body>{body}<footer>{}{}</footer><script>{SCRIPT}</script></body></html>\n",
             STANDARD.encode(Sha256::digest(SCRIPT)),
             escape(&self.title),
-            emphasised(footer)
+            emphasised(footer),
+            if provenance.is_empty() { String::new() } else { format!("<p class=\"provenance\">{}</p>", escape(&provenance)) }
         )
     }
 }

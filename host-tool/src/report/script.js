@@ -22,6 +22,20 @@
     return found.map((value) => [value, Math.abs(value) < 1e-9 * step ? '0' : String(Number(value.toPrecision(10)))]);
   };
 
+  // One, two and five times each power of ten between two powers; over many decades the powers alone.
+  const decades = (low, high) => {
+    const raised = (power) => '10' + [...String(power)].map((letter) => '⁰¹²³⁴⁵⁶⁷⁸⁹'[letter] || '⁻').join('');
+    const found = [];
+    for (let power = Math.floor(low); power <= high; power++) {
+      for (const times of high - low < 2.5 ? [1, 2, 5] : [1]) {
+        const value = times * 10 ** power;
+        const at = Math.log10(value);
+        if (at >= low && at <= high) found.push([value, times === 1 ? raised(power) : String(Number(value.toPrecision(3)))]);
+      }
+    }
+    return found;
+  };
+
   class Plot {
     constructor(figure, node, described) {
       Object.assign(this, described);
@@ -45,7 +59,9 @@
 
     column(line, axis) { return this.figure.group.tables[line.t][line[axis]]; }
     atX(value) { return this.left + (value - this.x[0]) / (this.x[1] - this.x[0]) * (this.right - this.left); }
-    atY(value) { return this.bottom - (value - this.y[0]) / (this.y[1] - this.y[0]) * (this.bottom - this.top); }
+    // The place of a value on the vertical axis, which may be logarithmic.
+    level(value) { return this.log ? Math.log10(Math.max(value, 1e-300)) : value; }
+    atY(value) { return this.bottom - (this.level(value) - this.y[0]) / (this.y[1] - this.y[0]) * (this.bottom - this.top); }
     ofX(at) { return this.x[0] + (at - this.left) / (this.right - this.left) * (this.x[1] - this.x[0]); }
     // A line over rising values, as time, and no loop.
     isOverTime() { return this.xl.startsWith('time') || this.xl.includes('steps'); }
@@ -77,8 +93,9 @@
         const [x, y] = [this.column(line, 'x'), this.column(line, 'y')];
         for (let row = 0; row < x.length; row++) {
           if (y[row] === null || x[row] < this.x[0] || x[row] > this.x[1]) continue;
-          low = Math.min(low, y[row]);
-          high = Math.max(high, y[row]);
+          if (this.log && y[row] <= 0) continue;
+          low = Math.min(low, this.level(y[row]));
+          high = Math.max(high, this.level(y[row]));
         }
       }
       if (low > high) return;
@@ -104,7 +121,8 @@
     drawTicks() {
       const below = this.ticksNode.classList.contains('below');
       let text = '';
-      for (const [value, label] of ticks(this.y[0], this.y[1], this.bottom - this.top < 110 ? 3 : 5)) {
+      const levels = this.log ? decades(this.y[0], this.y[1]) : ticks(this.y[0], this.y[1], this.bottom - this.top < 110 ? 3 : 5);
+      for (const [value, label] of levels) {
         const at = this.atY(value).toFixed(1);
         text += `<path class="grid" d="M${this.left} ${at}L${this.right} ${at}"/>`;
         text += `<text class="tick" x="${this.left - 8}" y="${Number(at) + 4}" text-anchor="end">${label}</text>`;

@@ -1,10 +1,10 @@
 use std::path::PathBuf;
 
-use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, bars_from, colour, dots, heat, loops, panels};
+use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, bars_from, colour, decades, dots, heat, loops, panels};
 use super::page::{Cell, Width};
 use super::*;
-use crate::evaluate::Errors;
-use crate::evaluate::ladder;
+use crate::evaluate::{Errors, Judged, by_family, ladder};
+use crate::recording::{Recording, Signal};
 
 const CAPTION: Caption<'_> = Caption { title: "a < b & \"c\"", description: "d" };
 
@@ -71,6 +71,7 @@ fn every_plot_is_well_formed_and_finite_for_any_series() {
         let panel = |zero| Panel { label: "y < z".into(), series: series.clone(), height: 80.0, zero };
         well_formed_and_finite(panels(CAPTION, "x & y", 500.0, &[panel(false), panel(true)]));
         well_formed_and_finite(loops(CAPTION, "x", "y", (300.0, 300.0), &series));
+        well_formed_and_finite(decades(CAPTION, "x", "y", (300.0, 300.0), &series));
         let values: Vec<f64> = points.iter().map(|point| point.1).collect();
         let rows: Vec<(String, f64)> = values.iter().map(|&value| ("<name>".to_owned(), value)).collect();
         well_formed_and_finite(bars(CAPTION, "x", 500.0, &rows));
@@ -92,6 +93,20 @@ fn a_line_is_interrupted_where_a_value_is_missing() {
     let mut svg = Svg::new(10.0, 10.0, "t", "d");
     svg.polyline("model", &points);
     assert!(svg.finish("x").contains("d=\"M0 0L1 1M3 1L4 0\""));
+}
+
+#[test]
+fn a_logarithmic_axis_has_decades_and_the_numbers_beside_it_are_the_true_ones() {
+    let series = [Series::new("validation", "model", &[0.0, 1.0, 2.0], &[0.5, 0.02, 0.003])];
+    let mut svg = decades(CAPTION, "optimiser steps", "RMSE / mm", (500.0, 300.0), &series);
+    let plots = svg.take_plots();
+    assert!(plots[0].logarithmic && plots[0].y == [-3.0, 0.0], "{:?}", plots[0].y);
+    assert_eq!(plots[0].series[0].points[2].1, 0.003);
+    let markup = well_formed_and_finite(svg);
+    for label in ["10\u{207b}\u{b3}", "10\u{207b}\u{b9}", "10\u{2070}"] {
+        assert!(markup.contains(&format!(">{label}</text>")), "{label}");
+    }
+    assert!(!markup.contains("log10"));
 }
 
 #[test]

@@ -1,14 +1,15 @@
 //! The figures of the controllers, all in one run on the all-effects rig: what each buys against the simpler one, side by side.
 //!
 //! Every seed is a rig of its own, tuned on recordings from its session 0 with references that occur nowhere else; the figures come from
-//! session 1 with the references of [`super::reference::named`].
+//! session 1 with the references of [`crate::control::reference::named`].
 
 use model_export::link::settings::SettingValue;
 use serde::Serialize;
 
 use super::compare::{self, CompareError, Run, run_one};
-use super::reference::{NAMES, Reference, named, tuning};
-use super::{Controller, controller, learn, rig, rig_settings, run, setting};
+use super::{learn, rig, run};
+use crate::control::reference::{NAMES, PERIOD_S, Reference, named, tuning};
+use crate::control::{Controller, controller, setting};
 use crate::link::Breakage;
 use crate::recording::Recording;
 use crate::rig::live::STROKE_MM;
@@ -214,20 +215,20 @@ fn best_pid(tuned: &mut Tuned, seed: u64) -> Result<(), CompareError> {
 fn long_run(tuned: &Tuned, seed: u64, seconds: f64) -> Result<Run, CompareError> {
     let mut points_mm: Vec<f64> = Vec::new();
     let mut part = 0;
-    while points_mm.len() as f64 * super::reference::PERIOD_S < seconds {
+    while points_mm.len() as f64 * PERIOD_S < seconds {
         let name = ["point-to-point", "a", "hand"][part % 3];
         let moves = named(name, tuned.reach, seed + 1000 + part as u64).map_or_else(Vec::new, |reference| reference.points_mm);
         let last_mm = moves.last().copied().unwrap_or(tuned.reach.low_mm);
         points_mm.extend(moves);
         let hold_s = if part % 4 == 3 { 600.0 } else { 60.0 };
-        points_mm.extend(std::iter::repeat_n(last_mm, (hold_s / super::reference::PERIOD_S) as usize));
+        points_mm.extend(std::iter::repeat_n(last_mm, (hold_s / PERIOD_S) as usize));
         part += 1;
     }
-    points_mm.truncate((seconds / super::reference::PERIOD_S) as usize);
+    points_mm.truncate((seconds / PERIOD_S) as usize);
     let reference = Reference { name: "long".to_owned(), points_mm };
     let Some(sensorless) = controller("sensorless") else { return Err(CompareError::NoController) };
     let (mut client, truth) = rig::in_process(seed, 1)?;
-    let mut settings = rig_settings();
+    let mut settings = rig::rig_settings();
     settings.extend(tuned.settings(sensorless));
     settings.push(setting("telemetry.period_ms", SettingValue::Integer(100)));
     run_one(&mut client, &truth, &settings, Some(&tuned.blob), sensorless, &reference)
@@ -288,14 +289,14 @@ fn laser_lost(tuned: &Tuned, seed: u64) -> Result<LaserLost, CompareError> {
     let Some(both) = controller("physics-inverse+pid") else { return Err(CompareError::NoController) };
     let Some(reference) = named("a", tuned.reach, seed) else { return Err(CompareError::NoController) };
     let points_mm = &reference.points_mm;
-    let first = (NOT_BEFORE_S / super::reference::PERIOD_S) as usize;
+    let first = (NOT_BEFORE_S / PERIOD_S) as usize;
     let (low, high) = points_mm[first..].iter().fold((f64::MAX, f64::MIN), |(low, high), point| (low.min(*point), high.max(*point)));
     let middle_mm = 0.5 * (low + high);
     let upward = (first + 1..points_mm.len()).find(|at| points_mm[at - 1] < middle_mm && points_mm[*at] >= middle_mm);
-    let lost_ms = (upward.unwrap_or(first) as f64 * super::reference::PERIOD_S * 1e3) as u64;
+    let lost_ms = (upward.unwrap_or(first) as f64 * PERIOD_S * 1e3) as u64;
     let watched = |fails: bool| -> Result<Watched, CompareError> {
         let (mut client, truth) = rig::in_process(seed, 1)?;
-        let mut settings = rig_settings();
+        let mut settings = rig::rig_settings();
         settings.extend(tuned.settings(both));
         settings.push(setting("laser.required", SettingValue::Flag(false)));
         run::prepare(&mut client, &settings, Some(&tuned.blob))?;

@@ -3,7 +3,7 @@
 use model_export::blob;
 use serde::Serialize;
 
-use super::Reference;
+use crate::control::Reference;
 use crate::evaluate::beyond::{Outside, outside};
 
 /// A reference that leaves the range of displacement that a model was made from.

@@ -5,11 +5,9 @@ use std::path::{Path, PathBuf};
 use model_export::link::message::Telemetry;
 use model_export::link::settings::SettingValue;
 
-use super::figures::{self, Figures, Sample};
-use super::reference::Reference;
 use super::rig::{self, Truth};
 use super::run::{self, RunError};
-use super::{Controller, SettingValues, rig_settings, setting};
+use crate::control::{Controller, Figures, Reference, Sample, SettingValues, figures, setting};
 use crate::export::ExportError;
 use crate::link::{Client, Transport};
 use crate::recording::{ExtraColumn, Recording, RecordingError, Signal};
@@ -22,7 +20,7 @@ pub const HIGHEST_BAR: f64 = 2.7;
 /// Time at the beginning of a run that no figure counts: the way from rest to the reference's first point.
 const SKIP_S: f64 = 1.0;
 
-/// What the output of the all-effects rig meets, as [`rig_settings`] have it.
+/// What the output of the all-effects rig meets, as [`rig::rig_settings`] have it.
 pub const RIG_LIMITS: Limits = Limits { ceiling_bar: 3.0, slew_bar_per_s: 40.0 };
 
 /// What can go wrong.
@@ -141,7 +139,7 @@ pub fn with_model(
     changes: &[(u16, SettingValue)],
 ) -> Result<Run, CompareError> {
     let (mut client, truth) = rig::in_process(seed, 1)?;
-    let mut settings = rig_settings();
+    let mut settings = rig::rig_settings();
     settings.extend(tuned.settings(controller));
     settings.extend(changes);
     run_one(&mut client, &truth, &settings, Some(blob), controller, reference)
@@ -153,7 +151,7 @@ pub fn with_model(
 /// When a run fails.
 pub fn record_for_tuning(seed: u64) -> Result<Vec<Recording>, CompareError> {
     let (mut client, _) = rig::in_process(seed, 0)?;
-    let mut settings = rig_settings();
+    let mut settings = rig::rig_settings();
     settings.push(setting("telemetry.period_ms", SettingValue::Integer(20)));
     run::prepare(&mut client, &settings, None)?;
     let mut recordings = Vec::new();

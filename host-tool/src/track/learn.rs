@@ -3,7 +3,7 @@
 use model_export::link::settings::SettingValue;
 
 use super::compare::CompareError;
-use super::setting;
+use crate::control::{PERIOD_S, setting};
 use crate::export;
 use crate::recording::Recording;
 use crate::train::{CheckpointPlan, TrainConfig, train};
@@ -31,7 +31,7 @@ pub fn inverse(tuned: &Tuned, recordings: &[Recording], cpu_s: f64, seed: u64) -
     let exchanged = recordings.iter().map(|recording| recording.exchanged(LOOK_AHEAD_S)).collect::<Result<Vec<_>, _>>()?;
     let blob = trained(&exchanged, tuned, cpu_s, seed)?;
     // The device shows the inverse the reference as it will be, the recordings what it was on average over a sample.
-    let look_ahead_ms = (1e3 * LOOK_AHEAD_S + 500.0 * super::reference::PERIOD_S).round() as u32;
+    let look_ahead_ms = (1e3 * LOOK_AHEAD_S + 500.0 * PERIOD_S).round() as u32;
     Ok(Learned { blob, settings: [setting("control.learned_look_ahead_ms", SettingValue::Integer(look_ahead_ms))] })
 }
 

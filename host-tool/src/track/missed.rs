@@ -1,6 +1,6 @@
 //! Whether a run followed its reference at all. A figure of an error says little when nothing moved.
 
-use super::figures::Sample;
+use crate::control::Sample;
 
 /// An output slower than this on average did not move, bar/s: a thousandth of what the slowest reference of the suite asks for.
 const STILL_BAR_PER_S: f64 = 1e-3;

@@ -4,7 +4,10 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
 
+use model_export::link::settings::SettingValue;
+
 use crate::backend::{EMULATED_BOARD, VIRTUAL_BOARD};
+use crate::control::{SettingValues, setting};
 use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
     BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu,
@@ -14,6 +17,21 @@ use crate::rig::live::{AllEffects, Probe};
 
 /// Ticks of a window of the decimation filter.
 const WINDOW_TICKS: usize = 20;
+
+/// Settings that the all-effects rig needs whatever the controller: its pneumatics are slower than the defaults expect, and telemetry
+/// every 10 ms.
+#[must_use]
+pub fn rig_settings() -> SettingValues {
+    vec![
+        setting("mismatch.pressure_bar", SettingValue::Float(0.6)),
+        setting("mismatch.pressure_ms", SettingValue::Integer(100)),
+        setting("mismatch.displacement_mm", SettingValue::Float(0.0)),
+        setting("telemetry.period_ms", SettingValue::Integer(10)),
+        setting("limits.host_timeout_ms", SettingValue::Integer(1000)),
+        setting("limits.slew_up_bar_per_s", SettingValue::Float(40.0)),
+        setting("limits.slew_down_bar_per_s", SettingValue::Float(40.0)),
+    ]
+}
 
 /// The true tip and the output at every tick, where somebody can see them.
 #[derive(Clone, Default)]

@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use model_export::link::fault::Notice;
 use model_export::link::message::{MAX_CHUNK_POINTS, PlaybackChunk, Reply, Request, Telemetry};
-use model_export::link::settings::SettingValue;
 use model_export::link::state::State;
 
-use super::figures::Sample;
 use super::rig::Truth;
+use crate::control::{Sample, SettingValues};
 use crate::experiment::{self, status};
 use crate::interrupt;
 use crate::link::{Client, LinkError, Transport};
@@ -17,9 +16,6 @@ use crate::link::{Client, LinkError, Transport};
 const ROUND: Duration = Duration::from_millis(20);
 /// How long a device may take from one state to the next.
 const STATE_WITHIN: Duration = Duration::from_secs(10);
-
-/// Settings by number.
-pub type SettingValues = Vec<(u16, SettingValue)>;
 
 /// What is in the way of a run.
 #[derive(Debug, thiserror::Error)]

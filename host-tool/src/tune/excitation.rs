@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::track::reference::PERIOD_S;
+use crate::control::PERIOD_S;
 
 /// Pressures in bar, 20 ms apart, that show a controller's needs: decaying sines at several frequencies for the loops, random levels for lag
 /// and creep, a sum of sines for everything between. Two minutes in all.

@@ -14,6 +14,8 @@ use crate::recording::Recording;
 
 /// Ticks of 1 ms before each recording in which the actuator is taken to rest at its first pressure.
 const LEAD_TICKS: usize = 500;
+/// Longest sample period, ticks: what is slower shows no lag of a valve.
+const LONGEST_TICKS: f64 = 1000.0;
 /// Most steps of the fit.
 const MOST_STEPS: usize = 30;
 /// The fit ends when a step makes the squares smaller by less than this share.
@@ -39,8 +41,8 @@ pub enum FitError {
         /// What it measures.
         found: String,
     },
-    /// A period that is no whole number of ticks.
-    #[error("{path}: its sample period is {period_s} s; a whole number of milliseconds is needed")]
+    /// A period that is no whole number of ticks, or too long to see a lag.
+    #[error("{path}: its sample period is {period_s} s; a whole number of milliseconds is needed, 1000 at most; --resample makes one")]
     Period {
         /// Which recording.
         path: String,
@@ -158,7 +160,7 @@ fn runs(recordings: &[Recording]) -> Result<Vec<Run>, FitError> {
             return Err(FitError::Signals { path, found });
         }
         let ticks = recording.sample_period_s * 1000.0;
-        if (ticks - ticks.round()).abs() > 0.05 || ticks < 0.95 {
+        if (ticks - ticks.round()).abs() > 0.05 || !(0.95..=LONGEST_TICKS).contains(&ticks) {
             return Err(FitError::Period { path, period_s: recording.sample_period_s });
         }
         Ok(Run {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::fit::{FitError, Fitted};
 use super::margins::{Margins, Plant, WANTED, WANTED_BESIDE_FEED_FORWARD, margins};
 use super::simulate::{Limits, simulate};
-use crate::track::reference::{PERIOD_S, Reach, tuning};
+use crate::control::reference::{PERIOD_S, Reach, tuning};
 
 /// Delay of the inverse's smoothing, s: three means of twelve ticks, and one tick to the valve.
 const SMOOTHING_S: f64 = 0.018;

@@ -17,10 +17,10 @@ pub use excitation::excitation;
 pub use fit::{FitError, Fitted};
 pub use gains::Gains;
 
+use crate::control::{Controller, Reach, SettingValues, setting};
 use crate::export::{self, ExportError};
 use crate::identify::{self, Choice, Family, FitConfig, IdentifyError, Thresholds};
 use crate::recording::Recording;
-use crate::track::{Controller, Reach, SettingValues, setting};
 use simulate::Limits;
 
 /// Shares of the recorded range that references keep away from its ends: below, the actuator does not answer, above it saturates.

@@ -3,8 +3,7 @@
 use firmware::control::{Actuator, ActuatorState, Compensator, ControlInputs, ControlLaw, Demand, SetPoint, Tracking, TrackingState};
 use model_export::link::message::PlaybackChunk;
 
-use crate::track::figures::{Figures, Sample};
-use crate::track::{figures, reference::PERIOD_S};
+use crate::control::{Figures, PERIOD_S, Sample, figures};
 
 /// Ticks of a window and of a point.
 const WINDOW_TICKS: usize = 20;

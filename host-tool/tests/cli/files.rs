@@ -49,6 +49,20 @@ fn the_labs_file_is_taken_and_the_command_line_comes_first() {
 }
 
 #[test]
+fn the_labs_rig_is_taken_where_nothing_else_is_said() {
+    let bench = Bench::careful();
+    bench.works("init --backend serial:nowhere");
+    bench.refuses("rig status", &["nowhere"]);
+    bench.refuses("track --reference a --controllers pid", &["a board needs --settings"]);
+    bench.works("rig --backend virtual status");
+    bench.refuses("init --backend serail:x --force", &["rig.backend"]);
+    // A file that is wrong makes no simulated rig of a real one.
+    bench.write("catheter.toml", "[rig]\nbackend = \"serail:x\"\n");
+    bench.refuses("rig status", &["catheter.toml", "rig.backend"]);
+    bench.works("explain E001");
+}
+
+#[test]
 fn names_that_a_terminal_would_obey_are_shown() {
     let bench = Bench::new();
     bench.write("run.csv", recording_csv(0.5).replacen("pressure_bar", "\u{1b}]0;owned\u{7}_bar", 1));

@@ -16,6 +16,7 @@ mod evaluate;
 mod files;
 mod fit;
 mod help;
+mod hostile;
 mod import_network;
 mod lab_effects;
 mod manners;

@@ -3,7 +3,7 @@
 use crate::support::Bench;
 
 /// A command that computes something, and the ending of what it writes with `--out`, if anything.
-const COMPUTING: [(&str, &str); 7] = [
+const COMPUTING: [(&str, &str); 8] = [
     ("identify --data data --out FILE", "toml"),
     ("train --preset stream-1x32 --epochs 1 --data data --out FILE", "safetensors"),
     ("export model.safetensors --calibration data --out FILE", "blob"),
@@ -11,6 +11,7 @@ const COMPUTING: [(&str, &str); 7] = [
     ("check --data data", ""),
     ("inspect model.blob", ""),
     ("inspect physics.toml", ""),
+    ("explain E001", ""),
 ];
 
 #[test]
@@ -21,6 +22,8 @@ fn every_computing_command_leaves_a_page_and_replaces_nothing_without_force() {
         bench.works(&format!("{line} --html page-{number}.html"));
         let page = String::from_utf8(bench.read(&format!("page-{number}.html"))).expect("text");
         assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"), "{line}");
+        let command = line.split(' ').next().expect("a command");
+        assert!(page.contains(&format!("made by catheter {}: catheter {command}", env!("CARGO_PKG_VERSION"))), "{line}");
         // The result is not replaced, nor the page, nor a JSON result; and before any work.
         if !ending.is_empty() {
             bench.refuses(&line, &[&format!("result-{number}.{ending}"), "exists already", "--force"]);
@@ -143,4 +146,35 @@ fn a_model_whose_numbers_are_not_finite_is_refused_and_no_nan_is_written() {
     bench.refuses("evaluate --model huge.toml --data data --json out.json", &["huge.toml", "no sensor gives"]);
     bench.write("nan.toml", text.replace(weights, &huge.replace("1e308", "nan")));
     bench.refuses("evaluate --model nan.toml --data data --json out.json", &["nan.toml", "not finite"]);
+}
+
+const EXCITATION: &str = "sample_period_s = 0.02\nnoise_bar = 0.0\nseed = 1\n[[segments]]\nduration_s = 1.0\nsignal = { kind = \"descending-sine\", \
+                          amplitude_bar = 0.2, frequency_hz = 1.0, decay_per_s = 0.1 }\n";
+
+#[test]
+fn a_run_on_a_rig_and_what_is_told_of_it_replace_nothing_without_force() {
+    let bench = Bench::careful();
+    bench.write("play.toml", EXCITATION);
+    bench.works("rig record --excitation play.toml --out run.csv --json run.json");
+    assert_eq!(bench.json("run.json")["provenance"]["version"], env!("CARGO_PKG_VERSION"));
+    bench.refuses("rig record --excitation play.toml --out run.csv", &["run.csv", "exists already"]);
+    // The journal that would lie beside the recording belongs to another one.
+    bench.write("other.journal", bench.read("run.journal"));
+    bench.refuses("rig record --excitation play.toml --out other.csv", &["other.journal", "exists already"]);
+    bench.works("replay run.csv --html replay.html --json replay.json");
+    let page = String::from_utf8(bench.read("replay.html")).expect("text");
+    assert!(page.contains("run again") && page.contains("identical"), "{page:.400}");
+    bench.refuses("replay run.csv --html replay.html", &["replay.html", "exists already"]);
+    // What an option names by its folder is looked at one by one, before any work.
+    bench.write("runs/pid.csv", "kept");
+    for option in ["--csv", "--journals"] {
+        let file = if option == "--csv" { "runs/pid.csv" } else { "runs/pid.journal" };
+        bench.write(file, "kept");
+        bench.refuses(&format!("track --reference a --controllers open-loop,pid {option} runs"), &[file, "exists already", "--force"]);
+    }
+    bench.write("runs/control.blob", "kept");
+    bench.refuses("track --reference a --controllers pid --keep runs", &["runs/control.blob", "exists already"]);
+    let models = Bench::careful_with_models();
+    models.write("model.h", "kept");
+    models.refuses("export model.blob --c model.c", &["model.h", "exists already"]);
 }

@@ -54,11 +54,16 @@ impl Bench {
 
     /// Runs `catheter` with the words of `line`; files are named relative to the working folder, no word has a space.
     pub fn run(&self, line: &str) -> Said {
+        self.run_within(line, 300)
+    }
+
+    /// The same, and it may not take longer than so many seconds.
+    pub fn run_within(&self, line: &str, seconds: u64) -> Said {
         let output = Command::new(env!("CARGO_BIN_EXE_catheter"))
             .args(line.split_whitespace())
             .current_dir(self.folder.path())
             .env("CATHETER_FORCE", if self.replaces { "1" } else { "0" })
-            .timeout(std::time::Duration::from_secs(300))
+            .timeout(std::time::Duration::from_secs(seconds))
             .output()
             .expect("the built command starts");
         let said = Said {

@@ -81,8 +81,7 @@ impl Definition {
     /// # Errors
     /// When the file cannot be read or an effect makes no sense.
     pub fn read(path: &Path) -> Result<Vec<&'static dyn Form>, DefinitionError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|error| DefinitionError::Open { path: path.into(), problem: error.to_string() })?;
+        let text = output::read_text(path).map_err(|error| DefinitionError::Open { path: path.into(), problem: error.to_string() })?;
         let file: File = toml::from_str(&text).map_err(|error| DefinitionError::Parse { path: path.into(), problem: error.to_string() })?;
         file.effect.iter().map(Self::form).collect()
     }

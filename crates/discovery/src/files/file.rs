@@ -217,7 +217,7 @@ impl DiscoveredModel {
     /// # Errors
     /// When it cannot be read or makes no sense.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let text = std::fs::read_to_string(path).map_err(|error| FileError::Open { path: path.into(), problem: error.to_string() })?;
+        let text = output::read_text(path).map_err(|error| FileError::Open { path: path.into(), problem: error.to_string() })?;
         let invalid = |problem: String| FileError::Invalid { path: path.into(), problem };
         let model: Self = toml::from_str(&text).map_err(|error| invalid(error.to_string()))?;
         if model.kind != KIND || model.version != VERSION {

@@ -42,6 +42,10 @@ pub(super) fn kind(path: &Path, head: &[u8]) -> Result<Kind, RecordingError> {
         _ if head.starts_with(b"MATLAB 5.0") => Ok(Kind::Mat),
         [0xd0, 0xcf, 0x11, 0xe0, ..] => refuse("is a workbook of Excel; save the sheet as CSV (UTF-8)"),
         [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => refuse("is text in UTF-16; save it as CSV in UTF-8"),
+        // Without its mark: every second byte of Latin letters is zero.
+        [0, letter, 0, next, ..] | [letter, 0, next, 0, ..] if letter.is_ascii_graphic() && next.is_ascii_graphic() => {
+            refuse("is text in UTF-16; save it as CSV in UTF-8")
+        }
         _ => Ok(Kind::Text),
     }
 }

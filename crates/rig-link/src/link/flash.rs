@@ -120,7 +120,7 @@ impl FlashMemory {
         if !path.exists() {
             return Ok(Self::default());
         }
-        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         let flash = Self::from_bytes(&bytes);
         ensure!(
             flash.is_some(),

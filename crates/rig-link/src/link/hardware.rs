@@ -135,6 +135,38 @@ impl Default for HardwareConfig {
     }
 }
 
+impl HardwareConfig {
+    /// The first number that no hardware has, by its name, and what is wanted.
+    #[must_use]
+    pub fn problem(&self) -> Option<String> {
+        let within = |name: &str, value: f64, low: f64, high: f64| {
+            (!(low..=high).contains(&value)).then(|| format!("{name} is {value}; {low} to {high} is wanted"))
+        };
+        // Far beyond any bench; a time constant of nothing is a division by zero.
+        [
+            within("supply_bar", self.supply_bar, 0.0, 100.0),
+            within("valve_full_scale_bar", self.valve_full_scale_bar, 0.01, 100.0),
+            within("regulator_ms", self.regulator_ms, 0.1, 1e5),
+            within("regulator_falling_ms", self.regulator_falling_ms.unwrap_or(self.regulator_ms), 0.1, 1e5),
+            within("dump_ms", self.dump_ms, 0.1, 1e5),
+            within("tip_ms", self.tip_ms, 0.1, 1e5),
+            within("pressure_range_bar", self.pressure_range_bar, 0.01, 1e3),
+            within("laser_range_mm", self.laser_range_mm, 0.01, 1e4),
+            within("rest_mm", self.rest_mm, -1e4, 1e4),
+            within("laser.zero", self.laser.zero, -1e4, 1e4),
+            within("laser.gain", self.laser.gain, -100.0, 100.0),
+            within("pressure.zero", self.pressure.zero, -1e3, 1e3),
+            within("pressure.gain", self.pressure.gain, -100.0, 100.0),
+            within("valve.dead_band_share", self.valve.dead_band_share, 0.0, 1.0),
+            within("valve.hysteresis_share", self.valve.hysteresis_share, 0.0, 1.0),
+            within("valve.gain", self.valve.gain, -100.0, 100.0),
+        ]
+        .into_iter()
+        .flatten()
+        .next()
+    }
+}
+
 /// The hardware, advanced by one tick a step.
 pub struct Hardware {
     config: HardwareConfig,

@@ -94,7 +94,7 @@ impl Arguments {
 
     fn read_answers(&self) -> Result<Option<Answers>> {
         let read = |path: &PathBuf| {
-            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            let text = output::read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
             toml::from_str(&text).with_context(|| path.display().to_string())
         };
         self.answers.as_ref().map(read).transpose()

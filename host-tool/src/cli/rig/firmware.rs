@@ -50,7 +50,7 @@ struct Written {
 
 /// Reads an image and checks what can be checked without a board.
 fn read(path: &Path) -> Result<ProgramImage> {
-    let file = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let file = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     ProgramImage::of(&file).with_context(|| format!("{}", path.display()))
 }
 

@@ -104,7 +104,7 @@ fn other(rig: &mut Client<Rig>) -> Result<[u8; 8]> {
 
 /// Sends a blob piece by piece, and gives it.
 pub fn upload(path: &Path, rig: &mut Client<Rig>) -> Result<Vec<u8>> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     blob::decode(&bytes).map_err(|error| anyhow::anyhow!("{}: is no blob this program knows: {error}", path.display()))?;
     let bar = output::progress(bytes.len() as u64, "upload");
     experiment::upload(rig, &bytes, &mut |sent| bar.set_position(sent.into()))?;

@@ -59,6 +59,9 @@ impl Arguments {
         let outputs: Vec<&Path> = [self.out.as_path(), &journal].into_iter().chain(which.json.as_deref()).collect();
         let inputs: Vec<PathBuf> = std::iter::once(&self.excitation).chain(&self.model).cloned().collect();
         output::refuse_overwriting(&inputs, &outputs)?;
+        if !self.no_journal {
+            output::refuse_any(&self.out.with_extension("journal"))?;
+        }
         excitation::read(&self.excitation)?.sample_within(&self.limits()).with_context(|| self.excitation.display().to_string())?;
         Ok(())
     }
@@ -72,7 +75,7 @@ impl Arguments {
 pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
     interrupt::watch();
     let excitation = excitation::read(&arguments.excitation)?;
-    let read = |path: &PathBuf| std::fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+    let read = |path: &PathBuf| output::read(path).with_context(|| format!("cannot read {}", path.display()));
     let blob = arguments.model.as_ref().map(read).transpose()?;
     let traced_as = rig.transport().traced_as().filter(|_| !arguments.no_journal);
     let wanted = traced_as.map(|backend| OverTheLink { backend, blob: blob.as_deref() });

@@ -1,10 +1,10 @@
 //! The report of the demonstration.
 
-use super::chart::{Caption, Panel, Series, bars, loops, panels};
-use super::page::{Cell, Page, Width};
-use super::text::{count, number};
-use super::{primer, sections};
-use crate::demo::{Demo, Rig};
+use super::results::{Demo, Rig};
+use crate::report::chart::{Caption, Panel, Series, bars, loops, panels};
+use crate::report::page::{Cell, Page, Width};
+use crate::report::text::{count, number};
+use crate::report::{primer, sections};
 
 const UNIT: &str = "mm";
 

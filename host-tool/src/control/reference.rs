@@ -17,6 +17,9 @@ pub const PERIOD_S: f64 = 0.02;
 /// Rest at the first point before a reference begins to move, s.
 const REST_S: f64 = 1.0;
 
+/// Longest reference of a file, s.
+const LONGEST_S: f64 = 86_400.0;
+
 /// Names of the references that need no file.
 pub const NAMES: [&str; 7] = ["steps", "a", "b", "c", "d", "point-to-point", "hand"];
 
@@ -116,6 +119,12 @@ pub fn from_file(path: &Path) -> anyhow::Result<Reference> {
     let recording = recording::parse(path, &bytes, &map)?;
     let name = path.file_stem().map_or_else(|| "file".to_owned(), |stem| stem.to_string_lossy().into_owned());
     anyhow::ensure!(recording.gaps.is_empty(), "{}: has a gap; where the tip shall be in it is not known", path.display());
+    let length_s = recording.time_s[recording.len() - 1] - recording.time_s[0];
+    anyhow::ensure!(
+        length_s <= LONGEST_S,
+        "{}: lasts {length_s:e} s, {LONGEST_S} s at most are followed; is its time in s?",
+        path.display()
+    );
     let points_mm = if (recording.sample_period_s / PERIOD_S - 1.0).abs() < 0.01 { recording.output } else { resampled(&recording) };
     Ok(Reference { name, points_mm })
 }
@@ -225,6 +234,7 @@ mod tests {
             ("time_s,reference_mm\n0,1\n0,2\n", ":3:"),
             ("time_s,pressure_bar\n0,1\n0.02,2\n", "displacement_mm"),
             ("time_s,reference_mm\n0,1\n0.02,1\n0.04,1\n0.06,1\n5,1\n5.02,1\n", "gap"),
+            ("time_s,reference_mm\n0,1\n1e6,2\n2e6,3\n", "is its time in s"),
         ] {
             let said = format!("{:#}", read(text).map(|_| ()).expect_err(text));
             assert!(said.to_lowercase().contains(word), "{text:?}: {said}");
