@@ -24,8 +24,8 @@
 
 use heapless::{Vec, VecView};
 
-use crate::schema::{MAX_CREEP, MAX_PLAY};
-use crate::validate::{Invalid, MAX_PARAMETER, require};
+use crate::invalid::{Invalid, MAX_PARAMETER, require};
+use crate::schema::{MAX_CREEP, MAX_PLAY, Model};
 
 /// Longest dead time that a controller can look ahead, s.
 pub const MAX_DEAD_TIME_S: f32 = 0.3;
@@ -295,6 +295,16 @@ impl Compensation {
             share += 0.0625;
         }
         Ok(())
+    }
+}
+
+impl Model<'_> {
+    /// What the controllers need of the model, read; empty for a model that was exported for estimation only.
+    ///
+    /// # Errors
+    /// When the bytes do not decode or a field is out of its domain.
+    pub fn extension(&self) -> Result<Extension, Invalid> {
+        Extension::decode(self.extension)
     }
 }
 

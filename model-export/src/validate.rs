@@ -3,52 +3,19 @@
 //! The bounds are far outside any sensible model and exist so that nothing downstream can overflow, divide by zero or index past an
 //! end: with them the front end's signals stay finite in `f32` for any input.
 
-use core::fmt;
-
 use crate::compensation::Extension;
 use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};
+pub use crate::invalid::{Invalid, MAX_PARAMETER};
+use crate::invalid::{bounded, require};
 use crate::schema::{
     Activation, Channel, Curve, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
     MAX_WINDOW_VALUES, Mode, Model, Network,
 };
 
-/// Largest magnitude of a weight, gain, threshold or normalised constant.
-pub const MAX_PARAMETER: f32 = 1.0e6;
 /// Largest magnitude of an offset or scale of a physical channel; the reciprocal is the smallest scale.
 pub const MAX_CHANNEL: f32 = 1.0e12;
 /// Smallest positive threshold that a stop feature may divide by.
 pub const MIN_STOP_THRESHOLD: f32 = 1.0e-6;
-
-/// A field of a model that cannot be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Invalid {
-    /// The field, as in the schema.
-    pub field: &'static str,
-    /// Position in the field, 0 for a single value.
-    pub index: usize,
-    /// What the field must be.
-    pub must: &'static str,
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}[{}] must be {}", self.field, self.index, self.must)
-    }
-}
-
-impl core::error::Error for Invalid {}
-
-pub(crate) fn require(condition: bool, field: &'static str, index: usize, must: &'static str) -> Result<(), Invalid> {
-    if condition { Ok(()) } else { Err(Invalid { field, index, must }) }
-}
-
-pub(crate) fn bounded(values: &[f32], field: &'static str) -> Result<(), Invalid> {
-    for (index, value) in values.iter().enumerate() {
-        // A NaN fails the comparison and is refused with the rest.
-        require(value.abs() <= MAX_PARAMETER, field, index, "finite and at most a million in magnitude")?;
-    }
-    Ok(())
-}
 
 impl Channel<'_> {
     /// Checks the map and the range.

@@ -25,7 +25,7 @@
 
 use heapless::{String, Vec};
 
-use super::Kind;
+use super::kind::Kind;
 use super::state::ResetCause;
 
 /// Length of the answer's frozen part.

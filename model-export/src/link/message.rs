@@ -1,17 +1,17 @@
 //! Requests, replies and telemetry, as postcard encodes them.
 //!
 //! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
-//! insert; `tests/link_wire.rs` holds the bytes of an example of each.
+//! insert; `tests/link/examples.rs` holds the bytes of an example of each.
 
 use heapless::Vec;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::Kind;
 use super::adaptation::AdaptationReport;
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
 use super::frame::{self, FrameError, Wire};
 use super::history::HistoryPiece;
+use super::kind::Kind;
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
 pub use super::telemetry::{RestNoise, Telemetry};

@@ -8,8 +8,8 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::Kind;
 use super::fault::FaultSet;
+use super::kind::Kind;
 use super::message::Message;
 
 /// Most bytes of a piece.
