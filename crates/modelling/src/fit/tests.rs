@@ -108,7 +108,7 @@ fn the_form_for_the_chip_is_the_same_model() {
     let mut forms = 0;
     for rung in &fitted.ladder {
         let RungModel::Linear(model) = &rung.model else { continue };
-        let Some(physics) = chip::physics(model, &fitted.prepared) else {
+        let Some(physics) = fitted.prepared.on_chip(model) else {
             assert!(!rung.on_chip);
             continue;
         };

@@ -2,10 +2,9 @@
 
 use anyhow::{Context, Result};
 
-use super::{
-    Criterion, HOLD_S, Hold, KnownPlant, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, span, stretches,
-};
-use crate::evaluate::compare::STRETCHES;
+use super::plants::KnownPlant;
+use super::report::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, largest, span};
+use crate::evaluate::compare::{STRETCHES, growth, stretches};
 use crate::evaluate::metrics::{mean, range, root_mean_square};
 use crate::evaluate::{Errors, for_each};
 use simulation::excitation::sets::{self, Named, SetConfig};

@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result};
 
-use super::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, output_range, span};
+use super::report::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, largest, output_range, span};
+use crate::evaluate::compare::growth;
 use crate::evaluate::metrics::root_mean_square;
 use crate::evaluate::{for_each, metrics};
 use recording::Recording;
