@@ -30,6 +30,33 @@
 //! The network's hidden and cell states start at zero. In *streaming* mode they are carried from sample to sample. In *window* mode
 //! every output comes from the last `length` feature vectors, run from zero state; before there are that many, the first feature
 //! vector stands for the missing ones, as if the input had rested there. The arithmetic is that of [`crate::fixed`].
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Channel, Envelope, FrontEnd, Golden, Metrics, Model, Provenance};
+//!
+//! let front_end = FrontEnd {
+//!     lag_coefficient: 1.0,
+//!     play_thresholds: [0.0, 0.1].into_iter().collect(),
+//!     play_weights: [0.5, 0.5].into_iter().collect(),
+//!     ..FrontEnd::default()
+//! };
+//! let input = Channel { quantity: "pressure", unit: "bar", offset: 0.0, scale: 3.0, minimum: 0.0, maximum: 3.0 };
+//! let output = Channel { quantity: "displacement", unit: "mm", offset: 0.0, scale: 10.0, minimum: 0.0, maximum: 10.0 };
+//! let model = Model {
+//!     sample_period_s: 0.02,
+//!     input,
+//!     output,
+//!     front_end,
+//!     provenance: Provenance { preset: "prandtl-ishlinskii", ..Provenance::default() },
+//!     metrics: Metrics { validation_rmse: 0.03, ..Metrics::default() }, // mm
+//!     envelope: Envelope { minimum: 0.0, maximum: 3.0, maximum_rate: 4.0 }, // bar, bar, bar/s
+//!     golden: Golden::default(),
+//!     ..Model::default()
+//! };
+//! assert_eq!(model.schema_version(), 2);
+//! assert!(model.validate().is_ok());
+//! ```
 
 mod front_end;
 mod limits;

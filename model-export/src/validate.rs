@@ -2,6 +2,27 @@
 //!
 //! The bounds are far outside any sensible model and exist so that nothing downstream can overflow, divide by zero or index past an
 //! end: with them the front end's signals stay finite in `f32` for any input.
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Channel, Curve, FrontEnd, Layer, Model, Network};
+//! use model_export::validate::{Invalid, MAX_CHANNEL, MAX_PARAMETER, MIN_STOP_THRESHOLD};
+//!
+//! let pressure = Channel { quantity: "pressure", unit: "bar", scale: 3.0, maximum: 3.0, ..Channel::default() };
+//! assert!(pressure.validate().is_ok());
+//! let flat = Channel { scale: 0.5 / MAX_CHANNEL, ..pressure };
+//! let Invalid { field, index, must } = flat.validate().unwrap_err();
+//! assert_eq!((field, index, must), ("channel.scale", 0, "between 1e-12 and 1e12"));
+//! assert_eq!(flat.validate().unwrap_err().to_string(), "channel.scale[0] must be between 1e-12 and 1e12");
+//!
+//! assert!(Curve { slope: 2.0 * MAX_PARAMETER, ..Curve::default() }.validate().is_err());
+//! let no_lag = FrontEnd { lag_coefficient: 1.0, ..FrontEnd::default() };
+//! assert!(no_lag.validate().is_ok());
+//! assert!(FrontEnd { play_thresholds: [MIN_STOP_THRESHOLD].into_iter().collect(), ..no_lag }.validate().is_err(), "a weight is missing");
+//! assert!(Network::default().validate(1).is_err(), "a network has a layer");
+//! assert!(Network { layers: [Layer::default()].into_iter().collect(), ..Network::default() }.activation().is_ok());
+//! assert!(Model::default().validate().is_err(), "a sample period is above zero");
+//! ```
 
 use crate::compensation::Extension;
 use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};

@@ -3,6 +3,17 @@
 //! A script of bytes says what happens to sound frames on their way: they come whole, with flipped bits, cut short, without their end, behind noise,
 //! or with another payload under a right checksum. Whatever it says, three things must hold: nothing panics, every payload that the
 //! decoder gives out is one that was sent, and behind all of it a sound frame gets through.
+//!
+//! # Example
+//! ```
+//! use model_export::link::fuzzing::{Account, MAX_STEPS, carry_out};
+//!
+//! // Nothing happens to the line: the last sound frame comes through alone.
+//! assert_eq!(carry_out(&[]), Account { accepted: 1, refused: 0, understood: 1 });
+//! // Whatever happens, it holds.
+//! let account = carry_out(&[0xa5; 3 * MAX_STEPS]);
+//! assert!(account.accepted >= 1);
+//! ```
 
 use heapless::Vec;
 

@@ -1,4 +1,13 @@
 //! What a payload is, by its first byte.
+//!
+//! # Example
+//! ```
+//! use model_export::link::Kind;
+//!
+//! assert_eq!(Kind::Telemetry.byte(), 0x12);
+//! assert_eq!(Kind::from_byte(0x12), Some(Kind::Telemetry));
+//! assert_eq!(Kind::from_byte(0xff), None);
+//! ```
 
 /// First byte of every payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,6 +2,43 @@
 //!
 //! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
 //! insert; `tests/link/examples.rs` holds the bytes of an example of each.
+//!
+//! # Example
+//! ```
+//! use model_export::link::message::{Baseline, ControlReport, FaultRecord, MAX_CHUNK_BYTES, MAX_CHUNK_POINTS, MAX_PAGE, Message, MessageError};
+//! use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, ReplyFrame, Request, RequestFrame, SettingDifference, Status};
+//! use model_export::link::settings::SettingValue;
+//! use model_export::link::state::State;
+//!
+//! // What a host asks: a set-point of 1.5 bar, and a piece of an experiment.
+//! let set_point = Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 };
+//! assert!(!set_point.only_asks() && Request::Status.only_asks());
+//! let values_bar = [0.0, 0.5, 1.0].into_iter().collect();
+//! let chunk = PlaybackChunk { first_index: 0, last: true, values_bar };
+//! assert!(chunk.values_bar.len() <= MAX_CHUNK_POINTS && !Request::Playback(chunk).only_asks());
+//! assert!(Request::ModelFinish.is_beyond_a_trace());
+//! let frame = RequestFrame { token: 2, session: 7, request: set_point };
+//! let wire = frame.to_wire()?;
+//! assert!(wire.len() < MAX_CHUNK_BYTES);
+//!
+//! // What a device answers: done, refused, or what was asked for.
+//! for reply in [
+//!     Reply::Done,
+//!     Reply::Refused(Refusal::State(State::Running)),
+//!     Reply::Status(Status::default()),
+//!     Reply::FaultRecord(FaultRecord::default()),
+//!     Reply::ControlReport(ControlReport { ticks: 20_000, ..ControlReport::default() }),
+//!     Reply::Differences { entries: [SettingDifference::default(); MAX_PAGE].into_iter().collect(), next_number: 0 },
+//! ] {
+//!     let mut wire = Default::default();
+//!     ReplyFrame { token: 2, reply }.encode_into(&mut wire)?;
+//! }
+//! assert_eq!(ReplyFrame::from_payload(&[]), Err(MessageError::Kind));
+//! let asked = Request::SettingsDifference { baseline: Baseline::Defaults, from_number: 0 };
+//! assert!(asked.only_asks());
+//! # let _ = SettingValue::Flag(true);
+//! # Ok::<(), MessageError>(())
+//! ```
 
 use heapless::Vec;
 use serde::de::DeserializeOwned;

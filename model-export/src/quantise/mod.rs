@@ -7,6 +7,43 @@
 //! "GPTQ", ICLR 2023, section 3). The scale is searched too: clipping a lone large weight can pay.
 //!
 //! Arithmetic here is `f64` on the desktop; `as` from float to integer saturates and follows an explicit rounding.
+//!
+//! # Example
+//! ```
+//! use model_export::quantise::{FloatLayer, FloatNetwork, HIDDEN_MARGIN, LayerCalibration, QuantiseError, quantise};
+//! use model_export::quantise::{QuantisedLayer, QuantisedNetwork};
+//! use model_export::schema::{Activation, Cell};
+//!
+//! // One LSTM unit: gates i, f, g, o with a weight of 0.1 for the input and 0.05 for the hidden state; it forgets by a bias of -1.
+//! let layer = FloatLayer {
+//!     cell: Cell::Lstm,
+//!     inputs: 1,
+//!     units: 1,
+//!     input_weights: &[0.1; 4],
+//!     recurrent_weights: &[0.05; 4],
+//!     bias: &[0.0, -1.0, 0.0, 0.0],
+//! };
+//! let network = FloatNetwork {
+//!     activation: Activation::Tanh,
+//!     state_limit: 4.0,
+//!     layers: vec![layer],
+//!     dense_weights: &[0.5],
+//!     dense_bias: 0.0,
+//! };
+//! let calibration = [LayerCalibration { hidden_max: 0.5, moments: None }];
+//! let quantised: QuantisedNetwork = quantise(&network, &calibration)?;
+//! let layer: &QuantisedLayer = &quantised.layers[0];
+//! assert!(layer.real_input_weights().iter().all(|weight| (weight - 0.1).abs() < 1e-6));
+//! assert!(layer.real_recurrent_weights().iter().all(|weight| (weight - 0.05).abs() < 1e-6));
+//! assert!((quantised.real_dense_weights()[0] - 0.5).abs() < 1e-4);
+//! assert_eq!(quantised.as_wire().layers[0].units, 1);
+//! // A hidden state of 0.5 with its margin fits +-1: Q0.15.
+//! assert!(0.5 * HIDDEN_MARGIN < 1.0 && layer.hidden_fraction == 15);
+//!
+//! let wrong = FloatNetwork { dense_weights: &[], ..network };
+//! assert_eq!(quantise(&wrong, &calibration), Err(QuantiseError::Shape { layer: 1 }));
+//! # Ok::<(), QuantiseError>(())
+//! ```
 
 mod error;
 mod network;

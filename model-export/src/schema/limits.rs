@@ -1,4 +1,17 @@
 //! How large a model may be: what the firmware reserves memory for.
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_GOLDEN, MAX_INPUTS, MAX_LAYERS, MAX_MORE_INPUTS};
+//! use model_export::schema::{MAX_PLAY, MAX_UNITS, MAX_WIDTH, MAX_WINDOW_VALUES};
+//!
+//! // The largest estimator: every input, layer and signal of the front end at once.
+//! assert_eq!(MAX_INPUTS, 1 + MAX_MORE_INPUTS);
+//! assert!(MAX_PLAY + MAX_CREEP + 3 <= MAX_FEATURES && MAX_FEATURES <= MAX_WIDTH);
+//! assert_eq!((MAX_LAYERS, MAX_UNITS, MAX_BENDS), (4, 64, 8));
+//! // Dead time of 0.64 s and golden vectors of 10 s at 50 Hz; a window of 50 samples may hold 20 features.
+//! assert_eq!((MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_WINDOW_VALUES / 50), (32, 512, 20));
+//! ```
 
 /// Most inputs a model may have.
 pub const MAX_INPUTS: usize = 4;
