@@ -326,7 +326,7 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
     bytes.extend([0; 4]);
     bytes.extend(sha2::Sha256::digest(&payload));
     bytes.extend(payload);
-    seal(&mut bytes);
+    write_crc(&mut bytes);
     Ok(bytes)
 }
 
@@ -348,7 +348,7 @@ fn payload(model: &Model<'_>, version: u16) -> postcard::Result<std::vec::Vec<u8
 
 /// Writes the CRC-32 into a blob's header.
 #[cfg(feature = "std")]
-fn seal(bytes: &mut [u8]) {
+fn write_crc(bytes: &mut [u8]) {
     let crc = checksum(bytes).to_le_bytes();
     if let Some(field) = bytes.get_mut(16..20) {
         field.copy_from_slice(&crc);

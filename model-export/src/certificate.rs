@@ -244,7 +244,7 @@ impl Bounded {
     /// One step of the comparison system: the differences of cell and hidden state, and what differing inputs add to the pre-activations.
     fn step(&self, cells: &[f64], hiddens: &[f64], inputs: &dyn Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
         let n = self.units;
-        let pull = |gate: usize, unit: usize| -> f64 {
+        let influence = |gate: usize, unit: usize| -> f64 {
             let row = &self.recurrent[gate][unit * n..(unit + 1) * n];
             row.iter().zip(hiddens).map(|(weight, hidden)| weight.abs() * hidden).sum::<f64>() + inputs(gate, unit)
         };
@@ -253,10 +253,10 @@ impl Bounded {
         for unit in 0..n {
             let [input_gate, forget_gate, output_gate] = [0, 1, 2].map(|gate| self.gates[gate][unit]);
             next_cells[unit] = forget_gate * cells[unit]
-                + 0.25 * self.cell[unit] * pull(1, unit)
-                + input_gate * pull(2, unit)
-                + 0.25 * self.candidate[unit] * pull(0, unit);
-            next_hiddens[unit] = output_gate * next_cells[unit] + 0.25 * self.activated[unit] * pull(3, unit);
+                + 0.25 * self.cell[unit] * influence(1, unit)
+                + input_gate * influence(2, unit)
+                + 0.25 * self.candidate[unit] * influence(0, unit);
+            next_hiddens[unit] = output_gate * next_cells[unit] + 0.25 * self.activated[unit] * influence(3, unit);
         }
         (next_cells, next_hiddens)
     }

@@ -1,4 +1,4 @@
-//! Hello: the one exchange that every version of host and firmware understands, for ever.
+//! Hello: the one message that every version of host and firmware understands, for ever.
 //!
 //! The layout is written by hand, not by a serialiser, so that no library and no new field can change it. Integers are little-endian.
 //!
