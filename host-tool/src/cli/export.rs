@@ -9,7 +9,7 @@ use model_export::compensation::Compensation;
 use super::{Common, Outcome};
 use crate::export::c::CFiles;
 use crate::export::{self, Export, Summary};
-use crate::fit::file::FittedModel;
+use modelling::physics::FittedModel;
 use crate::identify::PhysicsModel;
 use crate::model::{self, Format};
 use crate::network::{self, TrainedModel};

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{Common, Data, Outcome};
 use crate::fit::folder::{self, BlobFile};
-use crate::fit::nuisance::Nuisance;
+use modelling::physics::nuisance::Nuisance;
 use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
 use crate::{output, say};

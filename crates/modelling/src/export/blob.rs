@@ -44,7 +44,7 @@ pub fn as_the_model_sees(model: &TrainedModel, recordings: Vec<Recording>) -> Re
 }
 
 /// Samples in the golden vectors: enough for several reversals, few enough to replay at every boot.
-const GOLDEN_SAMPLES: usize = 200;
+pub(super) const GOLDEN_SAMPLES: usize = 200;
 
 /// Golden tolerance over the error measured when the vectors were made: rounding is the same everywhere, so little is needed.
 const GOLDEN_MARGIN: f32 = 1.5;

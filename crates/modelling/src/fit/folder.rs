@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
+use identification::physics_rungs;
+
 use super::ladder::{LadderRung, Outcome, RungModel};
 use super::{networks, operators};
 use crate::evaluate::{Errors, FileErrors, Judged};

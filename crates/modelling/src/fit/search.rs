@@ -13,8 +13,8 @@ use super::ladder::{AT_REPEATABILITY, INSTRUCTIONS, LadderRung, Outcome, Progres
 use super::prepare::{self, Prepared};
 use super::{networks, nuisance, operators};
 use crate::model::{NetworkModel, PhysicsPredictor, Predictor as _};
+use crate::physics::Expected;
 use crate::physics::fitted::Member;
-use crate::physics::{Expected, chip};
 use recording::{Recording, repeatability};
 
 /// Errors below this share of the output's range are equal.
