@@ -33,6 +33,7 @@
 //! ```
 
 pub mod adaptation;
+mod codec;
 pub mod fault;
 pub mod frame;
 #[cfg(not(target_os = "none"))]
