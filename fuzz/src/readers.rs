@@ -16,7 +16,15 @@ use host_tool::train::{CheckpointPlan, train};
 use host_tool::{experiment, export, history, identify, network, setting_words, track};
 
 use crate::seeds;
-use crate::targets::Wrong;
+
+/// How an input ended other than in a sound result.
+#[derive(Debug)]
+pub enum Wrong {
+    /// Refused, with a message: as it should be.
+    Refused(String),
+    /// Accepted although it is garbage.
+    Garbage(String),
+}
 
 /// A refusal, whatever its type.
 fn refused<E: std::fmt::Display>(error: E) -> Wrong {

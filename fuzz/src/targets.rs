@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use recording::{ColumnMap, Recording};
 
-use crate::{mutate, readers, seeds};
+use crate::readers::{self, Wrong};
+use crate::{mutate, seeds};
 
 /// A reader.
 pub struct Target {
@@ -28,15 +29,6 @@ impl Target {
         }
         bytes
     }
-}
-
-/// How an input ended other than in a sound result.
-#[derive(Debug)]
-pub enum Wrong {
-    /// Refused, with a message: as it should be.
-    Refused(String),
-    /// Accepted although it is garbage.
-    Garbage(String),
 }
 
 fn fixtures(names: &[&str]) -> Vec<Vec<u8>> {

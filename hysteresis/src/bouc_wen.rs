@@ -50,6 +50,30 @@ pub struct BoucWenConfig<T> {
 }
 
 /// A Bouc-Wen model, ready to run.
+///
+/// ```
+/// use hysteresis::{BoucWen, BoucWenConfig, BoucWenState, Operator};
+///
+/// // 2 N/mm on the first loading, a tenth of it elastic; the friction saturates at 1 mm.
+/// let config = BoucWenConfig {
+///     stiffness: 2.0,
+///     elastic_fraction: 0.1,
+///     amplitude: 1.0,
+///     beta: 0.5,
+///     gamma: 0.5,
+///     exponent: 1.0,
+///     steps_per_length: 20,
+/// };
+/// let spring = BoucWen::new(&config)?;
+/// assert_eq!(spring.largest_memory(), 1.0);
+///
+/// let mut state: BoucWenState<f64> = spring.state_at(0.0, 0.0)?;
+/// let force_n = spring.step(&mut state, 10.0);
+/// assert!((force_n - 2.0 * (0.1 * 10.0 + 0.9)).abs() < 1e-3);
+/// assert_eq!(state.input(), 10.0);
+/// assert!((state.memory() - 1.0).abs() < 1e-3);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoucWen<T> {
     stiffness: T,

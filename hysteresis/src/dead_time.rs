@@ -13,6 +13,19 @@ use crate::error::{not_negative, positive};
 use crate::{Error, Operator, Real};
 
 /// A dead time of at most `N - 1` samples.
+///
+/// ```
+/// use hysteresis::{DeadTime, DeadTimeState, Operator};
+///
+/// // 50 ms at a sample every 20 ms: two and a half samples.
+/// let tube = DeadTime::<f64, 8>::from_seconds(0.05, 0.02)?;
+/// assert_eq!(tube, DeadTime::new(2.5)?);
+///
+/// let mut state = DeadTimeState::at(0.0);
+/// let output_bar = [1.0; 4].map(|pressure_bar| tube.step(&mut state, pressure_bar));
+/// assert_eq!(output_bar, [0.0, 0.0, 0.5, 1.0]);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadTime<T, const N: usize> {
     whole: usize,

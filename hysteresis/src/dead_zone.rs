@@ -30,6 +30,20 @@ pub fn step<T: Real>(threshold: T, input: T) -> T {
 }
 
 /// A superposition of at most `M` dead-zone operators and a linear term. No memory: its state is `()`.
+///
+/// ```
+/// use hysteresis::{DeadZones, dead_zone};
+///
+/// // A slope of 2 up to 1 mm, half a millimetre a millimetre beyond: saturation.
+/// let curve = DeadZones::<f64, 2>::new(2.0, &[1.0], &[-1.5])?;
+/// assert_eq!(curve.value(0.5), 1.0);
+/// assert_eq!(curve.value(2.0), 2.5);
+/// assert_eq!(curve.inverse()?.value(2.5), 2.0);
+///
+/// let beyond_mm = dead_zone::step(curve.thresholds()[0], 2.0);
+/// assert_eq!(curve.linear_weight() * 2.0 + curve.weights()[0] * beyond_mm, 2.5);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadZones<T, const M: usize> {
     linear_weight: T,

@@ -3,6 +3,14 @@
 use core::fmt;
 
 /// Why parameters, a start state or a batch were refused. Running an operator one sample at a time cannot fail.
+///
+/// ```
+/// use hysteresis::{Error, Play};
+///
+/// let refused = Play::new(-0.1).expect_err("a threshold is not negative");
+/// assert_eq!(refused, Error::OutOfDomain { parameter: "threshold", domain: "zero or more" });
+/// assert_eq!(refused.to_string(), "threshold must be zero or more");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {

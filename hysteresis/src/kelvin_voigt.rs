@@ -29,6 +29,28 @@ pub struct KelvinVoigtConfig<'a, T> {
 }
 
 /// A chain of at most `N` Kelvin-Voigt elements and a spring.
+///
+/// ```
+/// use hysteresis::{Hold, KelvinVoigt, KelvinVoigtConfig, KelvinVoigtState, Operator};
+///
+/// // 1 mm/bar at once, a fifth of it again with a time constant of 10 s.
+/// let chain = KelvinVoigt::<f64, 1>::new(&KelvinVoigtConfig {
+///     instant_compliance: 1.0,
+///     compliances: &[0.2],
+///     retardation_times_s: &[10.0],
+///     sample_period_s: 0.1,
+///     hold: Hold::Newest,
+/// })?;
+/// let mut state: KelvinVoigtState<f64, 1> = chain.state_at(0.0);
+/// let mut displacement_mm = 0.0;
+/// for _ in 0..100 {
+///     displacement_mm = chain.step(&mut state, 1.0);
+/// }
+/// let crept = 1.0 - (-1.0_f64).exp();
+/// assert!((displacement_mm - (1.0 + 0.2 * crept)).abs() < 1e-12);
+/// assert!((state.yielded()[0] - crept).abs() < 1e-12);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KelvinVoigt<T, const N: usize> {
     instant_compliance: T,

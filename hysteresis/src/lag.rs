@@ -42,6 +42,24 @@ pub struct LagConfig<T> {
 }
 
 /// A first-order lag, ready to run.
+///
+/// ```
+/// use hysteresis::{Hold, Lag, LagConfig, LagState, Operator};
+///
+/// let fill = Lag::new(&LagConfig { time_constant_s: 0.1, sample_period_s: 0.02, hold: Hold::Newest })?;
+/// let mut state = LagState::at(0.0);
+/// for _ in 0..5 {
+///     fill.step(&mut state, 1.0);
+/// }
+/// // After one time constant.
+/// let pressure_bar: f64 = state.output().expect("it has begun");
+/// assert!((pressure_bar - (1.0 - (-1.0_f64).exp())).abs() < 1e-12);
+///
+/// let [newest, previous] = fill.coefficients();
+/// assert_eq!(fill, Lag::from_coefficient(newest)?);
+/// assert_eq!(previous, 0.0);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lag<T> {
     newest: T,

@@ -39,6 +39,27 @@ pub struct LogCreepConfig<T> {
 }
 
 /// Logarithmic creep by `N` elements.
+///
+/// ```
+/// use hysteresis::{Hold, LogCreep, LogCreepConfig, Operator};
+///
+/// // 2 % of a step for every decade of time, from 0.1 s to 1000 s.
+/// let creep = LogCreep::<f64, 4>::new(&LogCreepConfig {
+///     creep_per_decade: 0.02,
+///     shortest_time_s: 0.1,
+///     longest_time_s: 1000.0,
+///     sample_period_s: 0.02,
+///     hold: Hold::Newest,
+/// })?;
+/// let mut state = creep.state_at(0.0);
+/// let mut displacement_mm = 0.0;
+/// for _ in 0..500 {
+///     displacement_mm = creep.step(&mut state, 1.0);
+/// }
+/// // After 10 s, two decades.
+/// assert!((displacement_mm - 1.04).abs() < 1e-3);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogCreep<T, const N: usize> {
     chain: KelvinVoigt<T, N>,

@@ -11,6 +11,23 @@
 use crate::{DeadZones, Error, Operator, PrandtlIshlinskii, PrandtlIshlinskiiState, Real};
 
 /// A modified Prandtl-Ishlinskii model of at most `N` play operators and `M` dead zones.
+///
+/// ```
+/// use hysteresis::{DeadZones, InverseModifiedPrandtlIshlinskii, ModifiedPrandtlIshlinskii, Operator, PrandtlIshlinskii};
+///
+/// let model = ModifiedPrandtlIshlinskii {
+///     hysteresis: PrandtlIshlinskii::<f64, 2>::new(&[0.0, 0.2], &[0.5, 0.5])?,
+///     curve: DeadZones::<f64, 1>::new(1.0, &[0.5], &[-0.5])?,
+/// };
+/// // The operators give 0.9 mm, the curve halves what is beyond 0.5 mm.
+/// let displacement_mm = model.step(&mut model.start(), 1.0);
+/// assert!((displacement_mm - 0.7).abs() < 1e-12);
+///
+/// let inverse: InverseModifiedPrandtlIshlinskii<f64, 2, 1> = model.inverse()?;
+/// let pressure_bar = inverse.step(&mut inverse.start(), 0.7);
+/// assert!((pressure_bar - 1.0).abs() < 1e-12);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModifiedPrandtlIshlinskii<T, const N: usize, const M: usize> {
     /// The memory, first.

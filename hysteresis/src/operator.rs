@@ -5,6 +5,25 @@ use crate::{Error, Real};
 
 /// A causal operator on sampled signals. Parameters are immutable and live in `self`; all memory is in [`Operator::State`], so one set
 /// of parameters serves any number of signals, and a state can be copied, stored and put back.
+///
+/// ```
+/// use hysteresis::{Lag, Operator, Play};
+///
+/// // Any operator, alone or in series, one sample at a time or in a batch.
+/// fn last<O: Operator<f64>>(operator: &O, pressure_bar: &[f64]) -> f64 {
+///     let mut state = operator.start();
+///     let mut output = vec![0.0; pressure_bar.len()];
+///     operator.process(&mut state, pressure_bar, &mut output).expect("as long as each other");
+///     operator.reset(&mut state);
+///     let mut again = pressure_bar.to_vec();
+///     operator.process_in_place(&mut state, &mut again);
+///     assert_eq!(output, again);
+///     operator.step(&mut state, 0.0)
+/// }
+/// assert_eq!(last(&Play::new(0.25)?, &[0.0, 1.0]), 0.25);
+/// assert_eq!(last(&(Play::new(0.25)?, Lag::from_coefficient(0.5)?), &[0.0, 1.0]), 0.3125);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 pub trait Operator<T: Real> {
     /// The memory.
     type State: Clone;

@@ -51,6 +51,23 @@ pub fn step_bank<T: Real>(thresholds: &[T], input: T, states: &mut [T]) {
 }
 
 /// A play operator with its threshold checked. The state is the last output, zero at the start.
+///
+/// ```
+/// use hysteresis::{Operator, Play, play};
+///
+/// let slack = Play::new(0.1)?; // bar
+/// let mut state = slack.start();
+/// assert_eq!(slack.step(&mut state, 0.5), 0.4);
+/// assert_eq!(slack.step(&mut state, 0.45), 0.4, "back within the slack: the output stays");
+/// assert_eq!(slack.threshold(), 0.1);
+///
+/// // Without the type: one step, and one step of a bank.
+/// assert_eq!(play::step(0.1, 0.5, 0.0), 0.4);
+/// let mut outputs_bar = [0.0; 2];
+/// play::step_bank(&[0.0, 0.1], 0.5, &mut outputs_bar);
+/// assert_eq!(outputs_bar, [0.5, 0.4]);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Play<T> {
     threshold: T,

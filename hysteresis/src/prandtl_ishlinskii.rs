@@ -93,6 +93,31 @@ fn check<T: Real>(thresholds: &[T], weights: &[T]) -> Result<(), Error> {
 }
 
 /// A Prandtl-Ishlinskii model of at most `N` play operators.
+///
+/// ```
+/// use hysteresis::{Operator, PrandtlIshlinskii, PrandtlIshlinskiiState, prandtl_ishlinskii};
+///
+/// // Thresholds in bar, weights in mm/bar.
+/// let model = PrandtlIshlinskii::<f64, 2>::new(&[0.0, 0.2], &[0.5, 0.5])?;
+/// let mut state: PrandtlIshlinskiiState<f64, 2> = model.start();
+/// assert_eq!(model.step(&mut state, 1.0), 0.9);
+/// assert_eq!(state.plays(), [1.0, 0.8]);
+/// assert_eq!(model.output(&state), 0.9);
+///
+/// // Model and inverse undo each other from any state that matches.
+/// let inverse = model.inverse()?;
+/// let mut inverse_state = inverse.inverse_state(&inverse.start());
+/// assert_eq!(inverse_state, model.start());
+/// inverse_state = model.inverse_state(&model.state_at(&[1.0, 0.8])?);
+/// assert!((inverse.step(&mut inverse_state, 0.85) - 0.9).abs() < 1e-12);
+///
+/// // On slices of the caller's.
+/// let (mut thresholds_mm, mut weights) = ([0.0; 2], [0.0; 2]);
+/// prandtl_ishlinskii::invert(model.thresholds(), model.weights(), &mut thresholds_mm, &mut weights)?;
+/// assert_eq!((thresholds_mm, weights), ([0.0, 0.1], [2.0, -1.0]));
+/// assert_eq!(prandtl_ishlinskii::step(&[0.0, 0.2], &[0.5, 0.5], 1.0, &mut [0.0; 2]), 0.9);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrandtlIshlinskii<T, const N: usize> {
     thresholds: List<T, N>,

@@ -40,6 +40,26 @@ pub struct RateDependentConfig<'a, T> {
 }
 
 /// A rate-dependent Prandtl-Ishlinskii model of at most `N` play operators.
+///
+/// ```
+/// use hysteresis::{InverseRateDependent, RateDependent, RateDependentConfig, RateDependentState};
+///
+/// // At 10 bar/s the second threshold grows from 0.2 to 0.3 bar.
+/// let model = RateDependent::<f64, 2>::new(&RateDependentConfig {
+///     thresholds: &[0.0, 0.2],
+///     rate_coefficients_s: &[0.0, 0.01],
+///     weights: &[0.5, 0.5],
+///     sample_period_s: 0.02,
+/// })?;
+/// let inverse: InverseRateDependent<f64, 2> = model.inverse()?;
+/// let mut inverse_state: RateDependentState<f64, 2> = inverse.start();
+/// let mut state = inverse.start();
+/// let displacement_mm = model.step_at_rate(&mut state, 1.0, 10.0);
+/// assert!((displacement_mm - 0.85).abs() < 1e-12);
+/// assert!((state.plays()[1] - 0.7).abs() < 1e-12);
+/// assert!((inverse.step_at_rate(&mut inverse_state, displacement_mm, 10.0) - 1.0).abs() < 1e-12);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateDependent<T, const N: usize> {
     at_rest: PrandtlIshlinskii<T, N>,

@@ -15,6 +15,22 @@ mod sealed {
 /// A floating-point number: `f32` or `f64`. Sealed.
 ///
 /// The power function comes from `libm` with and without `std`, so that a host and a microcontroller compute the same bits.
+///
+/// ```
+/// use hysteresis::Real;
+///
+/// /// One function for both precisions.
+/// fn root_mean_square<T: Real>(values: &[T]) -> T {
+///     let (mut squares, mut count) = (T::ZERO, T::ZERO);
+///     for value in values.iter().filter(|value| value.is_finite()) {
+///         squares += value.abs().powf(T::from_f64(2.0));
+///         count += T::ONE;
+///     }
+///     (squares / count).powf(T::from_f64(0.5))
+/// }
+/// assert!((root_mean_square(&[3.0_f64, -4.0]) - 12.5_f64.sqrt()).abs() < 4.0 * f64::EPSILON);
+/// assert!(root_mean_square(&[3.0_f32, -4.0]).to_f64() - 12.5_f64.sqrt() < 4.0 * <f32 as Real>::EPSILON.to_f64());
+/// ```
 pub trait Real:
     sealed::Sealed
     + Copy

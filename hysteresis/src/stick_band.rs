@@ -27,6 +27,17 @@ pub fn step<T: Real>(band: T, input: T, state: T) -> T {
 }
 
 /// A stick band with its width checked. The state is the last output, nothing before the first input.
+///
+/// ```
+/// use hysteresis::{Operator, StickBand, stick_band};
+///
+/// let tip = StickBand::new(0.1)?; // mm
+/// let mut state = tip.start();
+/// let output_mm = [0.0, 0.05, 0.12].map(|friction_free_mm| tip.step(&mut state, friction_free_mm));
+/// assert_eq!(output_mm, [0.0, 0.0, 0.12]);
+/// assert_eq!(stick_band::step(tip.band(), 0.12, 0.0), 0.12);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StickBand<T> {
     band: T,

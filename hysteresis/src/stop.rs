@@ -21,6 +21,20 @@ pub fn step<T: Real>(threshold: T, input: T, play_state: &mut T) -> T {
 }
 
 /// A stop operator with its threshold checked; its state is that of the play operator, zero at the start.
+///
+/// ```
+/// use hysteresis::{Operator, Stop, stop};
+///
+/// let friction = Stop::new(0.25)?; // mm of elastic travel before it yields
+/// let mut state = friction.start();
+/// assert_eq!(friction.step(&mut state, 0.125), 0.125);
+/// assert_eq!(friction.step(&mut state, 2.0), friction.threshold());
+///
+/// let mut play_state = 0.0;
+/// assert_eq!(stop::step(0.25, 2.0, &mut play_state), 0.25);
+/// assert_eq!(play_state, 1.75);
+/// # Ok::<(), hysteresis::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop<T> {
     threshold: T,

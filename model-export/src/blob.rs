@@ -13,6 +13,44 @@
 //!
 //! The CRC catches every single flipped bit, wherever it is, and is checked before anything else is believed; whoever builds a blob
 //! with a valid CRC on purpose still meets [`Model::validate`].
+//!
+//! # Example
+//! ```
+//! use model_export::blob::{Blob, BlobError, HEADER_BYTES, Header, MAGIC, OLDEST_SCHEMA_VERSION, SCHEMA_VERSION, crc32};
+//! use model_export::blob::{content_id, decode, decode_into};
+//! use model_export::schema::{Channel, FrontEnd, Model};
+//!
+//! assert_eq!(decode(b"no blob at all"), Err(BlobError::Magic));
+//! assert!(matches!(decode(&MAGIC), Err(BlobError::Truncated { expected: HEADER_BYTES, found: 8 })));
+//! assert_eq!(crc32(0, b"123456789"), 0xcbf4_3926);
+//!
+//! // A physics model of pressure in bar and displacement in mm, with two play operators.
+//! let front_end = FrontEnd {
+//!     lag_coefficient: 1.0,
+//!     play_thresholds: [0.0, 0.1].into_iter().collect(),
+//!     play_weights: [0.5, 0.5].into_iter().collect(),
+//!     ..FrontEnd::default()
+//! };
+//! let input = Channel { quantity: "pressure", unit: "bar", offset: 0.0, scale: 3.0, minimum: 0.0, maximum: 3.0 };
+//! let output = Channel { quantity: "displacement", unit: "mm", offset: 0.0, scale: 10.0, minimum: 0.0, maximum: 10.0 };
+//! let model = Model { sample_period_s: 0.02, input, output, front_end, ..Model::default() };
+//!
+//! # #[cfg(feature = "std")] {
+//! use model_export::blob::{content_hash_matches, encode};
+//!
+//! let bytes = encode(&model)?;
+//! assert!(content_hash_matches(&bytes));
+//! let Blob { model: read, schema_version, content_hash, .. } = decode(&bytes)?;
+//! assert_eq!(read, model);
+//! assert!((OLDEST_SCHEMA_VERSION..=SCHEMA_VERSION).contains(&schema_version));
+//! assert_eq!(content_id(&bytes).as_ref(), content_hash.first_chunk());
+//!
+//! let mut place = Model::default();
+//! let header: Header = decode_into(&bytes, &mut place)?;
+//! assert_eq!(header.content_hash, content_hash);
+//! # }
+//! # Ok::<(), BlobError>(())
+//! ```
 
 use core::fmt;
 
@@ -288,7 +326,7 @@ pub fn encode(model: &Model<'_>) -> Result<std::vec::Vec<u8>, BlobError> {
     bytes.extend([0; 4]);
     bytes.extend(sha2::Sha256::digest(&payload));
     bytes.extend(payload);
-    seal(&mut bytes);
+    write_crc(&mut bytes);
     Ok(bytes)
 }
 
@@ -310,7 +348,7 @@ fn payload(model: &Model<'_>, version: u16) -> postcard::Result<std::vec::Vec<u8
 
 /// Writes the CRC-32 into a blob's header.
 #[cfg(feature = "std")]
-fn seal(bytes: &mut [u8]) {
+fn write_crc(bytes: &mut [u8]) {
     let crc = checksum(bytes).to_le_bytes();
     if let Some(field) = bytes.get_mut(16..20) {
         field.copy_from_slice(&crc);

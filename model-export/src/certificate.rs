@@ -21,6 +21,48 @@
 //! Source: the scalar form of the condition in F. Bonassi, E. Terzi, M. Farina, R. Scattolini, "LSTM neural networks: input to state stability
 //! and probabilistic safety verification", L4DC 2020, and E. Terzi et al., "Learning model predictive control with long short-term memory
 //! networks", Int. J. Robust Nonlinear Control 31, 2021; here entry by entry, which is less conservative.
+//!
+//! # Example
+//! ```
+//! use model_export::certificate::{Certificate, LARGEST_FEATURE, LayerBounds, RealLayer, certificate};
+//! use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, quantise};
+//! use model_export::schema::{Activation, Cell};
+//!
+//! // One LSTM unit: gates i, f, g, o with a weight of 0.1 for the input and 0.05 for the hidden state; it forgets by a bias of -1.
+//! let layer = FloatLayer {
+//!     cell: Cell::Lstm,
+//!     inputs: 1,
+//!     units: 1,
+//!     input_weights: &[0.1; 4],
+//!     recurrent_weights: &[0.05; 4],
+//!     bias: &[0.0, -1.0, 0.0, 0.0],
+//! };
+//! let network = FloatNetwork {
+//!     activation: Activation::Tanh,
+//!     state_limit: 4.0,
+//!     layers: vec![layer],
+//!     dense_weights: &[0.5],
+//!     dense_bias: 0.0,
+//! };
+//! let calibration = [LayerCalibration { hidden_max: 0.5, moments: None }];
+//! let quantised = quantise(&network, &calibration)?;
+//! let found: Certificate = certificate(&quantised.as_wire(), 1e-3).expect("LSTM layers only");
+//! assert!(found.holds() && found.radius < 0.5);
+//! assert!(found.recovery_steps.expect("it gets there") < 50);
+//!
+//! // The same of the layer before quantisation: a forget gate of at most sigmoid(-1 + 2 * 0.1 + 0.05 |h|).
+//! let layer = RealLayer {
+//!     units: 1,
+//!     input_weights: vec![0.1; 4],
+//!     recurrent_weights: vec![0.05; 4],
+//!     biases: vec![0.0, -1.0, 0.0, 0.0],
+//!     cell_limit: 4.0,
+//!     activation: Activation::Tanh,
+//! };
+//! let bounds: LayerBounds = layer.bounds(&[LARGEST_FEATURE]);
+//! assert!(bounds.forget_gates[0] < 0.33);
+//! # Ok::<(), model_export::quantise::QuantiseError>(())
+//! ```
 
 use std::vec;
 use std::vec::Vec;
@@ -202,7 +244,7 @@ impl Bounded {
     /// One step of the comparison system: the differences of cell and hidden state, and what differing inputs add to the pre-activations.
     fn step(&self, cells: &[f64], hiddens: &[f64], inputs: &dyn Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
         let n = self.units;
-        let pull = |gate: usize, unit: usize| -> f64 {
+        let influence = |gate: usize, unit: usize| -> f64 {
             let row = &self.recurrent[gate][unit * n..(unit + 1) * n];
             row.iter().zip(hiddens).map(|(weight, hidden)| weight.abs() * hidden).sum::<f64>() + inputs(gate, unit)
         };
@@ -211,10 +253,10 @@ impl Bounded {
         for unit in 0..n {
             let [input_gate, forget_gate, output_gate] = [0, 1, 2].map(|gate| self.gates[gate][unit]);
             next_cells[unit] = forget_gate * cells[unit]
-                + 0.25 * self.cell[unit] * pull(1, unit)
-                + input_gate * pull(2, unit)
-                + 0.25 * self.candidate[unit] * pull(0, unit);
-            next_hiddens[unit] = output_gate * next_cells[unit] + 0.25 * self.activated[unit] * pull(3, unit);
+                + 0.25 * self.cell[unit] * influence(1, unit)
+                + input_gate * influence(2, unit)
+                + 0.25 * self.candidate[unit] * influence(0, unit);
+            next_hiddens[unit] = output_gate * next_cells[unit] + 0.25 * self.activated[unit] * influence(3, unit);
         }
         (next_cells, next_hiddens)
     }

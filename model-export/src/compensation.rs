@@ -21,11 +21,45 @@
 //! f32 the numbers of `Compensation` in its order, then pairs: plain inverse, plays, creep; if there is compensation
 //! ```
 //! Little-endian throughout. Flat numbers, because their decoder is a loop: the firmware's flash is small.
+//!
+//! # Example
+//! ```
+//! use model_export::compensation::{Compensation, Domain, Extension, MAX_DEAD_TIME_S, MAX_TIME_CONSTANT_S};
+//! use model_export::schema::Model;
+//!
+//! // A muscle with two play operators that answers after 20 ms and fills within 60 ms.
+//! let compensation = Compensation {
+//!     dead_time_s: 0.02,
+//!     fill_time_constant_s: 0.06,
+//!     vent_time_constant_s: 0.09,
+//!     second_time_constant_s: 0.02,
+//!     touch_width_bar: 0.02,
+//!     highest_bar: 3.0,
+//!     plain_inverse: [[0.0, 0.4], [0.25, -0.0625]].into_iter().collect(), // mm, bar/mm
+//!     plays: [[0.0, 2.5], [0.1, 0.5]].into_iter().collect(),              // bar, mm/bar
+//!     ..Compensation::default()
+//! };
+//! assert!(compensation.validate().is_ok());
+//! let too_slow = Compensation { fill_time_constant_s: 1.1 * MAX_TIME_CONSTANT_S, ..compensation.clone() };
+//! assert!(too_slow.validate().is_err() && compensation.dead_time_s < MAX_DEAD_TIME_S);
+//!
+//! let domain = Domain { nested_reversals: 4, reversal_depth: 0.05 }; // bar
+//! let extension = Extension { compensation: Some(compensation), domain: Some(domain) };
+//! assert!(extension.validate().is_ok());
+//! # #[cfg(feature = "std")] {
+//! let bytes = extension.encode();
+//! assert_eq!(Extension::decode(&bytes)?, extension);
+//! let mut place = Extension::default();
+//! place.decode_into(&bytes)?;
+//! assert_eq!(Model { extension: &bytes, ..Model::default() }.extension()?, place);
+//! # }
+//! # Ok::<(), model_export::validate::Invalid>(())
+//! ```
 
 use heapless::{Vec, VecView};
 
-use crate::schema::{MAX_CREEP, MAX_PLAY};
-use crate::validate::{Invalid, MAX_PARAMETER, require};
+use crate::invalid::{Invalid, MAX_PARAMETER, require};
+use crate::schema::{MAX_CREEP, MAX_PLAY, Model};
 
 /// Longest dead time that a controller can look ahead, s.
 pub const MAX_DEAD_TIME_S: f32 = 0.3;
@@ -295,6 +329,16 @@ impl Compensation {
             share += 0.0625;
         }
         Ok(())
+    }
+}
+
+impl Model<'_> {
+    /// What the controllers need of the model, read; empty for a model that was exported for estimation only.
+    ///
+    /// # Errors
+    /// When the bytes do not decode or a field is out of its domain.
+    pub fn extension(&self) -> Result<Extension, Invalid> {
+        Extension::decode(self.extension)
     }
 }
 

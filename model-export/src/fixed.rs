@@ -80,6 +80,31 @@
 //! A row has at most 64 columns, so |acc| <= 64 * 128 * 32768 = 2^28. With |m| <= 2^31 and |bias| <= 2^61 the sum stays below
 //! 2^61 + 2 * 2^59 < 2^63, whatever the bytes. f < 1 and |c| <= 2^30 give |t| <= 2^30; so do u and 1 - u. The dense weights satisfy
 //! sum |w| <= 65535, so their sum stays below 65535 * 32768 < 2^31. [`crate::blob::decode`] checks what of this depends on the blob.
+//!
+//! # Example
+//! ```
+//! use model_export::fixed::{BIAS_FRACTION, BIAS_ROUNDING, CELL_FRACTION, FEATURE_FRACTION, GATE_FRACTION, PRE_ACTIVATION_FRACTION};
+//! use model_export::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT, hidden_fraction};
+//! use model_export::fixed::{SEGMENTS, SIGMOID, SIGMOID_STEP_BITS, TANH, TANH_STEP_BITS, Table};
+//! use model_export::schema::{Activation, Cell};
+//!
+//! /// The chord of a table at a pre-activation, as a real number.
+//! fn look_up(table: &Table, step_bits: u8, fraction: u8, z: f64) -> f64 {
+//!     let z = (z * 2f64.powi(PRE_ACTIVATION_FRACTION.into())) as i32;
+//!     let [base, slope] = table[usize::try_from((z >> step_bits) + SEGMENTS as i32 / 2).unwrap()];
+//!     let rest = z & ((1 << step_bits) - 1);
+//!     f64::from(base + ((i64::from(slope) * i64::from(rest)) >> 16) as i32) * 2f64.powi(-i32::from(fraction))
+//! }
+//! assert!((look_up(&SIGMOID, SIGMOID_STEP_BITS, GATE_FRACTION, 1.0) - 0.731_059).abs() < 3e-5);
+//! assert!((look_up(&TANH, TANH_STEP_BITS, CELL_FRACTION, 0.5) - 0.462_117).abs() < 5e-5);
+//!
+//! // Feature 2^14, bias 2^48 with the rounding of half a step of 2^-16 in it.
+//! assert_eq!((FEATURE_FRACTION, BIAS_FRACTION, BIAS_ROUNDING), (14, 48, 1 << 31));
+//! assert!(MAX_BIAS < i64::MAX / 2 && MAX_CELL_LIMIT <= 1 << 30 && i64::from(MAX_DENSE_SUM) * 32_768 < 1 << 31);
+//! // A hidden state of tanh with the largest shift is Q0.15; with relu of 2^7 it has seven bits less.
+//! assert_eq!(hidden_fraction(Cell::Lstm, Activation::Tanh, 0, MAX_HIDDEN_SHIFT), 15);
+//! assert_eq!(hidden_fraction(Cell::Lstm, Activation::Relu, MAX_CELL_EXPONENT, MAX_HIDDEN_SHIFT), 8);
+//! ```
 
 use crate::schema::{Activation, Cell};
 

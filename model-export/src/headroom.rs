@@ -2,6 +2,37 @@
 //!
 //! For every row the largest magnitude that any input could bring the accumulator to is `sum |w| * 32768`, whatever the data; for the
 //! 64-bit sum that scales it, `|b| + sum |w_x| * 32768 * |m_x| + sum |w_h| * 32768 * |m_h|`. The headroom is the type's range over that.
+//!
+//! # Example
+//! ```
+//! use model_export::headroom::{Headroom, headroom};
+//! use model_export::quantise::{FloatLayer, FloatNetwork, LayerCalibration, quantise};
+//! use model_export::schema::{Activation, Cell};
+//!
+//! // One LSTM unit: gates i, f, g, o with a weight of 0.1 for the input and 0.05 for the hidden state; it forgets by a bias of -1.
+//! let layer = FloatLayer {
+//!     cell: Cell::Lstm,
+//!     inputs: 1,
+//!     units: 1,
+//!     input_weights: &[0.1; 4],
+//!     recurrent_weights: &[0.05; 4],
+//!     bias: &[0.0, -1.0, 0.0, 0.0],
+//! };
+//! let network = FloatNetwork {
+//!     activation: Activation::Tanh,
+//!     state_limit: 4.0,
+//!     layers: vec![layer],
+//!     dense_weights: &[0.5],
+//!     dense_bias: 0.0,
+//! };
+//! let calibration = [LayerCalibration { hidden_max: 0.5, moments: None }];
+//! let quantised = quantise(&network, &calibration)?;
+//! let room: Headroom = headroom(&quantised.as_wire());
+//! // A row of one weight of 127 times 32768 in 2^31.
+//! assert!((room.accumulator - 516.0).abs() < 0.1);
+//! assert!(room.least() > 1.0, "nothing can overflow");
+//! # Ok::<(), model_export::quantise::QuantiseError>(())
+//! ```
 
 use crate::schema::{Layer, Network};
 

@@ -21,6 +21,7 @@ pub mod compensation;
 pub mod fixed;
 #[cfg(feature = "std")]
 pub mod headroom;
+mod invalid;
 pub mod link;
 #[cfg(feature = "std")]
 pub mod quantise;

@@ -30,43 +30,47 @@
 //! The network's hidden and cell states start at zero. In *streaming* mode they are carried from sample to sample. In *window* mode
 //! every output comes from the last `length` feature vectors, run from zero state; before there are that many, the first feature
 //! vector stands for the missing ones, as if the input had rested there. The arithmetic is that of [`crate::fixed`].
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Channel, Envelope, FrontEnd, Golden, Metrics, Model, Provenance};
+//!
+//! let front_end = FrontEnd {
+//!     lag_coefficient: 1.0,
+//!     play_thresholds: [0.0, 0.1].into_iter().collect(),
+//!     play_weights: [0.5, 0.5].into_iter().collect(),
+//!     ..FrontEnd::default()
+//! };
+//! let input = Channel { quantity: "pressure", unit: "bar", offset: 0.0, scale: 3.0, minimum: 0.0, maximum: 3.0 };
+//! let output = Channel { quantity: "displacement", unit: "mm", offset: 0.0, scale: 10.0, minimum: 0.0, maximum: 10.0 };
+//! let model = Model {
+//!     sample_period_s: 0.02,
+//!     input,
+//!     output,
+//!     front_end,
+//!     provenance: Provenance { preset: "prandtl-ishlinskii", ..Provenance::default() },
+//!     metrics: Metrics { validation_rmse: 0.03, ..Metrics::default() }, // mm
+//!     envelope: Envelope { minimum: 0.0, maximum: 3.0, maximum_rate: 4.0 }, // bar, bar, bar/s
+//!     golden: Golden::default(),
+//!     ..Model::default()
+//! };
+//! assert_eq!(model.schema_version(), 2);
+//! assert!(model.validate().is_ok());
+//! ```
 
 mod front_end;
+mod limits;
 mod network;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 pub use self::front_end::{Curve, Feature, FeatureSource, FrontEnd};
+pub use self::limits::{
+    MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_GOLDEN, MAX_INPUTS, MAX_LAYERS, MAX_MORE_INPUTS, MAX_PLAY, MAX_UNITS,
+    MAX_WIDTH, MAX_WINDOW_VALUES,
+};
 pub use self::network::{Activation, Cell, Dense, Gate, Layer, Mode, Network};
-use crate::compensation::Extension;
-use crate::validate::Invalid;
-
-/// Most inputs a model may have.
-pub const MAX_INPUTS: usize = 4;
-/// The same without the first.
-pub const MAX_MORE_INPUTS: usize = MAX_INPUTS - 1;
-/// Most play operators a front end may have.
-pub const MAX_PLAY: usize = 24;
-/// Most creep filters a front end may have.
-pub const MAX_CREEP: usize = 4;
-/// Most bends of the readout's curve.
-pub const MAX_BENDS: usize = 8;
-/// Longest dead time of the input path, in samples.
-pub const MAX_DEAD_TIME_SAMPLES: usize = 32;
-/// Most features the network may see: input, difference, path value, path difference, plays, readout, creeps.
-pub const MAX_FEATURES: usize = 32;
-/// Most layers before the dense output.
-pub const MAX_LAYERS: usize = 4;
-/// Most units of a layer.
-pub const MAX_UNITS: usize = 64;
-
-/// Widest input of a layer: features of the first, units of the one below for the others.
-pub const MAX_WIDTH: usize = 64;
-/// Most feature values a window may hold: length times features.
-pub const MAX_WINDOW_VALUES: usize = 1024;
-/// Most golden samples.
-pub const MAX_GOLDEN: usize = 512;
 
 /// One physical channel: unit and the affine map to its normalised form, `normalised = (value - offset) / scale`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -175,7 +179,7 @@ pub struct Model<'a> {
     /// behind everything else.
     #[serde(skip)]
     pub more_inputs: Vec<Channel<'a>, MAX_MORE_INPUTS>,
-    /// What stands behind the model in the payload: an [`Extension`], or nothing.
+    /// What stands behind the model in the payload: an [`Extension`](crate::compensation::Extension), or nothing.
     #[serde(skip)]
     pub extension: &'a [u8],
 }
@@ -190,13 +194,5 @@ impl Model<'_> {
         }
         let sees_past = self.front_end.features.iter().any(|feature| matches!(feature.source, FeatureSource::Past(_)));
         if sees_past || self.network.as_ref().is_some_and(has_other_cells) { 3 } else { 2 }
-    }
-
-    /// What the controllers need of the model, read; empty for a model that was exported for estimation only.
-    ///
-    /// # Errors
-    /// When the bytes do not decode or a field is out of its domain.
-    pub fn extension(&self) -> Result<Extension, Invalid> {
-        Extension::decode(self.extension)
     }
 }

@@ -2,53 +2,41 @@
 //!
 //! The bounds are far outside any sensible model and exist so that nothing downstream can overflow, divide by zero or index past an
 //! end: with them the front end's signals stay finite in `f32` for any input.
-
-use core::fmt;
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Channel, Curve, FrontEnd, Layer, Model, Network};
+//! use model_export::validate::{Invalid, MAX_CHANNEL, MAX_PARAMETER, MIN_STOP_THRESHOLD};
+//!
+//! let pressure = Channel { quantity: "pressure", unit: "bar", scale: 3.0, maximum: 3.0, ..Channel::default() };
+//! assert!(pressure.validate().is_ok());
+//! let flat = Channel { scale: 0.5 / MAX_CHANNEL, ..pressure };
+//! let Invalid { field, index, must } = flat.validate().unwrap_err();
+//! assert_eq!((field, index, must), ("channel.scale", 0, "between 1e-12 and 1e12"));
+//! assert_eq!(flat.validate().unwrap_err().to_string(), "channel.scale[0] must be between 1e-12 and 1e12");
+//!
+//! assert!(Curve { slope: 2.0 * MAX_PARAMETER, ..Curve::default() }.validate().is_err());
+//! let no_lag = FrontEnd { lag_coefficient: 1.0, ..FrontEnd::default() };
+//! assert!(no_lag.validate().is_ok());
+//! assert!(FrontEnd { play_thresholds: [MIN_STOP_THRESHOLD].into_iter().collect(), ..no_lag }.validate().is_err(), "a weight is missing");
+//! assert!(Network::default().validate(1).is_err(), "a network has a layer");
+//! assert!(Network { layers: [Layer::default()].into_iter().collect(), ..Network::default() }.activation().is_ok());
+//! assert!(Model::default().validate().is_err(), "a sample period is above zero");
+//! ```
 
 use crate::compensation::Extension;
 use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, MAX_HIDDEN_SHIFT};
+pub use crate::invalid::{Invalid, MAX_PARAMETER};
+use crate::invalid::{bounded, require};
 use crate::schema::{
     Activation, Channel, Curve, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
     MAX_WINDOW_VALUES, Mode, Model, Network,
 };
 
-/// Largest magnitude of a weight, gain, threshold or normalised constant.
-pub const MAX_PARAMETER: f32 = 1.0e6;
 /// Largest magnitude of an offset or scale of a physical channel; the reciprocal is the smallest scale.
 pub const MAX_CHANNEL: f32 = 1.0e12;
 /// Smallest positive threshold that a stop feature may divide by.
 pub const MIN_STOP_THRESHOLD: f32 = 1.0e-6;
-
-/// A field of a model that cannot be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Invalid {
-    /// The field, as in the schema.
-    pub field: &'static str,
-    /// Position in the field, 0 for a single value.
-    pub index: usize,
-    /// What the field must be.
-    pub must: &'static str,
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}[{}] must be {}", self.field, self.index, self.must)
-    }
-}
-
-impl core::error::Error for Invalid {}
-
-pub(crate) fn require(condition: bool, field: &'static str, index: usize, must: &'static str) -> Result<(), Invalid> {
-    if condition { Ok(()) } else { Err(Invalid { field, index, must }) }
-}
-
-pub(crate) fn bounded(values: &[f32], field: &'static str) -> Result<(), Invalid> {
-    for (index, value) in values.iter().enumerate() {
-        // A NaN fails the comparison and is refused with the rest.
-        require(value.abs() <= MAX_PARAMETER, field, index, "finite and at most a million in magnitude")?;
-    }
-    Ok(())
-}
 
 impl Channel<'_> {
     /// Checks the map and the range.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use host_tool::export;
-use host_tool::fit::file::FittedPredictor;
+use host_tool::model::FittedPredictor;
 use host_tool::model::{self, BlobModel, Description, DiscoveredPredictor, Fit, Format, Gaps, NetworkModel, PhysicsPredictor, Predictor};
 use host_tool::network::{self, TrainedModel};
 use host_tool::{fit, output};

@@ -77,7 +77,7 @@ fn networks_of_two_inputs_beat_physics_and_run_as_blob_and_as_c() {
     let range = range(&test);
     let settings = Settings { seed: 1, threads: 2, network_budget_cpu_s: None, calibrate_s: None };
     let physics = fit::fit(&training, &settings, &|_| {}).expect("a ladder");
-    let physics = fit::file::FittedPredictor::new(physics.fitted(physics.chosen).expect("a sum of columns"), Path::new("physics"));
+    let physics = model::FittedPredictor::new(physics.fitted(physics.chosen).expect("a sum of columns"), Path::new("physics"));
     let physics = error(&physics, &test) / range;
     for preset in ["hybrid", "stream-1x32"] {
         let trained = trained(preset, &training);

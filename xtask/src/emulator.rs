@@ -28,7 +28,7 @@ pub fn tests() -> Result<()> {
     run("emulator", cargo().args(["test", "--workspace", "--test", "emulator", "--", "--ignored"]))
 }
 
-/// The flashable image boots in the emulator, finds no crystal and says so.
+/// The flashable image boots in the emulator, finds no HSE and says so.
 pub fn flashable_image() -> Result<()> {
     run(
         "emulator: the flashable image",

@@ -1,6 +1,6 @@
-//! The flashable image of a board: build it small, seal it, flash it.
+//! The flashable image of a board: build it small, fill in its CRC, flash it.
 //!
-//! The compiler leaves a place for the checksum of the program, which only the finished image can have. Sealing fills it in: `SEAL`, then the
+//! The compiler leaves a place for the checksum of the program, which only the finished image can have. `xtask` fills it in: `SEAL`, then the
 //! CRC-32 over vector table, code, constants and initial data, in this order, as `board::target::memory` computes it again on the device.
 //!
 //! Equal sources give equal images, wherever they are built: the compiler is pinned, and no path of the machine gets into the file.
@@ -52,7 +52,7 @@ impl Board {
 /// Sections the checksum covers, in its order.
 const SEALED_SECTIONS: [&str; 4] = [".vector_table", ".text", ".rodata", ".data"];
 const OPEN: &[u8; 4] = b"OPEN";
-const SEAL: &[u8; 4] = b"SEAL";
+const MAGIC: &[u8; 4] = b"SEAL";
 
 /// What the image is and takes.
 pub struct Sealed {
@@ -128,7 +128,7 @@ pub fn build(board: &Board) -> Result<Sealed> {
     )?;
     let built = target_folder().join(TARGET).join("flash/rig");
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
-    let checksum = seal(&mut bytes).with_context(|| format!("{} cannot be sealed", built.display()))?;
+    let checksum = fill_in_crc(&mut bytes).with_context(|| format!("{} cannot be given its CRC", built.display()))?;
     let sealed = describe(&bytes)?;
     let image = board.image();
     std::fs::create_dir_all(image.parent().unwrap_or(Path::new(".")))?;
@@ -182,7 +182,7 @@ pub fn flash(board: &Board) -> Result<()> {
     run("flash", command("probe-rs").args(["run", "--verify", "--chip", board.chip]).arg(image))
 }
 
-/// Whether this file is the sealed one: its hash, and the seal over the sections that it would write.
+/// Whether this file is the finished one: its hash, and the CRC over the sections that it would write.
 fn check(bytes: &[u8], sha256: &str) -> Result<()> {
     let found = hash(bytes);
     if found != sha256 {
@@ -190,8 +190,8 @@ fn check(bytes: &[u8], sha256: &str) -> Result<()> {
     }
     let (offset, length) = section(bytes, ".seal")?;
     let checksum = checksum(bytes)?;
-    if bytes[offset..offset + length] != [&SEAL[..], &checksum.to_le_bytes()].concat() {
-        bail!("its seal does not match its contents");
+    if bytes[offset..offset + length] != [&MAGIC[..], &checksum.to_le_bytes()].concat() {
+        bail!("its CRC does not match its contents");
     }
     Ok(())
 }
@@ -209,8 +209,8 @@ pub fn reproducible(board: &Board) -> Result<()> {
             let (offset, length) = section(&bytes, name)?;
             let mut damaged = bytes.clone();
             damaged[offset + length / 2] ^= 1;
-            let by_seal = check(&damaged, &hash(&damaged));
-            if check(&damaged, &here.sha256).is_ok() || by_seal.is_ok() {
+            let by_crc = check(&damaged, &hash(&damaged));
+            if check(&damaged, &here.sha256).is_ok() || by_crc.is_ok() {
                 bail!("a damaged {name} passes for the sealed image");
             }
         }
@@ -276,14 +276,14 @@ fn checksum(bytes: &[u8]) -> Result<u32> {
     Ok(hasher.finalize())
 }
 
-fn seal(bytes: &mut [u8]) -> Result<u32> {
+fn fill_in_crc(bytes: &mut [u8]) -> Result<u32> {
     let checksum = checksum(bytes)?;
     let (offset, length) = section(bytes, ".seal")?;
     let place = &mut bytes[offset..offset + length];
     if length != 8 || &place[..4] != OPEN {
-        bail!("its section .seal is not an open seal");
+        bail!("its section .seal has no open place for the CRC");
     }
-    place[..4].copy_from_slice(SEAL);
+    place[..4].copy_from_slice(MAGIC);
     place[4..].copy_from_slice(&checksum.to_le_bytes());
     Ok(checksum)
 }

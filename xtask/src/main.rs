@@ -8,6 +8,7 @@ mod checks;
 mod demo;
 mod emulator;
 mod firmware;
+mod licences;
 mod process;
 mod publish;
 mod python;
@@ -38,6 +39,8 @@ enum Task {
     Book(OfBook),
     /// Check licences, sources and duplicates of dependencies by deny.toml. Needs cargo-deny. 10 s.
     Deny(OfDeny),
+    /// Check licences and sources of all dependencies by deny.toml, with nothing to install. 2 s.
+    Licences,
     /// Check that hysteresis and model-export build with the oldest compiler they promise and as a registry would get them. 2 min.
     Publishable,
     /// Write what the firmware and the command are made of into target/sbom, as CycloneDX. 2 s.
@@ -116,6 +119,7 @@ fn main() -> ExitCode {
         Task::Setup => setup::everything(),
         Task::Book(of) => book::build(of.open),
         Task::Deny(of) => book::deny(of.advisories),
+        Task::Licences => licences::check(),
         Task::Publishable => publish::check(),
         Task::Sbom => publish::bill_of_materials(),
         Task::Equations { asked } if asked.is_empty() => book::equations(),
@@ -147,6 +151,7 @@ fn test() -> anyhow::Result<()> {
     browser::tests()?;
     demo::runs()?;
     python::tests()?;
+    licences::check()?;
     publish::check()?;
     publish::bill_of_materials()?;
     book::build(false)

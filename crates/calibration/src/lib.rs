@@ -9,6 +9,19 @@
 //! [`step::Finding`]. Whoever drives a rig, a command line or a page in a browser, carries the instructions out.
 //!
 //! Every interval is a 95 % interval by Student's t around least squares; derived quantities get theirs by the delta method.
+//!
+//! # Example
+//! ```
+//! use calibration::line::Line;
+//!
+//! // A laser at four distances of a target: volts at millimetres.
+//! let laser = Line::through(&[(0.0, 0.502), (5.0, 1.499), (10.0, 2.501), (15.0, 3.498)])?;
+//! assert!((laser.zero().value - 0.5).abs() < 0.01);
+//! assert!((laser.span().value - 0.2).abs() < 0.001);
+//! // Back from a reading to the distance.
+//! assert!((laser.reference(2.0).value - 7.5).abs() < 0.05);
+//! # Ok::<(), calibration::CalibrationError>(())
+//! ```
 
 mod error;
 mod estimate;

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use virtual_rig::{self as rig, Case, CaseConfig, Generator};
 
 use crate::data::{mask, noise};
-use crate::finding::prepare;
 use crate::model::structure::Scope;
 use crate::selection::find;
 use recording::{ExtraColumn, Recording};

@@ -12,6 +12,22 @@
 //!
 //! Roles are types: weights come from a [`Fit`], settings are chosen on a [`Select`], and figures are made on a [`Test`]; only a
 //! [`Partition`] makes them.
+//!
+//! # Example
+//! ```
+//! use identification::nnls::{Normal, solve};
+//!
+//! // Weights of two columns, none below zero: the second would like to be.
+//! let mut normal = Normal::new(2);
+//! for (row, output_mm) in [([1.0, 0.0], 0.5), ([1.0, 1.0], 0.4), ([2.0, 1.0], 0.9)] {
+//!     normal.add(&row, output_mm);
+//! }
+//! normal.complete();
+//! let weights = solve(&normal.gram, &normal.right, &[true, true]);
+//! assert_eq!(weights[1], 0.0);
+//! // What the first alone makes of it: (0.5 + 0.4 + 2 * 0.9) / (1 + 1 + 4).
+//! assert!((weights[0] - 0.45).abs() < 1e-12);
+//! ```
 
 pub mod choice;
 mod columns;

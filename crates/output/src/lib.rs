@@ -1,4 +1,13 @@
 //! What commands leave behind: files written whole or not at all, JSON results, lines on standard output, progress.
+//!
+//! # Example
+//! ```
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("result.json");
+//! output::write_json(&path, &[0.0064, 0.0069])?; // mm
+//! assert_eq!(serde_json::from_str::<Vec<f64>>(&output::read_text(&path)?)?, [0.0064, 0.0069]);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 // First: the other files use its macros.
 #[macro_use]

@@ -3,6 +3,18 @@
 //! [`hide`] draws a muscle, an effect (or two, or none, or one that no catalogue has) and a command session, integrates the physics at
 //! 10 kHz and samples it at 50 Hz with noise. The truth goes into a file of its own. Nothing here is used by discovery or by
 //! the effects that it fits; they meet only in the recordings.
+//!
+//! # Example
+//! ```
+//! use virtual_rig::{CaseConfig, EFFECTS, hide};
+//!
+//! // A session in which a dead time is hidden, and what nobody but a test may look at.
+//! assert!(EFFECTS.contains(&"dead-time"));
+//! let case = hide(&CaseConfig { effects: vec!["dead-time".to_owned()], seed: 3, ..CaseConfig::default() })?;
+//! assert_eq!(case.truth.effects, ["dead-time"]);
+//! assert!(case.recordings.iter().all(|run| run.output_signal.unit == "mm"));
+//! # Ok::<(), virtual_rig::RigError>(())
+//! ```
 
 mod aliens;
 mod case;

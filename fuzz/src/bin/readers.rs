@@ -3,7 +3,8 @@
 
 use std::io::Write;
 
-use fuzz::targets::{self, Wrong};
+use fuzz::readers::Wrong;
+use fuzz::targets;
 
 fn main() {
     let words: Vec<String> = std::env::args().collect();

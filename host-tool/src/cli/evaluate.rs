@@ -11,12 +11,12 @@ use crate::evaluate::beyond::{self, Beyond};
 use crate::evaluate::ladder::{self, Entry, Ladder};
 use crate::evaluate::suite::{self, SuiteReport};
 use crate::evaluate::{FamilyErrors, FileErrors, Judged, Judging, by_family, first_behind, judge, mean_nrmse, mean_rmse, pooled_rmse};
-use crate::fit::file::{Expected, FittedModel};
-use crate::fit::nuisance::Nuisance;
 use crate::identify::{ChannelRange, PhysicsModel};
 use crate::model::{self, Description, Gaps, Predictor};
 use crate::recording::{self, Recording};
 use crate::{network, output, report, say};
+use modelling::physics::nuisance::Nuisance;
+use modelling::physics::{Expected, FittedModel};
 
 /// Judge a model on recordings, free running.
 #[derive(clap::Args)]

@@ -9,11 +9,11 @@ use model_export::compensation::Compensation;
 use super::{Common, Outcome};
 use crate::export::c::CFiles;
 use crate::export::{self, Export, Summary};
-use crate::fit::file::FittedModel;
 use crate::identify::PhysicsModel;
 use crate::model::{self, Format};
 use crate::network::{self, TrainedModel};
 use crate::{output, recording, say};
+use modelling::physics::FittedModel;
 
 /// Quantise a trained model into a blob for the microcontroller, or into C source.
 ///

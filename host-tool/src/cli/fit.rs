@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use super::{Common, Data, Outcome};
 use crate::fit::folder::{self, BlobFile};
-use crate::fit::nuisance::Nuisance;
 use crate::fit::{self, LadderRung, Outcome as Fitted, Progress, Settings, Splits};
 use crate::recording::repeatability::Repeatability;
 use crate::{output, say};
+use modelling::physics::nuisance::Nuisance;
 
 /// Find the model that will be best on the next recording.
 ///

@@ -5,7 +5,7 @@ use super::text::{count, number};
 use super::{primer, sections};
 use crate::fit::Outcome;
 use crate::fit::folder::left_out;
-use crate::fit::judging::Calibrated;
+use modelling::physics::Calibrated;
 
 /// The page.
 #[must_use]
@@ -68,7 +68,7 @@ fn nuisances(page: &mut Page, fitted: &Outcome, unit: &str) {
          with it taken off. The errors above are with it.",
     );
     let row = |kind: String| {
-        move |value: &crate::fit::nuisance::Value| {
+        move |value: &modelling::physics::nuisance::Value| {
             let at = value.at.map_or("\u{2013}".to_owned(), |at| number(at, 3));
             vec![Cell::Text(kind.clone()), Cell::Text(value.recording.clone()), Cell::Figure(number(value.value, 3)), Cell::Figure(at)]
         }

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use model_export::link::{abuse, frame, parse_anything};
+use model_export::link::{fuzzing, frame, parse_anything};
 
 fuzz_target!(|bytes: &[u8]| {
     parse_anything(bytes);
@@ -11,5 +11,5 @@ fuzz_target!(|bytes: &[u8]| {
         parse_anything(&wire);
     }
     // And as a script of what a bad line does to sound frames.
-    let _ = abuse::carry_out(bytes);
+    let _ = fuzzing::carry_out(bytes);
 });

@@ -1,4 +1,12 @@
 //! What a device tells of its adaptation: zero and gain of the estimate, and why they stand still if they do.
+//!
+//! # Example
+//! ```
+//! use model_export::link::adaptation::{AdaptationReport, Adapting};
+//!
+//! let report = AdaptationReport { adapting: Adapting::ZeroOnly, zero_mm: -0.25, gain: 1.0, updates: 70_000 };
+//! assert_eq!(Adapting::ALL[2], report.adapting);
+//! ```
 
 use serde::{Deserialize, Serialize};
 

@@ -4,6 +4,29 @@
 //! goes away when its cause does. A **notice** says that something is limited or degraded at this moment and never vents.
 //!
 //! Numbers are on the wire and in lab notebooks: none is ever reused or renumbered. They stay below 64 so that a set fits one word.
+//!
+//! # Example
+//! ```
+//! use model_export::link::fault::{Blocker, BlockerSet, Explanation, Fault, FaultSet, explain};
+//!
+//! let Explanation { name, remedy, .. } = explain("E017").expect("a fault of this version");
+//! assert_eq!(name, "laser-stuck");
+//! assert!(!remedy.is_empty());
+//! assert_eq!(Fault::from_number(17).map(Fault::number), Some(17));
+//! assert_eq!(Fault::LaserStuck.explanation(), explain("e17").unwrap());
+//! assert!(Fault::ALL.contains(&Fault::LaserStuck));
+//!
+//! let mut faults = FaultSet::EMPTY;
+//! faults.insert(Fault::LaserStuck);
+//! faults.insert_if(true, Fault::LaserRange);
+//! assert!(faults.contains(Fault::LaserRange) && !faults.is_empty());
+//! assert_eq!(faults.first(), Some(Fault::LaserRange));
+//! faults.remove(Fault::LaserRange);
+//! assert_eq!(faults.union(FaultSet::EMPTY).iter().count(), 1);
+//!
+//! let blockers: BlockerSet = [Blocker::EmergencyStopPressed].into_iter().collect();
+//! assert_eq!(blockers.first().map(|blocker| blocker.explanation().name), Some("emergency-stop-pressed"));
+//! ```
 
 /// One entry of a table a person can look up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,6 +6,28 @@
 //!
 //! COBS (Cheshire and Baker, 1999) leaves no zero inside a frame, so a receiver that joins late or reads garbage finds the next frame at the
 //! next zero. The CRC is the one of Ethernet and zip. postcard's flavours make frames, the crate `cobs` takes them apart in the place they are in.
+//!
+//! # Example
+//! ```
+//! use model_export::link::frame::{Decoder, FrameError, MAX_PAYLOAD, MAX_WIRE, Wire, encode, encode_into};
+//!
+//! let mut wire: Wire = encode(&[0x12, 0, 7])?;
+//! assert!(wire.len() <= MAX_WIRE && wire.last() == Some(&0));
+//!
+//! let mut decoder = Decoder::new();
+//! let mut last = None;
+//! for byte in &wire {
+//!     last = decoder.push(*byte).map(|payload| payload.map(<[u8]>::to_vec));
+//! }
+//! assert_eq!(last, Some(Ok(vec![0x12, 0, 7])));
+//!
+//! // A damaged byte is noticed, a long payload refused.
+//! wire[2] ^= 4;
+//! let last = wire.iter().filter_map(|byte| decoder.push(*byte).map(|payload| payload.map(<[u8]>::to_vec))).last();
+//! assert!(matches!(last, Some(Err(_))));
+//! assert_eq!(encode_into(&mut wire, &[0; MAX_PAYLOAD + 1]), Err(FrameError::TooLong));
+//! # Ok::<(), FrameError>(())
+//! ```
 
 use heapless::Vec;
 use postcard::ser_flavors::crc::CrcModifier;

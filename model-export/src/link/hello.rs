@@ -1,4 +1,4 @@
-//! Hello: the one exchange that every version of host and firmware understands, for ever.
+//! Hello: the one message that every version of host and firmware understands, for ever.
 //!
 //! The layout is written by hand, not by a serialiser, so that no library and no new field can change it. Integers are little-endian.
 //!
@@ -22,10 +22,33 @@
 //! A **session** lasts from a Hello to the next one and has a number of its own, which every request repeats. Frames that wait
 //! somewhere on the way, or that somebody plays again, belong to another session and move nothing. As long as no request has come a further Hello
 //! gives the same number, so that a repeated question does no harm.
+//!
+//! # Example
+//! ```
+//! use model_export::link::hello::{Build, FROZEN_BYTES, HELLO_BYTES, Hello, HelloError, MAX_BOARD_NAME};
+//! use model_export::link::state::ResetCause;
+//!
+//! let hello = Hello {
+//!     firmware: [0, 1, 0],
+//!     protocol: model_export::link::PROTOCOL,
+//!     schema_hash: model_export::link::SCHEMA_HASH,
+//!     model_id: [0; 8],
+//!     reset_cause: ResetCause::PowerOn,
+//!     board: "custom-f405".try_into()?,
+//!     session: 7,
+//!     build: Build::default(),
+//! };
+//! assert!(hello.board.len() <= MAX_BOARD_NAME);
+//! let payload = hello.encode();
+//! assert_eq!(payload.len(), HELLO_BYTES);
+//! assert_eq!(Hello::decode(&payload), Ok(hello));
+//! assert_eq!(Hello::decode(&payload[..FROZEN_BYTES - 1]), Err(HelloError::TooShort));
+//! # Ok::<(), heapless::CapacityError>(())
+//! ```
 
 use heapless::{String, Vec};
 
-use super::Kind;
+use super::kind::Kind;
 use super::state::ResetCause;
 
 /// Length of the answer's frozen part.

@@ -10,6 +10,28 @@
 //!     11      1  CRC-8 of the bytes before (SMBus)
 //! ```
 //! Little-endian. The device keeps these bytes as they are and sends them as they are.
+//!
+//! # Example
+//! ```
+//! use model_export::link::history::{HistoryPiece, HistoryRow, MAX_PIECE_ROWS, ROW_BYTES};
+//! use model_export::link::state::State;
+//!
+//! // Half of full scale at the valve, a set-point of 1.5 bar, an estimate of 7.25 mm.
+//! let row = HistoryRow {
+//!     valve_share: 32_768,
+//!     set_point_thousandths: 1500,
+//!     estimate_thousandths: 7250,
+//!     state: State::Running,
+//!     energised: true,
+//!     ..HistoryRow::default()
+//! };
+//! let bytes: [u8; ROW_BYTES] = row.encode();
+//! assert_eq!(HistoryRow::decode(&bytes), Some(row));
+//! assert_eq!(HistoryRow::decode(&[0xff; ROW_BYTES]), None, "the check is wrong");
+//!
+//! let piece = HistoryPiece { rows: 2000, bytes: bytes.into_iter().collect() };
+//! assert!(piece.bytes.len() <= MAX_PIECE_ROWS * ROW_BYTES);
+//! ```
 
 use crc::{CRC_8_SMBUS, Crc, NoTable};
 use heapless::Vec;

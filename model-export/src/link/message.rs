@@ -1,17 +1,54 @@
 //! Requests, replies and telemetry, as postcard encodes them.
 //!
 //! Every request carries a token that its reply repeats. The order of enum variants and struct fields is the wire format: append, never
-//! insert; `tests/link_wire.rs` holds the bytes of an example of each.
+//! insert; `tests/link/examples.rs` holds the bytes of an example of each.
+//!
+//! # Example
+//! ```
+//! use model_export::link::message::{Baseline, ControlReport, FaultRecord, MAX_CHUNK_BYTES, MAX_CHUNK_POINTS, MAX_PAGE, Message, MessageError};
+//! use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, ReplyFrame, Request, RequestFrame, SettingDifference, Status};
+//! use model_export::link::settings::SettingValue;
+//! use model_export::link::state::State;
+//!
+//! // What a host asks: a set-point of 1.5 bar, and a piece of an experiment.
+//! let set_point = Request::SetPoint { quantity: Quantity::Pressure, value: 1.5 };
+//! assert!(!set_point.only_asks() && Request::Status.only_asks());
+//! let values_bar = [0.0, 0.5, 1.0].into_iter().collect();
+//! let chunk = PlaybackChunk { first_index: 0, last: true, values_bar };
+//! assert!(chunk.values_bar.len() <= MAX_CHUNK_POINTS && !Request::Playback(chunk).only_asks());
+//! assert!(Request::ModelFinish.is_beyond_a_trace());
+//! let frame = RequestFrame { token: 2, session: 7, request: set_point };
+//! let wire = frame.to_wire()?;
+//! assert!(wire.len() < MAX_CHUNK_BYTES);
+//!
+//! // What a device answers: done, refused, or what was asked for.
+//! for reply in [
+//!     Reply::Done,
+//!     Reply::Refused(Refusal::State(State::Running)),
+//!     Reply::Status(Status::default()),
+//!     Reply::FaultRecord(FaultRecord::default()),
+//!     Reply::ControlReport(ControlReport { ticks: 20_000, ..ControlReport::default() }),
+//!     Reply::Differences { entries: [SettingDifference::default(); MAX_PAGE].into_iter().collect(), next_number: 0 },
+//! ] {
+//!     let mut wire = Default::default();
+//!     ReplyFrame { token: 2, reply }.encode_into(&mut wire)?;
+//! }
+//! assert_eq!(ReplyFrame::from_payload(&[]), Err(MessageError::Kind));
+//! let asked = Request::SettingsDifference { baseline: Baseline::Defaults, from_number: 0 };
+//! assert!(asked.only_asks());
+//! # let _ = SettingValue::Flag(true);
+//! # Ok::<(), MessageError>(())
+//! ```
 
 use heapless::Vec;
-use serde::de::DeserializeOwned;
+
 use serde::{Deserialize, Serialize};
 
-use super::Kind;
 use super::adaptation::AdaptationReport;
+pub use super::codec::{Message, MessageError};
 use super::fault::{BlockerSet, FaultSet, NoticeSet};
-use super::frame::{self, FrameError, Wire};
 use super::history::HistoryPiece;
+use super::kind::Kind;
 use super::settings::{SettingError, SettingValue};
 use super::state::{ResetCause, State};
 pub use super::telemetry::{RestNoise, Telemetry};
@@ -414,63 +451,6 @@ pub struct ReplyFrame {
     pub token: u32,
     /// The answer.
     pub reply: Reply,
-}
-
-/// Why a payload could not be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum MessageError {
-    /// The payload is empty or of a kind that was not expected here.
-    Kind,
-    /// Its bytes do not decode, or bytes are left over.
-    Content,
-    /// It would not fit a frame.
-    TooLong,
-}
-
-impl From<FrameError> for MessageError {
-    fn from(_: FrameError) -> Self {
-        Self::TooLong
-    }
-}
-
-/// A message that knows its kind.
-pub trait Message: Serialize + DeserializeOwned {
-    /// First byte of its payload.
-    const KIND: Kind;
-
-    /// The whole frame on the wire.
-    ///
-    /// # Errors
-    /// [`MessageError::TooLong`] if it does not fit a frame.
-    fn to_wire(&self) -> Result<Wire, MessageError> {
-        let mut wire = Wire::new();
-        self.encode_into(&mut wire)?;
-        Ok(wire)
-    }
-
-    /// As [`Self::to_wire`], in a place of the caller's.
-    ///
-    /// # Errors
-    /// As [`Self::to_wire`].
-    fn encode_into(&self, wire: &mut Wire) -> Result<(), MessageError> {
-        Ok(frame::encode_value(wire, &(Self::KIND.byte(), self))?)
-    }
-
-    /// Reads a payload of this kind.
-    ///
-    /// # Errors
-    /// [`MessageError::Kind`] or [`MessageError::Content`].
-    fn from_payload(payload: &[u8]) -> Result<Self, MessageError> {
-        let (kind, body) = payload.split_first().ok_or(MessageError::Kind)?;
-        if *kind != Self::KIND.byte() {
-            return Err(MessageError::Kind);
-        }
-        match postcard::take_from_bytes(body) {
-            Ok((message, [])) => Ok(message),
-            _ => Err(MessageError::Content),
-        }
-    }
 }
 
 impl Message for RequestFrame {

@@ -12,6 +12,22 @@
 //! | [`Circuit::Amplifier`] | an amplifier from 3.3 V to 10 V |
 //! | [`Circuit::Transmitter`] | a converter from 3.3 V to 20 mA, 0 V is 0 mA |
 //! | [`Circuit::Switch`] | a transistor that switches the coil |
+//!
+//! # Example
+//! ```
+//! use model_export::link::profiles::{Circuit, PROFILES, Profile};
+//! use model_export::link::settings::Settings;
+//!
+//! let valve = Profile::named("smc-itv-0-10v").expect("a profile");
+//! assert!(!valve.is_sensor());
+//! let mut settings = Settings::default();
+//! valve.apply(&mut settings).expect("every profile fits");
+//! assert_eq!(settings.valve_full_scale_bar, 5.0);
+//!
+//! // 12 mA of a current loop are 1.8 V at the pin.
+//! assert!((Circuit::Loop.pin_v(12.0) - 1.8).abs() < 1e-6);
+//! assert!(PROFILES.iter().any(Profile::is_sensor));
+//! ```
 
 use super::settings::SettingValue::{Float, Integer};
 use super::settings::{SettingError, SettingValue, Settings};

@@ -4,6 +4,26 @@
 //! as pairs of number and value, so that a firmware that knows fewer or more of them still reads the rest: unknown numbers are
 //! skipped, missing ones take their default. What a single value may be is checked here; what values may be together is checked where
 //! the firmware builds its parts from them.
+//!
+//! # Example
+//! ```
+//! use model_export::link::settings::{Entry, INFO, NUMBERS, SettingError, SettingInfo, SettingValue, Settings, by_name, by_number};
+//!
+//! let mut settings = Settings::default();
+//! let ceiling: &SettingInfo = by_number(1).expect("the ceiling");
+//! assert_eq!(by_name(ceiling.name), Some(ceiling));
+//! assert_eq!((settings.get(1), ceiling.unit), (Some(ceiling.default), "bar"));
+//!
+//! settings.set(1, SettingValue::Float(2.0))?;
+//! assert_eq!(settings.set(1, SettingValue::Flag(true)), Err(SettingError::WrongType));
+//! let differences: Vec<_> = settings.differences(&Settings::DEFAULT).collect();
+//! assert_eq!(differences, [(1, SettingValue::Float(2.0), ceiling.default)]);
+//!
+//! // As flash keeps it.
+//! let entry = Entry { number: 1, value: SettingValue::Float(2.0) };
+//! assert!(NUMBERS.contains(&entry.number) && NUMBERS.len() == INFO.len());
+//! # Ok::<(), SettingError>(())
+//! ```
 
 use serde::{Deserialize, Serialize};
 

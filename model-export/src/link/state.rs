@@ -1,4 +1,14 @@
 //! States of the device and causes of its last reset, as the link names them.
+//!
+//! # Example
+//! ```
+//! use model_export::link::state::{ResetCause, State};
+//!
+//! let with_pressure: Vec<State> = State::ALL.into_iter().filter(|state| state.is_energised()).collect();
+//! assert_eq!(with_pressure, [State::Armed, State::Running]);
+//! assert_eq!(ResetCause::from_number(ResetCause::Watchdog.number()), ResetCause::Watchdog);
+//! assert_eq!(ResetCause::from_number(99), ResetCause::Other(99));
+//! ```
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,17 @@
 //! What the device tells of its measurements: the samples it sends unasked, and the noise of its channels at rest.
+//!
+//! # Example
+//! ```
+//! use model_export::link::message::Message;
+//! use model_export::link::telemetry::{RestNoise, Telemetry};
+//!
+//! let sample = Telemetry { sequence: 1000, time_ms: 20_000, command_bar: 1.25, estimate_mm: Some(6.5), ..Telemetry::default() };
+//! assert_eq!(sample.displacement_mm, None, "the laser has no measurement");
+//! assert!(sample.to_wire().is_ok());
+//!
+//! let noise = RestNoise { laser_codes: 1.5, laser_mm: 0.005, pressure_codes: 2.25, pressure_bar: 0.002 };
+//! assert!(noise.laser_mm < 0.01);
+//! ```
 
 use serde::{Deserialize, Serialize};
 

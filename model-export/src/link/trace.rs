@@ -4,12 +4,33 @@
 //! offsets show what was lost on the way. What the host itself sent is not sent back: a record names the request's token.
 //!
 //! A tick without a command takes 9 bytes, with the frames around the pieces about 10 of the 92 that the line carries in a millisecond.
+//!
+//! # Example
+//! ```
+//! use model_export::link::trace::{Encoded, MAX_PIECE_BYTES, MAX_RECORD_BYTES, NoRecord, TraceCommand, TraceExtra, TraceFlags, TracePiece, TraceRecord};
+//!
+//! let mut flags = TraceFlags::FIRST;
+//! flags.insert_if(true, TraceFlags::MODEL);
+//! let extra = TraceExtra { lost_ticks: 0, command: TraceCommand::Request(2) };
+//! let record = TraceRecord { flags, laser_code: 2048, pressure_code: 1024, extra: Some(extra), check: 0x1234 };
+//!
+//! let mut place = [0; MAX_RECORD_BYTES];
+//! let Encoded { length, overflowed } = record.encode(MAX_PIECE_BYTES, &mut place);
+//! assert!(!overflowed);
+//! let piece = TracePiece { offset: 0, bytes: place[..length].iter().copied().collect() };
+//! assert_eq!(TraceRecord::take(&piece.bytes), Ok(Some((record, &[][..]))));
+//! assert_eq!(TraceRecord::take(&piece.bytes[..1]), Ok(None), "the rest comes with the next piece");
+//! assert_eq!(TraceRecord::take(&[0xff; MAX_RECORD_BYTES]), Err(NoRecord));
+//!
+//! let end = TraceRecord::end(true);
+//! assert!(end.flags.contains(TraceFlags::END) && end.flags.contains(TraceFlags::OVERFLOW));
+//! ```
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::Kind;
 use super::fault::FaultSet;
+use super::kind::Kind;
 use super::message::Message;
 
 /// Most bytes of a piece.

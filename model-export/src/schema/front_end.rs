@@ -1,4 +1,21 @@
 //! The front end: features, play operators, creep, curve. Its formulas are in [`super`].
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Curve, Feature, FeatureSource, FrontEnd};
+//!
+//! // A play operator of 0.1 of the input's scale, whose stop operator the network sees; the readout bends at 0.5.
+//! let front_end = FrontEnd {
+//!     play_thresholds: [0.1].into_iter().collect(),
+//!     play_weights: [1.0].into_iter().collect(),
+//!     features: [Feature { source: FeatureSource::Stop(0), offset: 0.0, gain: 1.0 }].into_iter().collect(),
+//!     curve: Some(Curve { slope: 1.0, bend_points: [0.5].into_iter().collect(), bends: [-0.25].into_iter().collect(), ..Curve::default() }),
+//!     lag_coefficient: 1.0,
+//!     ..FrontEnd::default()
+//! };
+//! assert_eq!(front_end.inputs(), 1);
+//! assert_eq!((front_end.play_input(0), front_end.feature_input(0)), (0, 0));
+//! ```
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

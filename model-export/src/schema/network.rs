@@ -1,4 +1,24 @@
 //! The network: cells, layers, activations, and how it is run.
+//!
+//! # Example
+//! ```
+//! use model_export::schema::{Activation, Cell, Dense, Gate, Layer, Mode, Network};
+//!
+//! assert_eq!(Activation::from_code(Activation::Hard.code()), Some(Activation::Hard));
+//! assert_eq!(Activation::Hard.name(), "hard");
+//!
+//! let letters: Vec<&str> = Cell::Gru.gates().iter().map(|gate: &Gate| gate.name).collect();
+//! assert_eq!(letters, ["r", "u", "n", "m"]);
+//! assert_eq!((Cell::Gru.input_rows(), Cell::Gru.recurrent_rows()), (3, 3));
+//! assert_eq!(Cell::Dense(Activation::Relu).activation(Activation::Tanh), Activation::Relu);
+//! assert_eq!(Cell::Lstm.name(), "LSTM");
+//!
+//! // An empty network streams; one of a window has its length in samples.
+//! let layer = Layer { cell: Cell::Lstm, inputs: 1, units: 16, ..Layer::default() };
+//! let network = Network { layers: [layer].into_iter().collect(), dense: Dense::default(), ..Network::default() };
+//! assert_eq!(network.activation(), Ok(Activation::Tanh));
+//! assert_ne!(Mode::default(), Mode::Window { length: 50 });
+//! ```
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

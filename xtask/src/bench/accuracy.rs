@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::{Value, json};
 
+use super::arguments::{Arguments, FIRST_REPORTING_SEED};
+use super::files::{catheter_json, fresh_folder, number};
 use super::table::{Spread, markdown};
-use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
 
 /// A simulated data set and the models that are trained on it.
 struct Set {

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use serde_json::Value;
 
-use super::{fresh_folder, read_json};
+use super::files::{fresh_folder, read_json};
 use crate::process::{cargo, run};
 use crate::{board_model, firmware, setup};
 

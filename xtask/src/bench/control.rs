@@ -3,8 +3,9 @@
 use anyhow::{Context, Result};
 use serde_json::Value;
 
+use super::arguments::{Arguments, FIRST_REPORTING_SEED};
+use super::files::{catheter_json, fresh_folder, number};
 use super::table::markdown;
-use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
 
 /// Figure, what it is, target, and whether the target is a least or a most.
 const FIGURES: [(&str, &str, f64, bool); 10] = [

@@ -6,8 +6,9 @@ use std::time::UNIX_EPOCH;
 use anyhow::Result;
 use serde_json::{Map, Value};
 
+use super::arguments::Arguments;
+use super::files::catheter;
 use super::table::markdown;
-use super::{Arguments, catheter};
 use crate::process::{run, target_folder};
 
 /// First seed of the cases that figures are reported on; tuning used those below 500, the tests those from 500 on.

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use super::fresh_folder;
+use super::files::fresh_folder;
 use crate::process::{cargo, run};
 use crate::{checks, firmware, setup};
 

@@ -10,8 +10,9 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
+use super::arguments::{Arguments, FIRST_REPORTING_SEED};
+use super::files::{catheter_json, fresh_folder};
 use super::table::{Spread, markdown};
-use super::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder};
 
 /// Errors of the motion under the band, root mean square in mm.
 const MOTION_ERRORS_MM: [f64; 6] = [0.00002, 0.0001, 0.0002, 0.0005, 0.001, 0.002];

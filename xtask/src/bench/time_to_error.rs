@@ -9,8 +9,9 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
+use super::arguments::{Arguments, FIRST_REPORTING_SEED};
+use super::files::{catheter, fresh_folder, number};
 use super::table::markdown;
-use super::{Arguments, FIRST_REPORTING_SEED, catheter, fresh_folder, number};
 use crate::process::{answer, answer_within, command, root, run, target_folder};
 
 /// Processor time that our training plans with, in s: the schedule's length.

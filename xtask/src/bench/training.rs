@@ -63,7 +63,7 @@ fn keep_best(best: &mut Best, command: &mut std::process::Command) -> Result<()>
         }
         let whole = |key: &str| value[key].as_u64().with_context(|| format!("`{key}` is missing in {line}"));
         let shape = (whole("batch")?, whole("steps")?);
-        let found = (super::number(&value, "macs_per_second")?, whole("threads")?);
+        let found = (super::files::number(&value, "macs_per_second")?, whole("threads")?);
         best.entry(shape)
             .and_modify(|best| {
                 if found.0 > best.0 {

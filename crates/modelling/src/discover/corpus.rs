@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::{DiscoverConfig, Effect, Verdict, discover};
+use discovery::{DiscoverConfig, Effect, Verdict, discover};
 use virtual_rig::{self, CaseConfig, EFFECTS, Excitation, Generator, RigError};
 
 /// What to run.

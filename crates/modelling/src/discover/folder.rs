@@ -4,8 +4,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use super::file::{DiscoveredModel, Origin};
-use super::{Discovery, Finding, Model, physics};
+use super::physics;
+use discovery::file::{DiscoveredModel, Origin};
+use discovery::{Discovery, Finding, Model};
 use recording::Recording;
 
 /// The files that may be there afterwards.

@@ -5,11 +5,11 @@
 //! the clocks belongs to the recordings, not to the rig, and is left out. A model with any other effect stays on the desktop;
 //! [`physics_model`] then says which effect it is.
 
-use crate::identify::{ChannelRange, CreepFilters, InputPath, Kind, PhysicsModel, Provenance, Source};
+use crate::physics::{ChannelRange, CreepFilters, InputPath, Kind, PhysicsModel, Provenance, Source};
 use recording::{Recording, Signal};
 
-use super::effects::creep::TIMES_S;
-use super::file::DiscoveredModel;
+use discovery::effects::creep::TIMES_S;
+use discovery::file::DiscoveredModel;
 
 /// Whether a lag is so fast that the samples cannot tell it from a delay of the same length.
 fn is_a_delay(time_constant_s: f64, sample_period_s: f64) -> bool {
@@ -78,7 +78,7 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
         samples: recording.len(),
     };
     Ok(PhysicsModel {
-        format_version: crate::identify::FORMAT_VERSION,
+        format_version: crate::physics::FORMAT_VERSION,
         kind: Kind::PrandtlIshlinskii,
         sample_period_s: model.sample_period_s,
         rest_input: model.input_offset,
@@ -113,7 +113,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::discover::file::{EffectEntry, KIND, Origin, VERSION};
+    use discovery::file::{EffectEntry, KIND, Origin, VERSION};
 
     fn entry(name: &str, form: &str, normalised: &[f64], weights: &[f64]) -> EffectEntry {
         EffectEntry {

@@ -8,9 +8,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::SessionError;
-use super::file::DiscoveredModel;
-use super::files::separation;
+use discovery::SessionError;
+use discovery::file::DiscoveredModel;
+use discovery::files::separation;
 use recording::{Recording, RecordingError};
 use simulation::excitation::{ExcitationConfig, Limits, Segment, Signal};
 

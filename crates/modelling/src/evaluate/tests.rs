@@ -1,7 +1,11 @@
 use std::path::{Path, PathBuf};
 
+use anyhow::bail;
+
 use super::*;
+use crate::model::Predictor;
 use crate::model::{Arithmetic, Description, ModelError};
+use recording::Recording;
 use recording::Signal;
 
 /// A model made of a function of input and sample number.

@@ -7,7 +7,8 @@ use model_export::headroom::headroom;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::{Comparison, Export};
+use super::blob::Export;
+use super::report::Comparison;
 use crate::network::TrainedModel;
 
 /// The result as JSON; the first five keys are a contract.

@@ -4,15 +4,21 @@ use std::path::PathBuf;
 
 use firmware::estimator::{Estimator, EstimatorState};
 use model_export::blob::{self, BlobError, HEADER_BYTES, crc32};
-use model_export::schema::{Feature, FeatureSource, FrontEnd};
+use model_export::quantise::{LayerCalibration, quantise};
+use model_export::schema::{self, Feature, FeatureSource, FrontEnd};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::blob::GOLDEN_SAMPLES;
 use super::reference::Reference;
 use super::*;
-use crate::network::{Activation, Cell, Channel, Layer, Provenance};
-use recording::Signal;
+use crate::network::{Activation, Cell, Channel, Layer, Mode, Network, Provenance, TrainedModel};
+use recording::{Recording, Signal};
+
+mod damaged;
+
+use damaged::{small_blob, small_header, write_crc};
 
 fn channel(quantity: &str, unit: &str, scale: f32) -> Channel {
     Channel { quantity: quantity.into(), unit: unit.into(), offset: scale, scale, minimum: 0.0, maximum: 2.0 * scale }
@@ -255,61 +261,6 @@ fn a_changed_golden_vector_or_weight_fails_the_replay() {
     assert!(!replay(&changed).same_bits);
 }
 
-fn small_blob() -> Vec<u8> {
-    let mut random = ChaCha8Rng::seed_from_u64(9800);
-    let model = hybrid(&mut random, &[5], Activation::Tanh);
-    export(&model, &[recording(&mut random, 60)]).unwrap().bytes
-}
-
-/// Makes the header fit the bytes, as somebody would who damages a blob on purpose.
-fn seal(bytes: &mut [u8]) {
-    let length = u32::try_from(bytes.len()).unwrap();
-    bytes[12..16].copy_from_slice(&length.to_le_bytes());
-    let crc = crc32(crc32(0, &bytes[..16]), &bytes[20..]);
-    bytes[16..20].copy_from_slice(&crc.to_le_bytes());
-}
-
-#[test]
-fn every_flipped_bit_is_refused_and_named() {
-    let mut bytes = small_blob();
-    blob::decode(&bytes).unwrap();
-    for bit in 0..8 * bytes.len() {
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        let error = blob::decode(&bytes).unwrap_err();
-        let as_expected = match bit / 8 {
-            0..8 => error == BlobError::Magic,
-            12..16 => matches!(error, BlobError::Truncated { .. } | BlobError::TooLong { .. }),
-            _ => matches!(error, BlobError::Checksum { .. }),
-        };
-        assert!(as_expected, "bit {bit}: {error}");
-        bytes[bit / 8] ^= 1 << (bit % 8);
-    }
-}
-
-#[test]
-fn every_truncation_is_refused_and_named() {
-    let bytes = small_blob();
-    for length in 0..bytes.len() {
-        let error = blob::decode(&bytes[..length]).unwrap_err();
-        assert!(matches!(error, BlobError::Truncated { .. }), "{length}: {error}");
-        assert!(error.to_string().contains("truncated"));
-    }
-    let longer = [&bytes[..], &[0]].concat();
-    assert!(matches!(blob::decode(&longer).unwrap_err(), BlobError::TooLong { .. }));
-    // Also with a header that fits: a payload with something behind it, or cut short, with an extension and without.
-    let mut bare = blob::decode(&bytes).unwrap().model;
-    bare.extension = &[];
-    let bare = blob::encode(&bare).unwrap();
-    for mut longer in [[&bytes[..], &[0]].concat(), bytes[..bytes.len() - 1].to_vec(), [&bare[..], &[0]].concat()] {
-        seal(&mut longer);
-        assert!(matches!(blob::decode(&longer).unwrap_err(), BlobError::Invalid(invalid) if invalid.field == "extension"));
-    }
-    let mut shorter = bare[..bare.len() - 1].to_vec();
-    seal(&mut shorter);
-    assert_eq!(blob::decode(&shorter).unwrap_err(), BlobError::Payload);
-}
-
-/// Layers of small random weights, times `gain`.
 fn layered(random: &mut ChaCha8Rng, features: usize, cells: &[(Cell, usize)], activation: Activation, gain: f32) -> Network {
     let mut inputs = features;
     let mut network = Network::zeros(features, &[], activation, 4.0);
@@ -349,7 +300,7 @@ fn only_what_needs_it_is_written_in_the_newer_schema_version() {
     // Read as the version before, its layers are none.
     let mut older = other.clone();
     older[8] = 2;
-    seal(&mut older);
+    write_crc(&mut older);
     assert!(blob::decode(&older).is_err());
     // What is written in version 2 reads the same in version 3 but for the cells, which are LSTM.
     trained.network = Some(random_network(&mut random, 1, &[5], Activation::Tanh, 4.0));
@@ -406,43 +357,6 @@ proptest! {
 }
 
 #[test]
-fn another_schema_version_and_an_unknown_activation_are_named() {
-    let mut bytes = small_blob();
-    bytes[8] = 77;
-    seal(&mut bytes);
-    let error = blob::decode(&bytes).unwrap_err();
-    assert_eq!(error, BlobError::SchemaVersion { found: 77 });
-    assert!(error.to_string().contains("schema version"));
-
-    let bytes = small_blob();
-    let mut model = blob::decode(&bytes).unwrap().model;
-    model.network.as_mut().unwrap().activation_code = 7;
-    assert!(blob::encode(&model).is_err());
-    // The encoder refuses, so the number is set in the payload: the byte in front of the layers that makes decoding complain of it.
-    let found = (HEADER_BYTES..bytes.len()).find_map(|at| {
-        let mut changed = bytes.clone();
-        changed[at] = 7;
-        seal(&mut changed);
-        match blob::decode(&changed) {
-            Err(error @ BlobError::Activation { found: 7 }) => Some(error),
-            _ => None,
-        }
-    });
-    assert!(found.unwrap().to_string().contains("wrong activation"));
-}
-
-#[test]
-fn the_content_hash_tells_a_forged_payload() {
-    let mut bytes = small_blob();
-    assert!(blob::content_hash_matches(&bytes));
-    let last = bytes.len() - 1;
-    bytes[last] ^= 1;
-    seal(&mut bytes);
-    assert!(blob::decode(&bytes).is_ok(), "the digest's last byte is free");
-    assert!(!blob::content_hash_matches(&bytes));
-}
-
-#[test]
 fn foreign_data_are_refused_with_their_names() {
     let mut random = ChaCha8Rng::seed_from_u64(9900);
     let model = hybrid(&mut random, &[4], Activation::Tanh);
@@ -489,7 +403,7 @@ proptest! {
             let at = HEADER_BYTES + at % (bytes.len() - HEADER_BYTES);
             bytes[at] = value;
         }
-        seal(&mut bytes);
+        write_crc(&mut bytes);
         if let Ok(blob) = blob::decode(&bytes) {
             let estimator = Estimator::new(&blob.model).unwrap();
             let mut state = EstimatorState::default();
@@ -503,16 +417,9 @@ proptest! {
     fn arbitrary_payloads_are_refused_or_valid(payload in prop::collection::vec(any::<u8>(), 0..300)) {
         let mut bytes = small_header();
         bytes.extend(payload);
-        seal(&mut bytes);
+        write_crc(&mut bytes);
         if let Ok(blob) = blob::decode(&bytes) {
             prop_assert!(Estimator::new(&blob.model).is_ok());
         }
     }
-}
-
-fn small_header() -> Vec<u8> {
-    let mut header = blob::MAGIC.to_vec();
-    header.extend(blob::SCHEMA_VERSION.to_le_bytes());
-    header.resize(HEADER_BYTES, 0);
-    header
 }

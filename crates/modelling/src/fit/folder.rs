@@ -6,9 +6,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::{LadderRung, Outcome, RungModel, chip};
+use identification::physics_rungs;
+
+use super::ladder::{LadderRung, Outcome, RungModel};
+use super::{networks, operators};
 use crate::evaluate::{Errors, FileErrors, Judged};
-use crate::identify::PhysicsModel;
+use crate::physics::PhysicsModel;
 use crate::{export, network};
 
 /// The report.
@@ -76,9 +79,7 @@ fn blob(fitted: &Outcome, index: usize) -> Result<Vec<u8>> {
     let trained = match &fitted.ladder[index].model {
         RungModel::Network(model) => (**model).clone(),
         RungModel::Physics(model) => export::from_physics(model)?,
-        RungModel::Linear(model) => {
-            export::from_physics(&chip::physics(model, &fitted.prepared).context("the rung has no form on the chip")?)?
-        }
+        RungModel::Linear(model) => export::from_physics(&fitted.prepared.on_chip(model).context("the rung has no form on the chip")?)?,
         RungModel::Average(_) => anyhow::bail!("an average has no form on the chip"),
     };
     Ok(export::export(&trained, &fitted.prepared.recordings)?.bytes)
@@ -92,7 +93,7 @@ fn stem(name: &str) -> String {
 /// Every file that a fit may write into its folder.
 #[must_use]
 pub fn files(folder: &Path) -> Vec<PathBuf> {
-    let rungs = super::rung_names().into_iter().map(|name| folder.join("rungs").join(stem(name)));
+    let rungs = rung_names().into_iter().map(|name| folder.join("rungs").join(stem(name)));
     ["model", BLOB, REPORT].iter().map(|name| folder.join(name)).chain(rungs).collect()
 }
 
@@ -126,4 +127,10 @@ pub fn left_out(fitted: &Outcome) -> Vec<Judged> {
             Judged { errors, first: 0, predicted: predicted.clone() }
         })
         .collect()
+}
+
+/// The names of all rungs that a ladder may have.
+fn rung_names() -> Vec<&'static str> {
+    let sums = physics_rungs().into_iter().map(|rung| rung.name);
+    sums.chain(operators::NAMES).chain(networks::RUNGS.map(|(name, ..)| name)).chain(["average"]).collect()
 }

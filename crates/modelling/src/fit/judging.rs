@@ -6,26 +6,13 @@
 
 use identification::search::{Search, errors};
 use identification::{Partition, SplitKind, interval};
-use serde::{Deserialize, Serialize};
 
-use super::mean;
 use super::prepare::Prepared;
 use crate::evaluate::{self, Errors};
+use crate::physics::Calibrated;
 
 /// Share of the shortest recording that a start-up calibration takes at most, where none is stated.
 const CALIBRATION_SHARE: f64 = 0.1;
-
-/// What the next recording may bring when its zero is set at its start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Calibrated {
-    /// Seconds at the start that set the zero and do not count.
-    pub calibrate_s: f64,
-    /// Mean error on recordings that took no part, in the output's unit.
-    pub rmse: f64,
-    /// Central 95 % prediction interval for the error on the next recording.
-    pub interval: [f64; 2],
-}
 
 /// What left-out predictions are worth.
 #[derive(Clone, Debug)]
@@ -108,4 +95,9 @@ pub fn calibration_s(prepared: &Prepared) -> f64 {
     let decade = 10.0_f64.powf(most_s.log10().floor());
     let neat = [5.0, 2.0, 1.0].into_iter().map(|digit| digit * decade).find(|&neat| neat <= most_s * (1.0 + 1e-9)).unwrap_or(decade);
     neat.max(prepared.period_s)
+}
+
+/// Mean of some values; zero of none.
+pub(super) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }

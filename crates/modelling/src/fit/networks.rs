@@ -8,7 +8,8 @@ use identification::SplitKind;
 use model_export::schema::MAX_INPUTS;
 
 use super::judging::Judging;
-use super::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings, nuisance};
+use super::ladder::{AT_REPEATABILITY, LadderRung, Progress, RungModel, Settings};
+use super::nuisance;
 use crate::model::{NetworkModel, Predictor};
 use crate::network::TrainedModel;
 use crate::train::{CheckpointPlan, TrainConfig, train};

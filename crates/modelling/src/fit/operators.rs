@@ -7,10 +7,12 @@ use identification::SplitKind;
 use identification::choice::Evidence;
 
 use super::judging::Judging;
-use super::{LadderRung, RungModel, nuisance};
-use crate::evaluate::for_each;
-use crate::identify::{self, Choice, FitConfig, Kind, PhysicsModel};
+use super::ladder::{INSTRUCTIONS, LadderRung, RungModel};
+use super::nuisance;
+use crate::identify::{self, Choice, FitConfig};
 use crate::model::{PhysicsPredictor, Predictor};
+use crate::parallel::for_each;
+use crate::physics::{Kind, PhysicsModel};
 
 /// The names of the rungs, without and with dynamics.
 pub(super) const NAMES: [&str; 4] = ["PI, free thresholds", "modified PI", "PI, free thresholds + dynamics", "modified PI + dynamics"];
@@ -76,7 +78,7 @@ fn rung(
         seconds: clock.elapsed().as_secs_f64(),
         on_chip,
         parameters: description.parameters,
-        step_instructions: super::INSTRUCTIONS * description.macs_per_step,
+        step_instructions: INSTRUCTIONS * description.macs_per_step,
         ..LadderRung::new(name, what, judging, predictions, RungModel::Physics(Box::new(model)))
     })
 }

@@ -1,12 +1,11 @@
 //! Recordings as a fit takes them: one even clock for all, the same channels, and stretches between gaps.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
-use identification::{Covariate, Series};
+use identification::{Covariate, LinearModel, Series};
 
-use super::file::{name_of, range};
-use crate::identify::{ChannelRange, Source};
+use crate::physics::{ChannelRange, PhysicsModel, Source, chip};
 use recording::{Recording, Signal, Subject, repeatability, resample};
 
 /// Recordings on one clock.
@@ -160,5 +159,25 @@ fn series(recording: &Recording) -> Series {
         output: recording.output.clone(),
         gaps: recording.gaps.clone(),
         skip: 0,
+    }
+}
+
+/// Quantity, unit and range of a channel over some recordings.
+fn range<'a>(signal: &Signal, values: impl Iterator<Item = &'a [f64]>) -> ChannelRange {
+    let (minimum, maximum) =
+        values.flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    ChannelRange { quantity: signal.quantity.clone(), unit: signal.unit.clone(), minimum, maximum }
+}
+
+/// Names in reports: the file name, with the part behind `#` where a file holds several recordings.
+pub(super) fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| PathBuf::from(path).display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+impl Prepared {
+    /// A sum of columns in the form that has a front end on the chip, in the units of the data; `None` when there is none.
+    #[must_use]
+    pub fn on_chip(&self, model: &LinearModel) -> Option<PhysicsModel> {
+        chip::of_sum(model, &self.inputs, &self.output, &self.sources)
     }
 }

@@ -3,10 +3,10 @@ mod nuisances;
 
 use std::path::Path;
 
-use super::file::FittedPredictor;
+use super::judging::mean;
 use super::*;
-use crate::model::{self, PhysicsPredictor, Predictor};
-use recording::{Channel, Signal};
+use crate::model::{self, FittedPredictor, PhysicsPredictor, Predictor};
+use recording::{Channel, Recording, Signal};
 use simulation::excitation::Limits;
 use simulation::excitation::sets::SetConfig;
 use simulation::plant::dataset::{Dataset, SetKind};
@@ -108,7 +108,7 @@ fn the_form_for_the_chip_is_the_same_model() {
     let mut forms = 0;
     for rung in &fitted.ladder {
         let RungModel::Linear(model) = &rung.model else { continue };
-        let Some(physics) = chip::physics(model, &fitted.prepared) else {
+        let Some(physics) = fitted.prepared.on_chip(model) else {
             assert!(!rung.on_chip);
             continue;
         };
@@ -158,7 +158,7 @@ fn offsets_of_recordings_are_nuisances_and_not_part_of_the_model() {
     let best = linear.min_by(|&a, &b| fitted.ladder[a].shape_rmse.total_cmp(&fitted.ladder[b].shape_rmse)).expect("a rung");
     let file = fitted.fitted(best).expect("a file");
     let [zeros] = &file.nuisances[..] else { panic!("{:?}", file.nuisances) };
-    assert_eq!((zeros.kind, zeros.values.len()), (nuisance::Kind::Zero, train.len()));
+    assert_eq!((zeros.kind, zeros.values.len()), (crate::physics::nuisance::Kind::Zero, train.len()));
     for (zero, offset) in zeros.values.iter().zip(offsets) {
         assert!((zero.value - offset).abs() < 0.05, "{}: {} instead of {offset}", zero.recording, zero.value);
     }

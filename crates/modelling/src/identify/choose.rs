@@ -9,9 +9,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use identification::choice::{self, Entry};
 use identification::{Partition, Series, SplitKind, interval};
 
-use super::{Choice, FitConfig, IdentifyError, Kind, PhysicsModel, fit};
-use crate::evaluate::for_each;
+use super::config::{Choice, FitConfig, IdentifyError};
+use super::fit::fit;
 use crate::model::{PhysicsPredictor, Predictor as _};
+use crate::parallel::for_each;
+use crate::physics::{Kind, PhysicsModel};
 use recording::Recording;
 
 /// Share of each recording that is fitted where whole ones cannot be left out.

@@ -5,8 +5,8 @@
 //! the slopes are fitted for given weights, and the weights by a Gauss-Newton step along the curve, both by non-negative least squares.
 
 use super::bank::{Bank, Family, Run};
-use super::linear::Compressed;
-use super::model::{Curve, range};
+use crate::physics::{Curve, range};
+use identification::linear::Compressed;
 
 /// Weights, constant and curve: `output = constant + curve(sum_i weights_i signal_i)`.
 pub struct Bent {

@@ -7,8 +7,8 @@
 //! of zero) have no two-sided interval: theirs is the point zero. The modified model's intervals hold for its curve as fitted.
 
 use super::bank::{Bank, Family, Run};
-use super::linear::Compressed;
-use super::model::Curve;
+use crate::physics::Curve;
+use identification::linear::Compressed;
 
 /// A fit to judge.
 pub(super) struct Fitted<'a> {

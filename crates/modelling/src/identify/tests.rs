@@ -4,7 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use recording::Signal;
+use crate::physics::range;
+use recording::{Recording, Signal};
 use simulation::excitation::Limits;
 use simulation::excitation::sets::SetConfig;
 use simulation::plant::dataset::{Dataset, SetKind};

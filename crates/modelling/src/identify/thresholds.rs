@@ -4,7 +4,7 @@
 //! A fine grid gives the start: its few positive weights come in neighbouring groups, one group for each operator of the data.
 
 use super::bank::{Bank, Family, Run, linear_problem};
-use super::linear::Compressed;
+use identification::linear::Compressed;
 
 /// What the search works on.
 pub(super) struct Search<'a> {
@@ -216,4 +216,10 @@ fn joined(first: (f64, f64), second: (f64, f64)) -> (f64, f64) {
         return (0.0, weight);
     }
     ((first.0 * first.1 + second.0 * second.1) / weight, weight)
+}
+
+/// At most `count` thresholds, ascending and up to `largest`, that explain prepared runs best: free thresholds by variable projection.
+#[must_use]
+pub fn free_thresholds(runs: &[Run], family: Family, count: usize, largest: f64) -> Vec<f64> {
+    Search { runs, family, sign: 1.0, offsets: false, largest, every: every(runs) }.run(count).thresholds
 }

@@ -6,7 +6,8 @@ use firmware::estimator::{Estimator, EstimatorState, GoldenReplay};
 use model_export::blob;
 use model_export::schema::{Activation, Cell, Mode, Model};
 
-use super::{Arithmetic, Description, ModelError, Predictor, enough};
+use super::error::ModelError;
+use super::predictor::{Arithmetic, Description, Predictor, enough};
 use crate::network::narrowed;
 use recording::Signal;
 

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use super::{Arithmetic, Context, Description, ModelError, Predictor};
-use crate::discover::file::DiscoveredModel;
+use super::error::ModelError;
+use super::predictor::{Arithmetic, Description, Predictor};
+use discovery::file::DiscoveredModel;
+use recording::simulation::Context;
 
 /// A discovered model, checked.
 pub struct DiscoveredPredictor {

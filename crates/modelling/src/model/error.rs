@@ -20,10 +20,13 @@ pub enum ModelError {
     Open { path: PathBuf, problem: String },
     /// The physics file is refused.
     #[error(transparent)]
-    Physics(#[from] crate::identify::ModelError),
+    Physics(#[from] crate::physics::ModelError),
     /// The discovered model is refused.
     #[error(transparent)]
-    Discovered(#[from] crate::discover::file::FileError),
+    Discovered(#[from] discovery::file::FileError),
+    /// The fitted model is refused.
+    #[error(transparent)]
+    Fitted(#[from] crate::physics::fitted::FileError),
     /// The trained model is refused.
     #[error(transparent)]
     Network(#[from] ModelFileError),

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::{Arithmetic, Description, ModelError, Predictor};
-use crate::identify::{Kind, PhysicsModel};
+use super::error::ModelError;
+use super::predictor::{Arithmetic, Description, Predictor};
+use crate::physics::{Kind, PhysicsModel};
 use recording::Signal;
 
 /// A physics model, checked.

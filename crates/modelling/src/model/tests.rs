@@ -1,7 +1,10 @@
+use std::path::Path;
+
 use model_export::{blob, schema};
 
 use super::*;
 use crate::network::{self, Channel, Mode, Provenance, TrainedModel};
+use recording::{Recording, Signal};
 
 /// One play operator of threshold 0.5 bar, as a trained model without a network, 20 ms a sample.
 fn backlash() -> TrainedModel {

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use model_export::schema::FrontEnd;
 
-use super::{Arithmetic, Description, ModelError, Predictor, enough};
+use super::error::ModelError;
+use super::predictor::{Arithmetic, Description, Predictor, enough};
 use crate::network::{self, Activation, Cell, Channel, Mode, TrainedModel, described};
 use recording::Signal;
 

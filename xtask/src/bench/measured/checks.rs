@@ -9,10 +9,11 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
 
-use super::Maps;
-use super::fit::{FITTED, distort};
+use super::distort::{FITTED, distort};
+use crate::bench::arguments::Arguments;
+use crate::bench::arguments::Maps;
+use crate::bench::files::{catheter_json, fresh_folder, number, read_json};
 use crate::bench::table::markdown;
-use crate::bench::{Arguments, catheter_json, fresh_folder, number, read_json};
 
 const MAPS: [&str; 3] = ["piezo", "ventilator-other-lung1", "pam-joint1-next"];
 /// A copy of every recording may not make the promised error smaller than this share: folds fall differently, nothing else.

@@ -8,7 +8,7 @@
 use anyhow::{Context, Result, ensure};
 use serde_json::{Map, Value, json};
 
-use crate::bench::number;
+use crate::bench::files::number;
 
 /// Least share of a test recording's samples that must have been scored: one that is scored in part is another recording.
 const LEAST_SCORED: f64 = 0.98;

@@ -8,17 +8,16 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 
+use super::checks;
 use super::compare::{self, Judged};
-use super::{Maps, checks};
+use super::distort::{FITTED, PREPARED, SCRIPT};
+use crate::bench::arguments::Arguments;
+use crate::bench::arguments::Maps;
+use crate::bench::files::{catheter_json, fresh_folder, read_json};
 use crate::bench::table::markdown;
-use crate::bench::{Arguments, catheter_json, fresh_folder, read_json};
-use crate::process::{answer, command, root, run, shown, target_folder};
+use crate::process::{answer, command, root, run, target_folder};
 
 const PACKAGES: &str = "numpy, scipy, sklearn";
-const SCRIPT: &str = "tests/baselines/measured.py";
-/// Folders below the one of the benchmarks: the prepared recordings, and what is fitted to them.
-const PREPARED: &str = "measured-prepared";
-pub const FITTED: &str = "measured";
 
 /// Fits and judges every map, prints the tables and gives the figures.
 pub fn measure(recordings: &Path, arguments: &Arguments) -> Result<Value> {
@@ -80,15 +79,6 @@ fn one_map(bench: &Path, name: &str, map: &Value, baseline: &Value, options: &st
     let line = format!("evaluate --model {own}/fitted/model --data {prepared}/test --columns {columns}");
     let evaluated = catheter_json(bench, &format!("{own}/evaluation"), &line)?;
     Judged::new(name, map, baseline, &fitted, &evaluated, fit_s)
-}
-
-/// Writes the recordings of a map, distorted, to the folders `train` and `test` in `own`; gives the range of the map's test outputs.
-pub fn distort(bench: &Path, map: &str, how: &str, own: &str, arguments: &Arguments) -> Result<f64> {
-    let mut distort = command(&arguments.python);
-    distort.arg(root().join(SCRIPT)).arg("distort").arg("--prepared").arg(bench.join(PREPARED));
-    let said = answer(distort.args(["--map", map, "--how", how]).arg("--out").arg(bench.join(own)));
-    let said = said.with_context(|| format!("`{}` failed", shown(&distort)))?;
-    said.trim().parse().with_context(|| format!("`{}` said {said}", shown(&distort)))
 }
 
 fn print(judged: &[Judged], summary: &Value, maps: Maps) {

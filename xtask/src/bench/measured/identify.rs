@@ -5,8 +5,9 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
+use crate::bench::arguments::{Arguments, FIRST_REPORTING_SEED};
+use crate::bench::files::{catheter_json, fresh_folder, number};
 use crate::bench::table::{Spread, markdown};
-use crate::bench::{Arguments, FIRST_REPORTING_SEED, catheter_json, fresh_folder, number};
 
 /// A measured set.
 struct Set {

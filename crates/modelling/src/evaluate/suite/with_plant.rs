@@ -2,10 +2,9 @@
 
 use anyhow::{Context, Result};
 
-use super::{
-    Criterion, HOLD_S, Hold, KnownPlant, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, span, stretches,
-};
-use crate::evaluate::compare::STRETCHES;
+use super::plants::KnownPlant;
+use super::report::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, largest, span};
+use crate::evaluate::compare::{STRETCHES, growth, stretches};
 use crate::evaluate::metrics::{mean, range, root_mean_square};
 use crate::evaluate::{Errors, for_each};
 use simulation::excitation::sets::{self, Named, SetConfig};
@@ -62,7 +61,7 @@ impl Scene<'_> {
     }
 
     /// Moves between random points of the range, as fast as the paper's sines, now and then resting.
-    fn wander(&self, longest_hold_s: f64, start_bar: Option<f64>, end_bar: Option<f64>) -> Signal {
+    fn random_points(&self, longest_hold_s: f64, start_bar: Option<f64>, end_bar: Option<f64>) -> Signal {
         let span = self.high - self.low;
         Signal::RandomPoints {
             minimum_bar: self.low,
@@ -143,7 +142,8 @@ fn holds(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> Resu
     let numbered: Vec<(usize, f64)> = levels.into_iter().enumerate().collect();
     let start = scene.samples(HISTORY_S);
     report.holds = for_each(&numbered, scene.request.threads, |&(index, level)| {
-        let segments = vec![(HISTORY_S, scene.wander(1.0, Some(scene.low), Some(level))), (HOLD_S, Signal::Hold { pressure_bar: level })];
+        let segments =
+            vec![(HISTORY_S, scene.random_points(1.0, Some(scene.low), Some(level))), (HOLD_S, Signal::Hold { pressure_bar: level })];
         let answer = scene.play(&scene.excitation(1000 + index, segments))?;
         let errors = answer.errors(start);
         let max_abs = largest(errors.iter().copied());
@@ -169,7 +169,7 @@ fn histories(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> 
             decay_per_s: 0.12,
             offset_bar: scene.low,
         };
-        let segments = vec![(HISTORY_S, scene.wander(2.0, None, Some(scene.low))), (20.0, signal)];
+        let segments = vec![(HISTORY_S, scene.random_points(2.0, None, Some(scene.low))), (20.0, signal)];
         let answer = scene.play(&scene.excitation(2000 + index, segments))?;
         Ok(root_mean_square(answer.errors(start)))
     })?;
@@ -183,7 +183,7 @@ fn histories(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> 
 /// The same random moves and holds again and again: from the second pass on, nothing but the model's own drift can change its error.
 fn long_run(scene: &Scene<'_>, output_range: f64, report: &mut SuiteReport) -> Result<Vec<f64>> {
     let length = LONG_RUN / STRETCHES;
-    let signal = scene.wander(30.0, Some(scene.low), Some(scene.low));
+    let signal = scene.random_points(30.0, Some(scene.low), Some(scene.low));
     let excitation = scene.excitation(3000, vec![(length as f64 * scene.period_s, signal)]);
     let pass = excitation.sample().context("the long run of the suite")?.pressure_bar;
     let input: Vec<f64> = pass.iter().copied().cycle().take(LONG_RUN).collect();

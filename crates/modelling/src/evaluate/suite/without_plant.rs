@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result};
 
-use super::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, growth, largest, output_range, span};
+use super::report::{Criterion, HOLD_S, Hold, LONG_RUN, Request, SEED_OFFSET, SuiteReport, at_hold_times, largest, output_range, span};
+use crate::evaluate::compare::growth;
 use crate::evaluate::metrics::root_mean_square;
 use crate::evaluate::{for_each, metrics};
 use recording::Recording;
@@ -84,7 +85,7 @@ fn histories(request: &Request<'_>, signal: &[f64], period_s: f64, range: f64, r
     }
     let numbers: Vec<u64> = (0..HISTORIES as u64).collect();
     let ends = for_each(&numbers, request.threads, |&index| {
-        let wander = Signal::RandomPoints {
+        let random_points = Signal::RandomPoints {
             minimum_bar: low,
             maximum_bar: high,
             slowest_bar_per_s: 0.05 * (high - low),
@@ -98,7 +99,7 @@ fn histories(request: &Request<'_>, signal: &[f64], period_s: f64, range: f64, r
             sample_period_s: period_s,
             noise_bar: 0.0,
             seed: request.seed.wrapping_add(SEED_OFFSET).wrapping_add(2000 + index),
-            segments: vec![Segment { duration_s: HISTORY_S, signal: wander }],
+            segments: vec![Segment { duration_s: HISTORY_S, signal: random_points }],
         };
         let mut input = excitation.sample().context("a history of the suite")?.pressure_bar;
         let end = input[input.len() - 1];

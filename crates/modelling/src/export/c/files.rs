@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use model_export::blob::Blob;
 
-use super::{CSource, Name, generate};
+use super::name::Name;
+use super::source::{CSource, generate};
 
 /// Where C goes, and under which name.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@ use firmware::estimator::MAX_NORMALISED;
 use model_export::schema::{Channel, Curve, Feature, FeatureSource, FrontEnd};
 
 use super::literal::{constant, float, floats, operand};
-use super::{Context, fill};
+use super::template::{Context, fill};
 
 /// Constants and functions of the front end.
 pub fn source(context: &Context<'_>) -> String {

@@ -5,8 +5,9 @@ use std::fmt::Write;
 use model_export::blob::Blob;
 use model_export::schema::{Activation, Mode, Model};
 
+use super::front_end;
 use super::literal::{decimal, plain};
-use super::{Context, fill, front_end};
+use super::template::{Context, fill};
 use crate::network::described;
 
 /// The model's identity.

@@ -6,7 +6,7 @@ use model_export::fixed::{SIGMOID, TANH, Table};
 use model_export::schema::{Activation, Cell, Layer, Mode, Model, Network};
 
 use super::literal::{constant, integer, wrapped};
-use super::{Context, fill};
+use super::template::{Context, fill};
 
 /// Tables, weights and functions of the network; nothing without one.
 pub fn source(context: &Context<'_>) -> String {

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::evaluate::{self, Errors};
-use crate::fit::nuisance::Kind;
-use recording::ExtraColumn;
+use crate::fit::judging::mean;
+use crate::physics::nuisance::Kind;
+use crate::physics::{FittedModel, PhysicsModel};
+use recording::{ExtraColumn, Recording};
 
 /// Seconds between samples, samples of a recording, and the output's range.
 const PERIOD_S: f64 = 0.05;
@@ -187,7 +189,7 @@ fn evaluate_reproduces_both_figures_and_the_list_survives_the_file() {
         folder::write_rung(&fitted, index, &path).expect("written");
         let (expected, nuisances) = match model::format(&path).expect("a format") {
             model::Format::Fitted => {
-                let read = file::FittedModel::read(&path).expect("read");
+                let read = FittedModel::read(&path).expect("read");
                 (Some(read.expected), read.nuisances)
             }
             _ => {
@@ -214,7 +216,7 @@ fn damaged_files_are_refused() {
             text.lines().map(|line| if line.starts_with(&format!("{key} = ")) { format!("{key} = {value}") } else { line.to_owned() });
         lines.collect::<Vec<_>>().join("\n")
     };
-    assert!(file::FittedModel::read(&path).is_ok());
+    assert!(FittedModel::read(&path).is_ok());
     for (key, value) in [
         ("constant", "1e300"),
         ("constant", "nan"),

@@ -3,38 +3,19 @@
 //! A member is a weighted sum of columns (see [`identification`]); the model's output is the mean of its members, weighted with their
 //! shares. TOML, versioned, with units and provenance; everything that the simulation uses is in it.
 
-#![allow(clippy::result_large_err, reason = "errors with paths and names end the command; nothing is hot here")]
-
 use std::path::{Path, PathBuf};
 
 use identification::LinearModel;
 use serde::{Deserialize, Serialize};
 
-use super::judging::Calibrated;
+use super::expected::{Calibrated, Expected};
+use super::model::{ChannelRange, Source};
 use super::nuisance::Nuisance;
-use crate::identify::{ChannelRange, Source};
-use crate::model::{Arithmetic, Description, ModelError, Predictor};
-use recording::Signal;
 
 /// The file's `kind`.
 pub const KIND: &str = "fitted";
 /// Version of the file's layout.
 pub const FORMAT_VERSION: u32 = 2;
-
-/// What the next recording may bring, and how it was measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Expected {
-    /// Mean error on recordings that took no part, in the output's unit.
-    pub rmse: f64,
-    /// Central 95 % prediction interval for the error on the next recording.
-    pub interval: [f64; 2],
-    /// What was left out, in words.
-    pub left_out: String,
-    /// The same with the zero set at the start of the recording; absent where blocks were left out, whose starts are no start-up.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub calibrated: Option<Calibrated>,
-}
 
 /// A part of the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,14 +57,26 @@ pub struct FittedModel {
     pub members: Vec<Member>,
 }
 
+/// Why a fitted model is refused.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what each field is")]
+pub enum FileError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read ({problem}); check the path", path.display())]
+    Open { path: PathBuf, problem: String },
+    /// A part of the model is out of its domain.
+    #[error("{}: cannot be run: {problem}; fit the model again", path.display())]
+    Invalid { path: PathBuf, problem: String },
+}
+
 impl FittedModel {
     /// Reads and checks a model file.
     ///
     /// # Errors
     /// When it cannot be read, is of another version, or contradicts itself.
-    pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = output::read_text(path).map_err(|error| ModelError::Open { path: path.into(), problem: error.to_string() })?;
-        let invalid = |problem: String| ModelError::Invalid { path: path.into(), problem };
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let text = output::read_text(path).map_err(|error| FileError::Open { path: path.into(), problem: error.to_string() })?;
+        let invalid = |problem: String| FileError::Invalid { path: path.into(), problem };
         let model: Self = toml::from_str(&text).map_err(|error| invalid(error.message().to_owned()))?;
         match model.problem() {
             Some(problem) => Err(invalid(problem)),
@@ -145,82 +138,4 @@ impl FittedModel {
         }
         sum
     }
-
-    fn describe(&self, path: &Path) -> Description {
-        let names: Vec<&str> = self.members.iter().map(|member| member.name.as_str()).collect();
-        let kind = if names.len() > 1 { format!("mean of {}", names.join(", ")) } else { names.concat() };
-        let first = &self.inputs[0];
-        Description {
-            path: path.into(),
-            kind,
-            arithmetic: Arithmetic::Physics,
-            input: first.signal(),
-            more_inputs: self.inputs[1..].iter().map(ChannelRange::signal).collect(),
-            output: self.output.signal(),
-            input_range: Some((first.minimum, first.maximum)),
-            sample_period_s: Some(self.sample_period_s),
-            parameters: self.members.iter().map(|member| member.model.parameters()).sum(),
-            macs_per_step: self.members.iter().map(|member| member.model.multiplications()).sum(),
-        }
-    }
-}
-
-/// A fitted model that runs.
-pub struct FittedPredictor {
-    model: FittedModel,
-    description: Description,
-}
-
-impl FittedPredictor {
-    /// Reads and checks a model file.
-    ///
-    /// # Errors
-    /// As [`FittedModel::read`].
-    pub fn load(path: &Path) -> Result<Self, ModelError> {
-        Ok(Self::new(FittedModel::read(path)?, path))
-    }
-
-    /// Takes a model; `path` is its name.
-    #[must_use]
-    pub fn new(model: FittedModel, path: &Path) -> Self {
-        let description = model.describe(path);
-        Self { model, description }
-    }
-
-    /// The model itself.
-    #[must_use]
-    pub fn model(&self) -> &FittedModel {
-        &self.model
-    }
-}
-
-impl Predictor for FittedPredictor {
-    fn description(&self) -> &Description {
-        &self.description
-    }
-
-    fn predict(&self, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
-        self.simulate(&[input], gaps)
-    }
-
-    fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
-        let wanted = self.model.inputs.len();
-        if inputs.len() < wanted {
-            let problem = format!("it has {wanted} inputs and was given {}", inputs.len());
-            return Err(ModelError::Invalid { path: self.description.path.clone(), problem });
-        }
-        Ok(self.model.simulate(inputs, gaps))
-    }
-}
-
-/// Quantity, unit and range of a channel over some recordings.
-pub(super) fn range<'a>(signal: &Signal, values: impl Iterator<Item = &'a [f64]>) -> ChannelRange {
-    let (minimum, maximum) =
-        values.flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
-    ChannelRange { quantity: signal.quantity.clone(), unit: signal.unit.clone(), minimum, maximum }
-}
-
-/// Names in reports: the file name, with the part behind `#` where a file holds several recordings.
-pub(super) fn name_of(path: &Path) -> String {
-    path.file_name().map_or_else(|| PathBuf::from(path).display().to_string(), |name| name.to_string_lossy().into_owned())
 }

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::fit::file::Expected;
-use crate::fit::nuisance::Nuisance;
 use hysteresis::play;
 use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_PLAY};
 use serde::{Deserialize, Serialize};
 
-use super::bank::input_path;
+use super::expected::Expected;
+use super::input_path::input_path;
+use super::nuisance::Nuisance;
 use recording::{Recording, Signal};
 
 /// Version of the file's layout.
@@ -94,7 +94,7 @@ impl Curve {
     }
 
     /// How much of segment `index` lies below `sum`.
-    pub(super) fn part(&self, index: usize, sum: f64) -> f64 {
+    pub(crate) fn part(&self, index: usize, sum: f64) -> f64 {
         let last = self.slopes.len() - 1;
         let (low, high) = (self.breakpoints[index], self.breakpoints[index + 1]);
         let reach = if index == last { sum } else { sum.min(high) };
@@ -102,7 +102,7 @@ impl Curve {
     }
 
     /// The slope at `sum`.
-    pub(super) fn slope_at(&self, sum: f64) -> f64 {
+    pub(crate) fn slope_at(&self, sum: f64) -> f64 {
         let inner = &self.breakpoints[1..self.slopes.len()];
         self.slopes[inner.iter().filter(|&&breakpoint| sum > breakpoint).count()]
     }
@@ -420,6 +420,6 @@ fn coefficient(sample_period_s: f64, time_constant_s: f64) -> f64 {
 }
 
 /// Smallest and largest value.
-pub(super) fn range(values: &[f64]) -> (f64, f64) {
+pub(crate) fn range(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
 }

@@ -2,29 +2,24 @@
 
 use identification::{Basis, LinearModel, OutputPath};
 
-use super::file::FittedModel;
-use super::prepare::Prepared;
-use crate::identify::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, PhysicsModel, Provenance, Source};
+use super::fitted::FittedModel;
+use super::model::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, PhysicsModel, Provenance, Source};
 
-/// The same model in the form that has a front end on the chip, in the units of the data; `None` when there is none.
-///
-/// The two agree to rounding wherever the sum's limits do not act: those lie a tenth of the range beyond the data, and the chip's own
-/// limiter does not rest on them.
-#[must_use]
-pub fn physics(model: &LinearModel, prepared: &Prepared) -> Option<PhysicsModel> {
-    convert(model, &prepared.inputs, &prepared.output, &prepared.sources)
-}
-
-/// The same of a model file; `None` for a mean of several.
+/// A model file in the form that has a front end on the chip; `None` for a mean of several, and where there is none.
 #[must_use]
 pub fn of_file(file: &FittedModel) -> Option<PhysicsModel> {
     match &file.members[..] {
-        [only] => convert(&only.model, &file.inputs, &file.output, &file.data),
+        [only] => of_sum(&only.model, &file.inputs, &file.output, &file.data),
         _ => None,
     }
 }
 
-fn convert(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, sources: &[Source]) -> Option<PhysicsModel> {
+/// The same of a sum of columns, in the units of the data.
+///
+/// The two agree to rounding wherever the sum's limits do not act: those lie a tenth of the range beyond the data, and the chip's own
+/// limiter does not rest on them.
+#[must_use]
+pub fn of_sum(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, sources: &[Source]) -> Option<PhysicsModel> {
     let structure = &model.structure;
     let [scaling] = structure.scalings[..] else { return None };
     if structure.output_path != OutputPath::Direct {

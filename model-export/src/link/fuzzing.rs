@@ -3,11 +3,23 @@
 //! A script of bytes says what happens to sound frames on their way: they come whole, with flipped bits, cut short, without their end, behind noise,
 //! or with another payload under a right checksum. Whatever it says, three things must hold: nothing panics, every payload that the
 //! decoder gives out is one that was sent, and behind all of it a sound frame gets through.
+//!
+//! # Example
+//! ```
+//! use model_export::link::fuzzing::{Account, MAX_STEPS, carry_out};
+//!
+//! // Nothing happens to the line: the last sound frame comes through alone.
+//! assert_eq!(carry_out(&[]), Account { accepted: 1, refused: 0, understood: 1 });
+//! // Whatever happens, it holds.
+//! let account = carry_out(&[0xa5; 3 * MAX_STEPS]);
+//! assert!(account.accepted >= 1);
+//! ```
 
 use heapless::Vec;
 
 use super::frame::{self, Decoder, MAX_PAYLOAD, Wire};
 use super::hello::Hello;
+use super::kind::Kind;
 use super::message::{Message, PlaybackChunk, Reply, ReplyFrame, Request, RequestFrame, Status, Telemetry};
 use super::trace::TracePiece;
 
@@ -62,7 +74,7 @@ fn example(which: u8) -> Payload {
         }
         4 => Telemetry { time_ms: 1 << 40, estimate_mm: Some(f32::from(which)), output_ubar: -1, ..Telemetry::default() }.to_wire(),
         5 => TracePiece { offset: u32::MAX, bytes: (0..which).collect() }.to_wire(),
-        _ => Ok(frame::encode(&[super::Kind::HelloRequest.byte(), which]).unwrap_or_default()),
+        _ => Ok(frame::encode(&[Kind::HelloRequest.byte(), which]).unwrap_or_default()),
     };
     let mut decoder = Decoder::new();
     let mut payload = Payload::new();
@@ -124,7 +136,7 @@ impl Line {
                 Some(Ok(payload)) => {
                     assert!(sent.iter().any(|sent| sent == payload), "nobody sent {payload:02x?}");
                     account.accepted += 1;
-                    let hello = payload.first() == Some(&super::Kind::HelloRequest.byte()) || Hello::decode(payload).is_ok();
+                    let hello = payload.first() == Some(&Kind::HelloRequest.byte()) || Hello::decode(payload).is_ok();
                     let understood = understand::<RequestFrame>(payload)
                         | understand::<ReplyFrame>(payload)
                         | understand::<Telemetry>(payload)
