@@ -380,7 +380,7 @@ fn finish(
 }
 
 /// The date of the computer's clock, in UTC.
-pub(in crate::cli) fn today() -> String {
+pub(crate) fn today() -> String {
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     // Days since 0000-03-01 in eras of 400 years (H. Hinnant, "chrono-compatible low-level date algorithms").
     let days = seconds / 86_400 + 719_468;

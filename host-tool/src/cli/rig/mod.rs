@@ -22,8 +22,8 @@ use model_export::link::message::Request;
 
 use which::{Which, open};
 
-pub(in crate::cli) use calibrate::today;
-pub(in crate::cli) use which::read_hardware;
+pub(crate) use calibrate::today;
+pub(crate) use which::read_hardware;
 
 use super::Outcome;
 use crate::experiment;

@@ -71,7 +71,7 @@ pub(super) fn open(which: &Which) -> Result<Rig> {
 ///
 /// # Errors
 /// When the file cannot be read, has other names, or holds what no hardware has.
-pub(in crate::cli) fn read_hardware(path: &Path) -> Result<HardwareConfig> {
+pub(crate) fn read_hardware(path: &Path) -> Result<HardwareConfig> {
     let text = output::read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let hardware: HardwareConfig = toml::from_str(&text).with_context(|| path.display().to_string())?;
     if let Some(problem) = hardware.problem() {
