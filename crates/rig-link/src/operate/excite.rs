@@ -6,43 +6,14 @@ use model_export::link::settings::SettingValue;
 use serde_json::Value;
 use simulation::excitation::{ExcitationConfig, Limits};
 
-use super::OperatedRig;
-use super::pace::Paced;
+use super::limits::KnownLimits;
 use super::play::Play;
-use crate::device_settings;
-use crate::link::Client;
+use super::rig::OperatedRig;
 
 /// Points that the device has before a start: more than a second at 20 ms.
 const POINTS_AHEAD: u32 = 128;
 /// Longest excitation that is drawn and played from the page: what takes longer to sample would keep heartbeats waiting.
 const MOST_POINTS: f64 = 100_000.0;
-
-/// Settings that the session needs at hand.
-#[derive(Clone, Copy)]
-pub struct KnownLimits {
-    pub ceiling_bar: f32,
-    pub slew_bar_per_s: f32,
-    pub host_timeout_ms: u32,
-    pub estimate_bound_mm: f32,
-}
-
-impl KnownLimits {
-    pub fn read(rig: &mut Client<Paced>) -> Result<Self> {
-        let float = |rig: &mut Client<Paced>, name: &str| match device_settings::setting(rig, name)? {
-            SettingValue::Float(value) => Ok(value),
-            _ => bail!("{name} is no number"),
-        };
-        let SettingValue::Integer(host_timeout_ms) = device_settings::setting(rig, "limits.host_timeout_ms")? else {
-            bail!("limits.host_timeout_ms is no time");
-        };
-        Ok(Self {
-            ceiling_bar: float(rig, "limits.ceiling_bar")?,
-            slew_bar_per_s: float(rig, "limits.slew_up_bar_per_s")?.min(float(rig, "limits.slew_down_bar_per_s")?),
-            host_timeout_ms,
-            estimate_bound_mm: float(rig, "observer.estimate_bound_mm")?,
-        })
-    }
-}
 
 /// Limits of the device for an excitation.
 fn limits(known: &KnownLimits) -> Limits {

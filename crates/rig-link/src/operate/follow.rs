@@ -6,7 +6,7 @@ use model_export::link::state::State;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::Offers;
+use super::offers::Offers;
 
 /// A reference as a page asks for it.
 #[derive(Deserialize)]

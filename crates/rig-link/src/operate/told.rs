@@ -4,7 +4,8 @@ use anyhow::Result;
 use dashboard::{Account, Playing, RigState};
 use model_export::link::message::Status;
 
-use super::{OperatedRig, words};
+use super::rig::OperatedRig;
+use super::words;
 use crate::experiment;
 
 impl OperatedRig {
