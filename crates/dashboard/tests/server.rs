@@ -247,7 +247,7 @@ async fn get_in_tls(port: u16, token: &str, fingerprint: &str) -> std::io::Resul
 }
 
 #[tokio::test]
-async fn tls_shakes_hands_with_the_printed_certificate_and_with_no_other_and_no_bare_word_is_heard() {
+async fn tls_accepts_the_printed_certificate_and_no_other_and_no_bare_word_is_heard() {
     let bench = Bench::start_with(|config| config.tls = Tls::SelfSigned);
     let fingerprint = bench.fingerprint.clone().expect("a certificate");
     let token = bench.token(Role::Observe).to_owned();

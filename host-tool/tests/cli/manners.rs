@@ -158,7 +158,7 @@ fn a_run_on_a_rig_and_what_is_told_of_it_replace_nothing_without_force() {
     bench.works("rig record --excitation play.toml --out run.csv --json run.json");
     assert_eq!(bench.json("run.json")["provenance"]["version"], env!("CARGO_PKG_VERSION"));
     bench.refuses("rig record --excitation play.toml --out run.csv", &["run.csv", "exists already"]);
-    // The journal that would lie beside the recording belongs to another one.
+    // What would lie beside the recording belongs to another one.
     bench.write("other.journal", bench.read("run.journal"));
     bench.refuses("rig record --excitation play.toml --out other.csv", &["other.journal", "exists already"]);
     bench.works("replay run.csv --html replay.html --json replay.json");

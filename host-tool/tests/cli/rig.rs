@@ -45,7 +45,9 @@ fn settings_are_changed_saved_compared_and_refused_by_name_and_bounds() {
     assert_eq!(all["limits.ceiling_bar"], 2.5);
     assert_eq!(all["laser.required"], false);
     assert_eq!(all["limits.host_timeout_ms"], 250, "what is not saved ends with the device");
-    assert_eq!(all.as_object().map(serde_json::Map::len), Some(model_export::link::settings::INFO.len()));
+    // Every setting, and where the file came from.
+    assert_eq!(all.as_object().map(serde_json::Map::len), Some(model_export::link::settings::INFO.len() + 1));
+    assert!(all["provenance"].is_object() || all["provenance"].is_string(), "{all}");
     bench.works("rig --flash rig.flash settings diff --defaults --json difference.json");
     let difference = bench.json("difference.json");
     let names: Vec<&str> = difference.as_array().into_iter().flatten().filter_map(|entry| entry["name"].as_str()).collect();
