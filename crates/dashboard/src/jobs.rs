@@ -75,9 +75,12 @@ pub(crate) struct Made {
     settings: Option<PathBuf>,
 }
 
+/// A model's bytes, and the settings that belong to it by name.
+type ModelWithSettings = (Vec<u8>, Vec<(String, Value)>);
+
 impl Made {
     /// The model, and the settings that belong to it.
-    pub fn read(self) -> Result<(Vec<u8>, Vec<(String, Value)>), String> {
+    pub fn read(self) -> Result<ModelWithSettings, String> {
         let read = |path: &Path| std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()));
         let model = read(&self.model)?;
         let Some(path) = self.settings else { return Ok((model, Vec::new())) };

@@ -149,7 +149,7 @@ impl Measuring {
             return;
         }
         let since_ms = told.time_ms.saturating_sub(*self.course_ms.get_or_insert(told.time_ms));
-        if since_ms % u64::from(period_ms) == 0 {
+        if since_ms.is_multiple_of(u64::from(period_ms)) {
             self.course.push(Sample {
                 time_s: since_ms as f64 * 1e-3,
                 command_bar: f64::from(told.output_ubar) * 1e-6,

@@ -49,17 +49,15 @@ fn networks_of_two_inputs_are_trained_within_their_budget_and_told_all_along() {
         }
         recording.more_inputs = vec![Channel { signal: Signal { quantity: "other".into(), unit: "bar".into() }, values }];
     }
-    let told: Mutex<(Vec<(usize, usize)>, Vec<f64>)> = Mutex::default();
-    let fitted = fit(&train, &with_networks(1.0), &|progress| {
-        let mut told = told.lock().expect("nobody panicked");
-        match progress {
-            Progress::Network { number, of, .. } => told.0.push((number, of)),
-            Progress::Trained(share) => told.1.push(share),
-            _ => {}
-        }
+    let begun: Mutex<Vec<(usize, usize)>> = Mutex::default();
+    let shares: Mutex<Vec<f64>> = Mutex::default();
+    let fitted = fit(&train, &with_networks(1.0), &|progress| match progress {
+        Progress::Network { number, of, .. } => begun.lock().expect("nobody panicked").push((number, of)),
+        Progress::Trained(share) => shares.lock().expect("nobody panicked").push(share),
+        _ => {}
     })
     .expect("a ladder");
-    let (begun, shares) = told.into_inner().expect("nobody panicked");
+    let (begun, shares) = (begun.into_inner().expect("nobody panicked"), shares.into_inner().expect("nobody panicked"));
     assert_eq!(begun, (1..=8).map(|number| (number, 8)).collect::<Vec<_>>());
     assert!(shares.is_sorted() && shares.len() > 30 && shares.iter().all(|share| (0.0..=1.0).contains(share)), "{shares:?}");
     // The last training is a fifth of all; a busy machine may end it early.
