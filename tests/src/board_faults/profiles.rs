@@ -1,7 +1,7 @@
 //! Profiles of valves and sensors on the image.
 
 use host_tool::experiment;
-use host_tool::link::{Breakage, FlashMemory, HardwareConfig};
+use host_tool::link::{Breakage, FlashMemory, HardwareConfig, ValveError};
 use model_export::link::message::Request;
 use model_export::link::profiles::Profile;
 use model_export::link::settings::Settings;
@@ -37,10 +37,13 @@ pub fn profile_ends(profile: &Profile, breakage: Breakage) -> ProfileEnd {
     const WATCHED_MS: u32 = 500;
     let mut settings = Settings { control_law: 1, ..Settings::default() };
     profile.apply(&mut settings).expect("settings of a profile");
-    // A valve that gives the held pressure at the profile's drive for it.
-    let span = settings.valve_highest_share - settings.valve_lowest_share;
-    let share = f64::from(settings.valve_lowest_share) + f64::from(span) * HELD_BAR / f64::from(settings.valve_full_scale_bar);
-    let hardware = HardwareConfig { valve_full_scale_bar: HELD_BAR / share, ..HardwareConfig::default() };
+    // The valve of the profile: no pressure at its lowest drive, its full scale at the highest.
+    let (lowest, highest) = (f64::from(settings.valve_lowest_share), f64::from(settings.valve_highest_share));
+    let hardware = HardwareConfig {
+        valve_full_scale_bar: f64::from(settings.valve_full_scale_bar) * (1.0 - lowest) / (highest - lowest),
+        valve: ValveError { dead_band_share: lowest, ..ValveError::default() },
+        ..HardwareConfig::default()
+    };
     let flash = FlashMemory::default().with_settings(&settings).expect("settings that fit");
     let mut bench = Bench::start_with(config(), &flash, None, hardware);
     experiment::settle(&mut bench.rig).expect("a self-test that ends");

@@ -1,7 +1,7 @@
 //! `catheter fit`: recordings in, the model out that will be best on the next recording, with the error to expect there.
 //!
 //! Terms. A *rung* is a kind of model; the *ladder* is all of them, simplest first. Its errors are those of nested cross-validation: each
-//! recording is predicted, free running, by a model whose weights and settings it took no part in. [`choice`] ships the simplest rung
+//! recording is predicted, free running, by a model whose weights and settings it took no part in. [`identification::choice`] ships the simplest rung
 //! that is as good as the best.
 //!
 //! Data flow: [`prepare`] puts recordings onto one even clock; the physics rungs of [`identification`] and those of
