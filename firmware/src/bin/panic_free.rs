@@ -13,8 +13,8 @@ mod image {
 
     use firmware::board::chip::registers::ThisBoard;
     use firmware::board::chip::registers::pac::WWDG;
-    use firmware::board::contract::{Board, HandsOf, LineInterrupt, SupplyMonitor};
-    use firmware::board::target::models::Tenant;
+    use firmware::board::contract::{Board, LineInterrupt, SupplyMonitor, TickIoOf};
+    use firmware::board::target::models::LoadedModel;
     use firmware::board::tick_task::TickTask;
     use model_export::link::fault::Fault;
 
@@ -35,10 +35,13 @@ mod image {
 
     #[cortex_m_rt::entry]
     fn main() -> ! {
-        let (task, tenant, port) =
-            (anything::<TickTask<'static, HandsOf<ThisBoard>>>(), anything::<Tenant>(), anything::<<ThisBoard as Board>::LineInterrupt>());
+        let (task, model, port) = (
+            anything::<TickTask<'static, TickIoOf<ThisBoard>>>(),
+            anything::<LoadedModel>(),
+            anything::<<ThisBoard as Board>::LineInterrupt>(),
+        );
         loop {
-            task.run(tenant);
+            task.run(model);
             port.interrupt();
             #[cfg(planted_panic)]
             {
