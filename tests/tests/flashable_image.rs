@@ -67,7 +67,7 @@ fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ClockFailed.number()));
     eprintln!("stack never used: {} bytes", status.stack_unused_bytes);
     // No model is ever checked here, which takes about as much as anything that is done: 3 KiB, interrupted by a tick with a model.
-    assert!(status.stack_unused_bytes > 10 * 1024, "{} bytes of stack left", status.stack_unused_bytes);
+    assert!(status.stack_unused_bytes >= 10 * 1024, "{} bytes of stack left", status.stack_unused_bytes);
 }
 
 #[test]

@@ -43,7 +43,7 @@ fn is_confounded(session: &Session, slot: &Slot) -> bool {
     let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
     sources.sort_unstable();
     sources.dedup();
-    slot.form.spec().is_between_recordings && (2..FEWEST_FOR_HALVES).contains(&sources.len())
+    slot.form.spec().is_between_recordings && sources.len() < FEWEST_FOR_HALVES
 }
 
 /// Share of a parameter's range next to a limit that counts as the limit.
