@@ -9,6 +9,9 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 /// Where the image looks for its work file.
 const WORK_ADDRESS: &str = "0x08080000";
 
+/// The variable that names another `emulated` than the release build.
+const EMULATED_IMAGE: &str = "CATHETER_EMULATED_IMAGE";
+
 /// What the image can do; the numbers stand in the image's documentation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
@@ -58,7 +61,7 @@ impl Work<'_> {
     /// When the image is missing or QEMU cannot be started, with the command to type; when the image reports an error or does not finish.
     #[must_use]
     pub fn run(&self) -> Vec<String> {
-        let image = image("emulated");
+        let image = std::env::var_os(EMULATED_IMAGE).map_or_else(|| image("emulated"), PathBuf::from);
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("work.bin");
         std::fs::write(&path, self.bytes()).expect("a work file");

@@ -104,29 +104,33 @@ fn remapped_paths() -> Result<String> {
     Ok(pairs.map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display())).join("\u{1f}"))
 }
 
+/// Builds a program as an image of a board is built.
+fn compile(board: &Board, program: &str, link_arguments: &[&str]) -> Result<PathBuf> {
+    // Code that occurs more than once becomes a function: a fifth of the program.
+    let mut build = compiler()?;
+    build
+        .args(["rustc", "--locked", "--profile", "flash", "--target", TARGET, "-p", "firmware"])
+        .args(["--no-default-features", "--features", board.name, "--bin", program, "--"])
+        // Functions that came out alike are one.
+        .args(["-C", "llvm-args=-enable-machine-outliner=always", "-C", "link-arg=--icf=all"])
+        .args(link_arguments)
+        // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
+        .env("DEFMT_LOG", "info")
+        .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?)
+        .env(COMMIT, commit());
+    run("firmware", &mut build)?;
+    Ok(target_folder().join(TARGET).join("flash").join(program))
+}
+
+/// Builds the program that counts instructions in the emulator, optimised as the image is.
+pub fn emulated_as_flashed() -> Result<PathBuf> {
+    compile(&BOARDS[0], "emulated", &[])
+}
+
 /// Builds and seals the image of a board.
 pub fn build(board: &Board) -> Result<Sealed> {
-    // Code that occurs more than once becomes a function: a fifth of the program. The budgets of `memory.x` hold for this build.
-    run(
-        "firmware",
-        compiler()?
-            .args(["rustc", "--locked", "--profile", "flash", "--target", TARGET, "-p", "firmware"])
-            .args(["--no-default-features", "--features", board.name, "--bin", "rig", "--"])
-            .args([
-                "-C",
-                "llvm-args=-enable-machine-outliner=always",
-                // Functions that came out alike are one.
-                "-C",
-                "link-arg=--icf=all",
-                "-C",
-                "link-arg=--defsym=_budgeted=1",
-            ])
-            // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
-            .env("DEFMT_LOG", "info")
-            .env("CARGO_ENCODED_RUSTFLAGS", remapped_paths()?)
-            .env(COMMIT, commit()),
-    )?;
-    let built = target_folder().join(TARGET).join("flash/rig");
+    // The budgets of `memory.x` hold for this build.
+    let built = compile(board, "rig", &["-C", "link-arg=--defsym=_budgeted=1"])?;
     let mut bytes = std::fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let checksum = fill_in_crc(&mut bytes).with_context(|| format!("{} cannot be given its CRC", built.display()))?;
     let sealed = describe(&bytes)?;
