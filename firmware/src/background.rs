@@ -25,7 +25,7 @@ pub trait ModelPlace {
     ///
     /// # Errors
     /// The fault to raise.
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault>;
+    fn load(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault>;
 
     /// Leaves no model.
     fn forget(&mut self);
@@ -61,11 +61,11 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Background<S, M, B> {
         // What follows is not on the stack together with the request.
         let Some(event) = self.link.receive(byte, commands) else { return };
         if event == Event::ModelUploaded {
-            let checked = self.link.uploaded_model().map_or(Err(Fault::ModelCorrupt), |blob| place.admit(blob));
+            let checked = self.link.uploaded_model().map_or(Err(Fault::ModelCorrupt), |blob| place.load(blob));
             self.link.finish_upload(checked.map(|_| ()), commands);
         }
         // At once, before an upload can want the slot of the model before. The self-test puts the active model back.
-        self.retire(place);
+        self.unload(place);
         self.retest = true;
         self.ask_for_retest(commands);
     }
@@ -96,20 +96,20 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Background<S, M, B> {
         }
     }
 
-    fn retire(&mut self, place: &mut impl ModelPlace) {
+    fn unload(&mut self, place: &mut impl ModelPlace) {
         place.forget();
         self.link.flash().1.hold(None);
         self.link.set_model(None);
     }
 
     fn examine(&mut self, faults: FaultSet, place: &mut impl ModelPlace) -> Report {
-        self.retire(place);
+        self.unload(place);
         let mut report = Report { faults, model: None };
         // A model runs only where everything else is in order: its memory may be missing on what is not the real board.
         if faults.is_empty()
             && let Some(blob) = self.link.model_blob()
         {
-            match place.admit(blob) {
+            match place.load(blob) {
                 Ok(facts) => {
                     self.link.flash().1.hold(self.link.model_slot());
                     report.model = Some(facts);

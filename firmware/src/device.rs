@@ -21,7 +21,7 @@ use model_export::link::state::{ResetCause, State};
 use crate::background::{Background, ModelPlace};
 use crate::history::{History, HistoryMemory};
 use crate::link::{CommandSink, Identity, Link, LinkConfig, Measured};
-use crate::retain::Retained;
+use crate::retain::CrashRecord;
 use crate::storage::Flash;
 use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TakenIn, TickConfig, TickInputs, TickOutputs};
 
@@ -40,7 +40,7 @@ pub struct DeviceConfig {
     /// Why it started.
     pub reset_cause: ResetCause,
     /// What survived the reset.
-    pub retained: Option<Retained>,
+    pub crash_record: Option<CrashRecord>,
     /// The board's converter.
     pub facts: RigFacts,
     /// Bytes that the line to the host takes in a tick, at most [`MAX_LINE_BYTES`]: 92 at 921,600 baud.
@@ -84,10 +84,10 @@ impl<S: Flash, M: Flash, P: ModelPlace + ModelStep> Device<S, M, P> {
     /// # Errors
     /// When not even the default settings go together with the converter, which is a mistake in the program.
     pub fn new(config: DeviceConfig, settings_flash: S, model_flash: M, place: P) -> Result<Self, Inconsistent> {
-        let DeviceConfig { firmware, board, reset_cause, retained, facts, line_bytes_per_tick } = config;
-        let previous_record = retained.map(|retained| retained.record).filter(|record| record.first != 0);
+        let DeviceConfig { firmware, board, reset_cause, crash_record, facts, line_bytes_per_tick } = config;
+        let previous_record = crash_record.map(|crash_record| crash_record.record).filter(|record| record.first != 0);
         let link = Link::new(LinkConfig { firmware, board, reset_cause, previous_record, facts }, settings_flash, model_flash);
-        let crash = retained.map(|retained| retained.faults()).unwrap_or_default();
+        let crash = crash_record.map(|crash_record| crash_record.faults()).unwrap_or_default();
         let boot = BootReport { reset_cause, faults: link.boot_faults().union(crash) };
         let tick = TickConfig { settings: link.settings(), facts }.build()?;
         Ok(Self {

@@ -36,7 +36,7 @@ pub mod parity;
 pub mod plausibility;
 pub mod redundant;
 pub mod retain;
-pub mod seam;
+pub mod drivers;
 pub mod self_test;
 pub mod settings;
 pub mod storage;

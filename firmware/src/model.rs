@@ -108,18 +108,18 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Runni
     ///
     /// # Deadline
     /// Not for the tick: up to some 1000 model steps.
-    pub fn admit(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
-        self.admit_within(bytes, kernel, &StepBudget::UNLIMITED)
+    pub fn load(&mut self, bytes: &'a [u8], kernel: impl KernelSource<Kernel = K>) -> Result<ModelFacts, Fault> {
+        self.load_within(bytes, kernel, &StepBudget::UNLIMITED)
     }
 
-    /// As [`Self::admit`], and measures the model's steps while it replays the golden vectors.
+    /// As [`Self::load`], and measures the model's steps while it replays the golden vectors.
     ///
     /// # Errors
     /// The fault to raise; [`Fault::ModelTooSlow`] where the steps exceed the budget.
     ///
     /// # Deadline
     /// Not for the tick: up to some 1000 model steps within the budget.
-    pub fn admit_within(
+    pub fn load_within(
         &mut self,
         bytes: &'a [u8],
         kernel: impl KernelSource<Kernel = K>,
@@ -191,12 +191,12 @@ impl<'a, K: Kernel, S: BorrowMut<EstimatorState>, M: BorrowMut<Model<'a>>> Model
     }
 }
 
-/// Checks a blob in a place of its own: [`RunningModel::admit`].
+/// Checks a blob in a place of its own: [`RunningModel::load`].
 ///
 /// # Errors
 /// The fault to raise.
 pub fn examine(bytes: &[u8], kernel: impl KernelSource) -> Result<ModelFacts, Fault> {
-    RunningModel::default().admit(bytes, kernel)
+    RunningModel::default().load(bytes, kernel)
 }
 
 #[inline(never)]

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Bench, FACTS, chunk, set_point_settings};
 use firmware::control::SetPoint;
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, ModelStep, Rig, TickConfig, TickInputs};
 use model_export::link::fault::{Fault, FaultSet};

@@ -69,7 +69,7 @@ struct Place {
 }
 
 impl ModelPlace for Place {
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+    fn load(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.admissions += 1;
         self.model = None;
         if blob.first() == Some(&6) {

@@ -10,14 +10,14 @@ use common::FACTS;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::background::ModelPlace;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
+use firmware::board::exchange::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
 use firmware::board::read_back::ChipThermometer;
 use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
 use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Identity, Link, LinkConfig};
 use firmware::model::ModelFacts;
-use firmware::seam::{DumpValve, PulseFrequency, RawSample, ReadBack, SampleSource, ValveDrive};
+use firmware::drivers::{DumpValve, PulseFrequency, RawSample, ReadBack, SampleSource, ValveDrive};
 use firmware::storage::{Flash, Slot, Store};
 use firmware::tick::{BootReport, NoModel, TickConfig};
 use model_export::link::Kind;
@@ -205,7 +205,7 @@ impl embedded_io::Write for Cable {
 
 struct NoPlace;
 impl ModelPlace for NoPlace {
-    fn admit(&mut self, _blob: &[u8]) -> Result<ModelFacts, Fault> {
+    fn load(&mut self, _blob: &[u8]) -> Result<ModelFacts, Fault> {
         Err(Fault::ModelCorrupt)
     }
     fn forget(&mut self) {}
@@ -218,7 +218,7 @@ struct Board {
     background: BackgroundTask<'static, Ram, Ram>,
     cable: Cable,
     wires: Wire,
-    exchange: &'static Exchange,
+    exchange: &'static SharedAtomics,
     settings: Settings,
     session: u32,
     token: u32,
@@ -229,7 +229,7 @@ struct Board {
 
 impl Board {
     fn new(settings: Settings) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::default());
+        let exchange: &'static SharedAtomics = Box::leak(Box::default());
         let (commands_in, commands_out) = Box::leak(Box::new(CommandQueue::new())).split();
         let (answers_in, answers_out) = Box::leak(Box::new(AnswerQueue::new())).split();
         let (telemetry_in, telemetry_out) = Box::leak(Box::new(TelemetryQueue::new())).split();

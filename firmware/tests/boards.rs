@@ -13,7 +13,7 @@ fn a_board_that_the_chip_cannot_do_is_refused() {
         Wiring { dump_valve: DRIVE, ..good },
         Wiring { emergency_stop: Pin::new('A', 13), ..good },
         Wiring { transmit: Pin::new('C', 6), ..good },
-        Wiring { crystal_hz: 27_000_000, ..good },
+        Wiring { hse_hz: 27_000_000, ..good },
     ] {
         assert!(!wrong.is_possible(), "{wrong:?}");
     }
@@ -24,14 +24,14 @@ fn a_board_that_the_chip_cannot_do_is_refused() {
 fn every_pin_is_in_the_boards_drawing() {
     let of_f405 = |wiring: Wiring| {
         let Wiring { laser, pressure, emergency_stop, dump_valve, transmit, receive, .. } = wiring;
-        (wiring.name, wiring.crystal_hz, [laser, pressure, DRIVE, PULSE, emergency_stop, dump_valve, transmit, receive])
+        (wiring.name, wiring.hse_hz, [laser, pressure, DRIVE, PULSE, emergency_stop, dump_valve, transmit, receive])
     };
     let of_h743 = |wiring: stm32h743::wiring::Wiring| {
         use stm32h743::wiring::{DRIVE, PULSE, RECEIVE, TRANSMIT, Wiring};
         let Wiring { laser, pressure, emergency_stop, dump_valve, .. } = wiring;
-        (wiring.name, wiring.crystal_hz, [laser, pressure, DRIVE, PULSE, emergency_stop, dump_valve, TRANSMIT, RECEIVE])
+        (wiring.name, wiring.hse_hz, [laser, pressure, DRIVE, PULSE, emergency_stop, dump_valve, TRANSMIT, RECEIVE])
     };
-    for ((name, crystal_hz, pins), drawing) in [
+    for ((name, hse_hz, pins), drawing) in [
         (of_f405(custom_f405::WIRING), include_str!("../src/board/custom_f405/wiring.md")),
         (of_f405(feather_f405::WIRING), include_str!("../src/board/feather_f405/wiring.md")),
         (of_h743(nucleo_h743zi::WIRING), include_str!("../src/board/nucleo_h743zi/wiring.md")),
@@ -43,7 +43,7 @@ fn every_pin_is_in_the_boards_drawing() {
             let is_drawn = |line: &str| line.contains(function) && line.split(|c: char| !c.is_alphanumeric()).any(|word| word == pin);
             assert!(drawing.lines().any(is_drawn), "{name}: {pin}, {function}");
         }
-        assert!(drawing.contains(&format!("{} MHz", crystal_hz / 1_000_000)), "{name}");
+        assert!(drawing.contains(&format!("{} MHz", hse_hz / 1_000_000)), "{name}");
     }
 }
 

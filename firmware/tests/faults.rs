@@ -247,8 +247,8 @@ fn a_start_after_a_crash_says_so_and_waits_for_an_acknowledgement() {
         assert_eq!(bench.request(Event::Acknowledge), Reply::Done);
         assert_eq!(bench.state(), State::SelfTest);
     }
-    let dead_crystal = BootReport { reset_cause: ResetCause::PowerOn, faults: [Fault::ClockFailed].into_iter().collect() };
-    let bench = Bench::booted(&set_point_settings(), dead_crystal);
+    let dead_hse = BootReport { reset_cause: ResetCause::PowerOn, faults: [Fault::ClockFailed].into_iter().collect() };
+    let bench = Bench::booted(&set_point_settings(), dead_hse);
     assert_eq!((bench.state(), bench.first_fault()), (State::Fault, Fault::ClockFailed.number()));
 }
 

@@ -31,7 +31,7 @@ mod tests {
     use firmware::board::tick_task::CycleCounter;
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
     use firmware::parity::{Layers, RandomNetwork, network_digest};
-    use firmware::seam::{RawSample, SampleSource};
+    use firmware::drivers::{RawSample, SampleSource};
     use model_export::schema::Cell;
 
     struct Board {
@@ -45,16 +45,16 @@ mod tests {
         let device = Peripherals::take().expect("the first to ask");
         let mut core = CorePeripherals::take().expect("the first to ask");
         let mut registers = clock::Registers { rcc: &device.RCC, flash: &device.FLASH, timer: &device.TIM11 };
-        let clock = firmware::board::clock::start(&mut registers, &plan(SELECTED.crystal_hz));
+        let clock = firmware::board::clock::start(&mut registers, &plan(SELECTED.hse_hz));
         let cycles = Cycles::start(&mut core.DCB, core.DWT);
         Board { clock, device, cycles }
     }
 
     #[test]
-    fn the_crystal_starts_and_has_its_frequency(board: Board) {
-        assert_eq!(board.clock.source, Source::Crystal);
-        let check = board.clock.check.expect("a crystal that runs is counted");
-        defmt::info!("crystal counted {=u32}, expected {=u32}", check.counted, check.expected);
+    fn the_hse_starts_and_has_its_frequency(board: Board) {
+        assert_eq!(board.clock.source, Source::Hse);
+        let check = board.clock.check.expect("an HSE that runs is counted");
+        defmt::info!("HSE counted {=u32}, expected {=u32}", check.counted, check.expected);
         assert!(check.agrees());
     }
 

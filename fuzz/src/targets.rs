@@ -53,9 +53,9 @@ pub fn all() -> Vec<Target> {
         target("discovered", || vec![seeds::file("discovered.toml")], readers::model),
         target("fitted", || vec![seeds::file("fitted.toml")], readers::model),
         target("network", seeds::networks, readers::trained),
-        Target { name: "blob", files: seeds::blobs, read: readers::blob, seal: Some(seal_blob) },
+        Target { name: "blob", files: seeds::blobs, read: readers::blob, seal: Some(blob_with_crc) },
         target("checkpoint", seeds::checkpoints, readers::checkpoint),
-        Target { name: "journal", files: seeds::journals, read: readers::journal, seal: Some(seal_journal) },
+        Target { name: "journal", files: seeds::journals, read: readers::journal, seal: Some(replay_log_with_crc) },
         target("flash", seeds::flashes, readers::flash),
         target("excitation", seeds::excitations, readers::played),
         target("plant", || vec![seeds::file("plant.toml")], readers::plant),
@@ -72,7 +72,7 @@ pub fn all() -> Vec<Target> {
 }
 
 /// Content hash and checksum of a blob.
-fn seal_blob(bytes: &mut [u8]) {
+fn blob_with_crc(bytes: &mut [u8]) {
     use model_export::blob::{HEADER_BYTES, crc32};
     use sha2::{Digest, Sha256};
     if bytes.len() > HEADER_BYTES {
@@ -84,7 +84,7 @@ fn seal_blob(bytes: &mut [u8]) {
 }
 
 /// Checksum of a journal.
-fn seal_journal(bytes: &mut [u8]) {
+fn replay_log_with_crc(bytes: &mut [u8]) {
     if bytes.len() > 16 {
         let checksum = model_export::blob::crc32(0, &bytes[16..]);
         bytes[12..16].copy_from_slice(&checksum.to_le_bytes());

@@ -13,7 +13,7 @@ use std::time::Duration;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::board::SELECTED;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, TRANSMIT_QUEUE};
-use firmware::board::exchange::{AnswerQueue, CommandQueue, Exchange, TelemetryQueue, TraceQueue};
+use firmware::board::exchange::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
 use firmware::board::stm32f405::facts::CORE_HZ;
 use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
@@ -22,7 +22,7 @@ use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
 use firmware::retain::SEALED_BYTES;
-use firmware::seam::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
+use firmware::drivers::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::tick::{BootReport, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
@@ -180,7 +180,7 @@ pub struct Board {
     task: TickTask<'static, BoardIo>,
     background: BackgroundTask<'static, SlotPair, SlotPair>,
     place: Heap,
-    exchange: &'static Exchange,
+    exchange: &'static SharedAtomics,
     wires: Wire,
     hardware: Hardware,
     cable: Cable,
@@ -198,7 +198,7 @@ impl Board {
     #[must_use]
     pub fn new(flash: FlashMemory, hardware: Hardware, seed: u32) -> Self {
         // The tasks want what the chip gives them: queues that live for ever.
-        let exchange: &'static Exchange = Box::leak(Box::default());
+        let exchange: &'static SharedAtomics = Box::leak(Box::default());
         let (commands_in, commands_out) = Box::leak(Box::new(CommandQueue::new())).split();
         let (answers_in, answers_out) = Box::leak(Box::new(AnswerQueue::new())).split();
         let (telemetry_in, telemetry_out) = Box::leak(Box::new(TelemetryQueue::new())).split();

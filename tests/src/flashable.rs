@@ -134,7 +134,7 @@ impl Emulator {
 
 /// The most stack that the image has used, of `reserved_bytes`, after its start and a session with every kind of request.
 ///
-/// The emulated chip has no crystal and no flash that could be written, so no model is ever checked there.
+/// The emulated chip has no HSE and no flash that could be written, so no model is ever checked there.
 ///
 /// # Panics
 /// As [`Emulator`].

@@ -182,13 +182,13 @@ fn every_fault_of_the_matrix_ends_as_its_row_says() {
 
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
-fn the_feathers_image_in_closed_loop_on_its_own_pins_and_crystal_is_the_library_to_the_bit() {
+fn the_feathers_image_in_closed_loop_on_its_own_pins_and_hse_is_the_library_to_the_bit() {
     let slice = played_on(&config_of("feather-f405"), &hybrid::exported(&[8]), 2.0, 3);
     println!("{slice:?}");
     assert!(slice.bit_equal, "the library gives other outputs");
     assert!(slice.ticks > 2_000, "{} ticks", slice.ticks);
     assert_eq!(slice.unmodelled, Vec::<String>::new());
-    assert!(slice.log.contains("MHz from the crystal"), "{}", slice.log);
+    assert!(slice.log.contains("MHz from the HSE"), "{}", slice.log);
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn the_second_chip_familys_image_in_closed_loop_is_the_library_to_the_bit() {
     assert!(slice.bit_equal, "the library gives other outputs");
     assert!(slice.ticks > 2_000, "{} ticks", slice.ticks);
     assert_eq!(slice.unmodelled, Vec::<String>::new());
-    assert!(slice.log.contains("400 MHz from the crystal"), "{}", slice.log);
+    assert!(slice.log.contains("400 MHz from the HSE"), "{}", slice.log);
 }
 
 #[test]

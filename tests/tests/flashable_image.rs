@@ -1,6 +1,6 @@
-//! The flashable image, byte for byte, in the emulator: a chip whose crystal never starts.
+//! The flashable image, byte for byte, in the emulator: a chip whose HSE never starts.
 //!
-//! The emulated chip has no clock control, so the crystal never reports ready; no converter that a timer triggers, so every tick is one that
+//! The emulated chip has no clock control, so the HSE never reports ready; no converter that a timer triggers, so every tick is one that
 //! the guard started without a sample; and no flash that could be written. The image must come up all the same, say what is wrong, and
 //! stay vented. `cargo xtask test` builds the image and runs this; by hand, `FLASHABLE_IMAGE` names it.
 
@@ -19,7 +19,7 @@ fn image() -> PathBuf {
 
 #[test]
 #[ignore = "needs the emulator and the image: `cargo xtask test`"]
-fn the_image_finds_no_crystal_says_so_and_refuses_to_arm() {
+fn the_image_finds_no_hse_says_so_and_refuses_to_arm() {
     let mut device = Emulator::start(&image());
 
     device.hello();

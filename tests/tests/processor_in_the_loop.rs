@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use firmware::device::exchange::Sabotage;
+use firmware::device::exchange::InjectedFault;
 use firmware::storage::Slot;
 use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment;
@@ -293,32 +293,32 @@ fn settings_and_models_survive_in_the_emulated_flash() {
 fn a_processor_that_hangs_overflows_its_stack_or_panics_ends_vented_within_50_ms_and_says_why() {
     let Some(config) = image() else { return };
     let flash = set_point_flash();
-    for (sabotage, cause, fault) in [
-        (Sabotage::Hang, ResetCause::Watchdog, Fault::WatchdogReset),
-        (Sabotage::StackOverflow, ResetCause::Software, Fault::HardFault),
-        (Sabotage::Panic, ResetCause::Software, Fault::Panicked),
+    for (injected, cause, fault) in [
+        (InjectedFault::Hang, ResetCause::Watchdog, Fault::WatchdogReset),
+        (InjectedFault::StackOverflow, ResetCause::Software, Fault::HardFault),
+        (InjectedFault::Panic, ResetCause::Software, Fault::Panicked),
     ] {
         let broken = |rig: &mut dyn FnMut(u32) -> (bool, f64)| (1..=50).find(|_| !rig(1).0);
         let mut target = qemu(&config, &flash);
         run_up(&mut target);
-        target.transport().sabotage(sabotage);
+        target.transport().injected(injected);
         let safe_after_ms = broken(&mut |ticks| {
             target.transport().advance_for(ticks).unwrap();
             let hardware = target.transport().hardware();
             (hardware.is_energised(), hardware.pressure_bar())
         });
-        assert!(safe_after_ms.is_some_and(|ms| ms <= 50), "{sabotage:?}: energised after 50 ms");
+        assert!(safe_after_ms.is_some_and(|ms| ms <= 50), "{injected:?}: energised after 50 ms");
         target.transport().advance_for(400).unwrap();
         assert!(target.transport().hardware().pressure_bar() < 0.1);
         assert!(target.transport().hardware().peak_bar() <= 3.0);
         let status = experiment::status(&mut target).unwrap();
-        assert_eq!((status.state, status.first_fault, status.reset_cause), (State::Fault, fault.number(), cause), "{sabotage:?}");
+        assert_eq!((status.state, status.first_fault, status.reset_cause), (State::Fault, fault.number(), cause), "{injected:?}");
         assert!(matches!(target.ask(&Request::Arm), Ok(Reply::Refused(Refusal::Blocked(set))) if set.contains(Blocker::FaultLatched)));
 
         // The same in this process, to the bit, the resets included.
         let mut here = host(&flash);
         run_up(&mut here);
-        here.transport().sabotage(sabotage);
+        here.transport().injected(injected);
         for _ in 1..=safe_after_ms.unwrap_or(0) {
             here.transport().advance_for(1).unwrap();
         }

@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::OnceLock;
 
-use firmware::device::exchange::Sabotage;
+use firmware::device::exchange::InjectedFault;
 use host_tool::experiment;
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Observer, TickRecord, Transport};
 use host_tool::network::Mode;
@@ -227,7 +227,7 @@ fn session(seed: u64) -> Seen {
             rig.transport().hardware().set_breakage(breakage);
         }
         if random.below(200) == 0 {
-            rig.transport().sabotage([Sabotage::Hang, Sabotage::StackOverflow, Sabotage::Panic][random.below(3) as usize]);
+            rig.transport().injected([InjectedFault::Hang, InjectedFault::StackOverflow, InjectedFault::Panic][random.below(3) as usize]);
         }
         rig.transport().advance_for(random.below(40) as u32).unwrap();
         rig.listen(std::time::Duration::ZERO).unwrap();

@@ -4,7 +4,7 @@ use firmware::calibration::ConverterConfig;
 use firmware::control::SetPoint;
 use firmware::estimator::{Estimator, EstimatorState, Portable, StepBudget, StepTimer};
 use firmware::model::{RunningModel, examine};
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use firmware::self_test::{ClockCheck, Report, SelfTest};
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
@@ -133,16 +133,16 @@ impl StepTimer for Stopwatch {
 #[test]
 fn a_model_is_measured_at_its_golden_vectors_and_refused_above_its_share_of_a_tick() {
     let bytes = exported();
-    let admit = |stopwatch: Stopwatch| {
+    let load = |stopwatch: Stopwatch| {
         let budget = StepBudget { timer: stopwatch, cycles: 100_800 };
-        let admitted = RunningModel::default().admit_within(&bytes, Portable, &budget).map(|facts| facts.period.get());
+        let admitted = RunningModel::default().load_within(&bytes, Portable, &budget).map(|facts| facts.period.get());
         (admitted, budget.timer.readings.get() / 2)
     };
-    assert_eq!(admit(Stopwatch::new(100_800, 0)).0, Ok(20));
-    assert_eq!(admit(Stopwatch::new(100_801, 0)), (Err(Fault::ModelTooSlow), 4), "it is given up at once, not after minutes");
+    assert_eq!(load(Stopwatch::new(100_800, 0)).0, Ok(20));
+    assert_eq!(load(Stopwatch::new(100_801, 0)), (Err(Fault::ModelTooSlow), 4), "it is given up at once, not after minutes");
     // Two of three steps are interrupted by a tick.
-    assert_eq!(admit(Stopwatch::new(90_000, 3)).0, Ok(20));
-    assert_eq!(admit(Stopwatch::new(110_000, 3)).0, Err(Fault::ModelTooSlow));
+    assert_eq!(load(Stopwatch::new(90_000, 3)).0, Ok(20));
+    assert_eq!(load(Stopwatch::new(110_000, 3)).0, Err(Fault::ModelTooSlow));
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn the_estimate_in_the_telemetry_is_the_estimators_to_the_bit() {
     let facts = RigFacts { converter: ConverterConfig { full_scale_code: 8190, full_scale_v: 3.3 } };
     let tick = TickConfig { settings: &settings, facts }.build().unwrap();
     let mut model = RunningModel::default();
-    let facts = model.admit(&bytes, Portable).unwrap();
+    let facts = model.load(&bytes, Portable).unwrap();
     let report = Report { faults: FaultSet::EMPTY, model: Some(facts) };
     let mut bench = Bench { rig: Rig::new(tick, BootReport::default()), model, tick: 0, outputs: None };
     while bench.step(None).state != State::SelfTest {}

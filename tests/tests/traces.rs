@@ -247,7 +247,7 @@ fn a_device_that_is_reset_leaves_the_journal_of_the_time_before() {
     experiment::settle(&mut client).unwrap();
     let tracing = Tracing::begin(&mut client, "test", Some(&blob)).unwrap();
     client.listen_for(Duration::from_millis(200)).unwrap();
-    client.transport().sabotage(firmware::device::exchange::Sabotage::Panic);
+    client.transport().injected(firmware::device::exchange::InjectedFault::Panic);
     client.listen_for(Duration::from_millis(500)).unwrap();
     let replay = replay(&tracing.end(&mut client)).unwrap();
     assert_eq!(replay.cut, Some(Cut::NoEnd));

@@ -49,7 +49,7 @@ pub enum Request {
 ///
 /// | text | what |
 /// |---|---|
-/// | `crystal stops`, `crystal swings`, `crystal 12000000` | the crystal |
+/// | `hse stops`, `hse swings`, `hse 12000000` | the HSE |
 /// | `loop open`, `loop closed` | whether the phase-locked loop locks |
 /// | `watchdog-oscillator 47000` | its frequency, Hz |
 /// | `supply 2800` | mV; below 1700 the part has none |
@@ -67,10 +67,10 @@ pub enum Request {
 /// | `noise 1000` | words of a million that arrive damaged on the link |
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
-    /// The crystal swings or does not.
-    Crystal(bool),
+    /// The HSE swings or does not.
+    Hse(bool),
     /// Its frequency, Hz.
-    CrystalHz(u64),
+    HseHz(u64),
     /// The phase-locked loop locks or does not.
     Loop(bool),
     /// The watchdog's oscillator, Hz.
@@ -122,9 +122,9 @@ impl std::str::FromStr for Fault {
         let small = |word: &str| number(word).and_then(|number| u32::try_from(number).map_err(|_| format!("`{word}` is too large")));
         let hexadecimal = |word: &str| u64::from_str_radix(word, 16).map_err(|_| format!("`{word}` is no hexadecimal address"));
         Ok(match words[..] {
-            ["crystal", "stops"] => Self::Crystal(false),
-            ["crystal", "swings"] => Self::Crystal(true),
-            ["crystal", hz] => Self::CrystalHz(number(hz)?),
+            ["hse", "stops"] => Self::Hse(false),
+            ["hse", "swings"] => Self::Hse(true),
+            ["hse", hz] => Self::HseHz(number(hz)?),
             ["loop", "open"] => Self::Loop(false),
             ["loop", "closed"] => Self::Loop(true),
             ["watchdog-oscillator", hz] => match number(hz)? {
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn what_is_no_request_is_refused_with_a_reason() {
-        for (kind, body) in [(1, &[0; 8][..]), (2, b"crystal maybe"), (2, b"flip 0 8"), (3, &[0; 7]), (9, b"")] {
+        for (kind, body) in [(1, &[0; 8][..]), (2, b"hse maybe"), (2, b"flip 0 8"), (3, &[0; 7]), (9, b"")] {
             assert!(take(&mut message(kind, body).as_slice()).unwrap().unwrap().is_err(), "{kind} {body:?}");
         }
         assert!(take(&mut [0xff; 8].as_slice()).is_err());

@@ -135,14 +135,14 @@ pub fn active_set(triangle: &[f64], columns: usize, free: &[bool]) -> Solution {
     for round in 0..=3 * columns {
         if round > 0 {
             let left = residual(&coefficients);
-            let pull =
+            let gradient =
                 |column: usize| (0..width).map(|row| entry(row, column) * left[row]).sum::<f64>() / norms[column].max(f64::MIN_POSITIVE);
             let best = (0..columns)
                 .filter(|&column| !passive[column] && !barred[column] && norms[column] > 0.0)
-                .map(|column| (pull(column), column))
+                .map(|column| (gradient(column), column))
                 .max_by(|first, second| first.0.total_cmp(&second.0));
             match best {
-                Some((pull, column)) if pull > 1e-15 * right_norm => passive[column] = true,
+                Some((gradient, column)) if gradient > 1e-15 * right_norm => passive[column] = true,
                 _ => break,
             }
         }
@@ -317,12 +317,12 @@ mod tests {
             let residual: Vec<f64> = matrix.iter().zip(&right).map(|(row, right)| right - dot(row, &solution.coefficients)).collect();
             assert!((dot(&residual, &residual) - solution.squared_residual).abs() < 1e-10, "seed {seed}");
             for column in 0..9 {
-                let pull: f64 = matrix.iter().zip(&residual).map(|(row, left)| row[column] * left).sum();
+                let gradient: f64 = matrix.iter().zip(&residual).map(|(row, left)| row[column] * left).sum();
                 let coefficient = solution.coefficients[column];
                 if free[column] || coefficient > 0.0 {
-                    assert!(pull.abs() < 1e-10, "seed {seed}: column {column} is not at its optimum");
+                    assert!(gradient.abs() < 1e-10, "seed {seed}: column {column} is not at its optimum");
                 } else {
-                    assert!(coefficient == 0.0 && pull < 1e-10, "seed {seed}: column {column} should have entered");
+                    assert!(coefficient == 0.0 && gradient < 1e-10, "seed {seed}: column {column} should have entered");
                 }
             }
             let gram: Vec<f64> = (0..81).map(|k| matrix.iter().map(|row| row[k / 9] * row[k % 9]).sum()).collect();

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::aliens::Alien;
 use super::command::{AMPLITUDE_BAR, Excitation};
-use super::muscle::{Habit, Muscle};
+use super::muscle::{ThresholdLaw, Muscle};
 use super::stages::{
     Bladder, ChokedFlow, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber, Stage, Supply,
     Tube, Volume, WarmUp,
@@ -105,19 +105,19 @@ pub fn chain(effects: &[String], excitation: Excitation, recordings: usize, plan
     let mut slack_bar: Vec<f64> = (0..count).map(|_| widest * plant.random::<f64>().powf(1.4)).collect();
     slack_bar[0] = 0.0;
     slack_bar.sort_by(f64::total_cmp);
-    let mut pull: Vec<f64> = slack_bar.iter().map(|slack| -plant.random::<f64>().ln() * (-1.2 * slack / widest).exp()).collect();
+    let mut weights: Vec<f64> = slack_bar.iter().map(|slack| -plant.random::<f64>().ln() * (-1.2 * slack / widest).exp()).collect();
     let elastic = plant.random_range(0.3..0.55);
-    let rest: f64 = pull[1..].iter().sum();
+    let rest: f64 = weights[1..].iter().sum();
     let gain_mm_per_bar = plant.random_range(3.0..5.0);
-    for value in &mut pull[1..] {
+    for value in &mut weights[1..] {
         *value *= gain_mm_per_bar * (1.0 - elastic) / rest;
     }
-    pull[0] = gain_mm_per_bar * elastic;
+    weights[0] = gain_mm_per_bar * elastic;
     let continuous = plant.random_bool(0.3);
     let range_mm = gain_mm_per_bar * 2.0 * AMPLITUDE_BAR * 0.9;
     let mut chain = Chain {
         before: Vec::new(),
-        muscle: Muscle::new(slack_bar, pull, Habit::default()),
+        muscle: Muscle::new(slack_bar, weights, ThresholdLaw::default()),
         behind: Vec::new(),
         sampler: Sampler::default(),
         values: BTreeMap::new(),
@@ -210,17 +210,17 @@ fn add(
         }
         "asymmetric-hysteresis" => {
             if generator.random_bool(0.5) {
-                chain.muscle.habit.friction_per_bar = log_uniform(generator, 0.2, 1.0);
-                values.push(("friction_per_bar", chain.muscle.habit.friction_per_bar));
+                chain.muscle.law.friction_per_bar = log_uniform(generator, 0.2, 1.0);
+                values.push(("friction_per_bar", chain.muscle.law.friction_per_bar));
             } else {
-                chain.muscle.habit.branch_bend_per_bar = -log_uniform(generator, 0.03, 0.12);
-                values.push(("branch_bend_per_bar", chain.muscle.habit.branch_bend_per_bar));
+                chain.muscle.law.branch_bend_per_bar = -log_uniform(generator, 0.03, 0.12);
+                values.push(("branch_bend_per_bar", chain.muscle.law.branch_bend_per_bar));
             }
         }
         "rate-dependent-hysteresis" => {
-            chain.muscle.habit.creep_bar_per_s = log_uniform(generator, 0.1, 2.0);
-            chain.muscle.habit.overstress_bar = log_uniform(generator, 0.02, 0.08);
-            values.push(("overstress_bar", chain.muscle.habit.overstress_bar));
+            chain.muscle.law.creep_bar_per_s = log_uniform(generator, 0.1, 2.0);
+            chain.muscle.law.overstress_bar = log_uniform(generator, 0.02, 0.08);
+            values.push(("overstress_bar", chain.muscle.law.overstress_bar));
         }
         "creep" => {
             sensor = generator.random_bool(0.5);

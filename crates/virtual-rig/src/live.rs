@@ -17,7 +17,7 @@ use std::rc::Rc;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::muscle::{Habit, Muscle};
+use super::muscle::{ThresholdLaw, Muscle};
 use super::stages::{
     Bladder, ChokedFlow, Geometry, Heart, KelvinVoigt, LuGreTip, Moment, OnOffValve, Orifices, Pendulum, Remount, Rubber, STEP_S, Stage,
     Supply, Tube, Volume, WarmUp,
@@ -147,9 +147,9 @@ impl AllEffects {
         let elastic = about(0.45);
         let shares: Vec<f64> = slack_bar.iter().skip(1).map(|slack| about((-1.2 * slack / widest_bar).exp())).collect();
         let total: f64 = shares.iter().sum();
-        let mut pull = vec![gain_mm_per_bar * elastic];
-        pull.extend(shares.iter().map(|share| gain_mm_per_bar * (1.0 - elastic) * share / total));
-        let habit = Habit {
+        let mut weights = vec![gain_mm_per_bar * elastic];
+        weights.extend(shares.iter().map(|share| gain_mm_per_bar * (1.0 - elastic) * share / total));
+        let law = ThresholdLaw {
             friction_per_bar: about(strength::FRICTION_PER_BAR),
             branch_bend_per_bar: 0.0,
             overstress_bar: about(strength::OVERSTRESS_BAR),
@@ -206,7 +206,7 @@ impl AllEffects {
         generator.set_stream(1 + session as u64);
         let mut rig = Self {
             before,
-            muscle: Muscle::new(slack_bar, pull, habit),
+            muscle: Muscle::new(slack_bar, weights, law),
             tip,
             sensor,
             generator,

@@ -8,7 +8,7 @@ use super::stages::STEP_S;
 
 /// How the sliders deviate from plain ones.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Habit {
+pub struct ThresholdLaw {
     /// Relative growth of the dead travel per bar.
     pub friction_per_bar: f64,
     /// Bend of the loading branch against the unloading branch, 1/bar.
@@ -27,16 +27,16 @@ pub struct Muscle {
     /// Displacement of each slider per bar, mm.
     pub pull_mm_per_bar: Vec<f64>,
     /// Deviations.
-    pub habit: Habit,
+    pub law: ThresholdLaw,
     position_bar: Vec<f64>,
 }
 
 impl Muscle {
     /// Sliders at rest at zero pressure.
     #[must_use]
-    pub fn new(slack_bar: Vec<f64>, pull_mm_per_bar: Vec<f64>, habit: Habit) -> Self {
+    pub fn new(slack_bar: Vec<f64>, pull_mm_per_bar: Vec<f64>, law: ThresholdLaw) -> Self {
         let position_bar = vec![0.0; slack_bar.len()];
-        Self { slack_bar, pull_mm_per_bar, habit, position_bar }
+        Self { slack_bar, pull_mm_per_bar, law, position_bar }
     }
 
     /// Every slider back to where a new muscle has it.
@@ -46,11 +46,11 @@ impl Muscle {
 
     /// Displacement in mm one integration step after the pressure became `pressure_bar`.
     pub fn step(&mut self, pressure_bar: f64) -> f64 {
-        let habit = &self.habit;
-        let wider = 1.0 + habit.friction_per_bar * pressure_bar.max(0.0);
-        let bend = habit.branch_bend_per_bar * pressure_bar * (3.0 - pressure_bar).max(0.0);
+        let law = &self.law;
+        let wider = 1.0 + law.friction_per_bar * pressure_bar.max(0.0);
+        let bend = law.branch_bend_per_bar * pressure_bar * (3.0 - pressure_bar).max(0.0);
         let mut sum = 0.0;
-        for ((slack, pull), position) in self.slack_bar.iter().zip(&self.pull_mm_per_bar).zip(&mut self.position_bar) {
+        for ((slack, weights), position) in self.slack_bar.iter().zip(&self.pull_mm_per_bar).zip(&mut self.position_bar) {
             let gap = slack * wider;
             let push_up = pressure_bar + bend - gap - *position;
             let push_down = pressure_bar - bend + gap - *position;
@@ -61,14 +61,14 @@ impl Muscle {
             } else {
                 0.0
             };
-            if habit.overstress_bar > 0.0 {
-                let speed = if push == 0.0 { 0.0 } else { habit.creep_bar_per_s * (push.abs() / habit.overstress_bar).min(20.0).sinh() };
+            if law.overstress_bar > 0.0 {
+                let speed = if push == 0.0 { 0.0 } else { law.creep_bar_per_s * (push.abs() / law.overstress_bar).min(20.0).sinh() };
                 // A stiff law near the stop: never farther than the stop itself.
                 *position += push.signum() * (speed * STEP_S).min(push.abs());
             } else {
                 *position += push;
             }
-            sum += pull * *position;
+            sum += weights * *position;
         }
         sum
     }

@@ -104,10 +104,10 @@ fn a_tip_that_slips_fast_over_little_friction_stays_on_its_band() {
     use stages::{LuGreTip, Stage};
     for static_mm in [0.002, 0.02, 0.2, 1.0] {
         let mut tip = LuGreTip::stiff(static_mm, 0.2 * static_mm);
-        for pull_mm in [5.0, -5.0, 0.1, 10.0] {
+        for response_mm in [5.0, -5.0, 0.1, 10.0] {
             let still = Moment { session_s: 0.0, recording: 0 };
-            let place_mm = (0..10_000).map(|_| tip.step(pull_mm, &still)).last().unwrap_or(f64::NAN);
-            assert!((place_mm - pull_mm).abs() <= 1.01 * static_mm, "{static_mm}: {place_mm} at {pull_mm}");
+            let place_mm = (0..10_000).map(|_| tip.step(response_mm, &still)).last().unwrap_or(f64::NAN);
+            assert!((place_mm - response_mm).abs() <= 1.01 * static_mm, "{static_mm}: {place_mm} at {response_mm}");
         }
     }
 }
@@ -162,7 +162,7 @@ fn a_muscle_that_remembers_has_been_through_nothing_that_no_recording_tells() {
                 for (state, slack) in states.iter_mut().zip(&case.truth.slack_bar) {
                     *state = f64::max(input - slack, *state).min(input + slack);
                 }
-                first.get_or_insert_with(|| states.iter().zip(&case.truth.pull_mm_per_bar).map(|(state, pull)| state * pull).sum::<f64>());
+                first.get_or_insert_with(|| states.iter().zip(&case.truth.pull_mm_per_bar).map(|(state, weights)| state * weights).sum::<f64>());
             }
             // Peaks between two samples are missed by up to 0.16 % of the span; strokes after the last sample had moved it by ten times that.
             let off = (first.expect("samples") - recording.output[0]).abs() / range;

@@ -8,7 +8,7 @@
 //! | `serial` (line) | 1 | begins the next piece of what is to be sent; on the STM32H743 it moves bytes, at priority 4 |
 //! | `idle` | - | link, storage, self-test, logs |
 //!
-//! The crystal's failure (NMI), a panic and a hard fault vent first and start again; the next start tells.
+//! The HSE's failure (NMI), a panic and a hard fault vent first and start again; the next start tells.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -20,15 +20,15 @@ mod image {
     use defmt_rtt as _;
     use firmware::board::chip::registers::ThisBoard;
     use firmware::board::contract::Board;
-    use firmware::board::exchange::Exchange;
+    use firmware::board::exchange::SharedAtomics;
     use firmware::board::target::crash;
     use model_export::link::fault::Fault;
 
     firmware::board_entry!();
 
-    static EXCHANGE: Exchange = Exchange::new();
+    static SHARED: SharedAtomics = SharedAtomics::new();
 
-    defmt::timestamp!("{=u32:ms}", EXCHANGE.periods());
+    defmt::timestamp!("{=u32:ms}", SHARED.periods());
 
     #[panic_handler]
     fn panic(information: &PanicInfo<'_>) -> ! {
@@ -45,7 +45,7 @@ mod image {
         ThisBoard::crash(Fault::HardFault)
     }
 
-    /// The clock security system: the crystal stopped (RM0090 section 7.2.7).
+    /// The clock security system: the HSE stopped (RM0090 section 7.2.7).
     #[exception]
     unsafe fn NonMaskableInt() -> ! {
         ThisBoard::crash(Fault::ClockFailed)
@@ -88,7 +88,7 @@ mod image {
                 use model_export::link::state::State;
                 use model_export::schema::Model;
 
-                use super::EXCHANGE;
+                use super::SHARED;
 
                 /// Rounds of the background between two looks at the stack.
                 const ROUNDS_PER_STACK_LOOK: u32 = 1024;
@@ -130,9 +130,9 @@ mod image {
                 ])]
                 fn init(context: init::Context) -> (Shared, Local) {
                     let peripherals = Peripherals { device: context.device, core: context.core };
-                    let board = ThisBoard::start(peripherals, context.local.line_memory, &EXCHANGE);
-                    let Started { reset_cause, retained, clock, mut standing, io, .. } = board;
-                    let mut boot_faults = clock.faults.union(retained.map(|retained| retained.faults()).unwrap_or_default());
+                    let board = ThisBoard::start(peripherals, context.local.line_memory, &SHARED);
+                    let Started { reset_cause, crash_record, clock, mut standing, io, .. } = board;
+                    let mut boot_faults = clock.faults.union(crash_record.map(|crash_record| crash_record.faults()).unwrap_or_default());
                     boot_faults = boot_faults.union(board.found).union(standing);
                     let program_crc32 = match memory::seal() {
                         Some(crc32) => {
@@ -161,14 +161,14 @@ mod image {
                                 firmware: firmware::VERSION,
                                 board: heapless::String::try_from(ThisBoard::NAME).unwrap_or_default(),
                                 reset_cause,
-                                previous_record: retained.map(|retained| retained.record).filter(|record| record.first != 0),
+                                previous_record: crash_record.map(|crash_record| crash_record.record).filter(|record| record.first != 0),
                                 facts: FACTS,
                             },
                             board.settings,
                             board.models,
                             context.local.link_buffers,
                         );
-                        BackgroundTask::new(link, facts, queues, &EXCHANGE)
+                        BackgroundTask::new(link, facts, queues, &SHARED)
                     });
                     let build = Build { source: source_hash(option_env!("FIRMWARE_COMMIT")), ..board.build };
                     background.link_mut().identify(Identity { build, has_bootloader: ThisBoard::HAS_BOOTLOADER, has_history: true });
@@ -181,14 +181,14 @@ mod image {
                     let task = in_place(context.local.task_home, || {
                         // The link's settings go together, and so do the defaults; a test holds the latter.
                         let Ok(tick) = (TickConfig { settings, facts: FACTS }).build() else { ThisBoard::crash(Fault::Panicked) };
-                        TickTask::new(tick, boot, io, queues, &EXCHANGE, rates.cycles_per_tick(), board.reference_calibration)
+                        TickTask::new(tick, boot, io, queues, &SHARED, rates.cycles_per_tick(), board.reference_calibration)
                     });
 
                     log::start(ThisBoard::NAME, &build, reset_cause, rates.core_hz, program_crc32);
                     log_clock(clock.source, rates.core_hz);
                     log::standing(boot.faults);
-                    if let Some(retained) = retained.filter(|retained| retained.record.first != 0) {
-                        log::before(&retained.record);
+                    if let Some(crash_record) = crash_record.filter(|crash_record| crash_record.record.first != 0) {
+                        log::before(&crash_record.record);
                     }
                     ThisBoard::begin(board.beginning, &mut task.io_mut().source);
                     (
@@ -211,15 +211,15 @@ mod image {
                     let idle::LocalResources { background, line, place, cycles_per_tick, .. } = context.local;
                     // SAFETY: the only one; the background holds the slot of a model while it is in use.
                     let mut slot = unsafe { ModelSlot::new(context.shared.loaded, place.take(), *cycles_per_tick) };
-                    let mut state = EXCHANGE.state();
+                    let mut state = SHARED.state();
                     let mut fault_is_new = false;
                     let mut stack_unused_bytes = memory::stack_unused_bytes();
                     let mut round = 0u32;
                     let mut pulse = PulseMonitor::default();
                     loop {
                         round = round.wrapping_add(1);
-                        let (expected, reading) = ThisBoard::read_pulse(&EXCHANGE.pulse);
-                        EXCHANGE.report_pulse(pulse.step(&expected, &reading));
+                        let (expected, reading) = ThisBoard::read_pulse(&SHARED.pulse);
+                        SHARED.report_pulse(pulse.step(&expected, &reading));
                         background.link_mut().serve_history(&crash::LastTicks);
                         if background.link_mut().wants_bootloader() {
                             defmt::warn!("starting the chip's bootloader");
@@ -233,15 +233,15 @@ mod image {
                         if let Some((token, refusal)) = background.link_mut().take_refusal() {
                             log::refusal(token, refusal);
                         }
-                        if EXCHANGE.state() != state {
-                            state = EXCHANGE.state();
+                        if SHARED.state() != state {
+                            state = SHARED.state();
                             log::state(state);
                             fault_is_new |= state == State::Fault;
                         }
                         // Later, where the tick is just writing it.
-                        if fault_is_new && let Some(retained) = crash::peek() {
+                        if fault_is_new && let Some(crash_record) = crash::peek() {
                             fault_is_new = false;
-                            log::fault(&retained.record);
+                            log::fault(&crash_record.record);
                         }
                     }
                 }
@@ -254,8 +254,8 @@ mod image {
 
                 #[task(binds = SysTick, priority = 4, local = [ticks_seen])]
                 fn tick_monitor(context: tick_monitor::Context) {
-                    EXCHANGE.add_periods(1);
-                    let ticks = EXCHANGE.ticks();
+                    SHARED.add_periods(1);
+                    let ticks = SHARED.ticks();
                     if ticks == *context.local.ticks_seen {
                         // The sampling did not start a tick: this one finds no sample.
                         rtic::pend(Interrupt::$sampled);
@@ -300,7 +300,7 @@ mod image {
                 fn log_clock(source: Source, core_hz: u32) {
                     let mhz = core_hz / 1_000_000;
                     match source {
-                        Source::Crystal => defmt::info!("{=u32} MHz from the crystal", mhz),
+                        Source::Hse => defmt::info!("{=u32} MHz from the HSE", mhz),
                         Source::InternalFast => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
                         Source::Internal => defmt::warn!("{=u32} MHz from the internal oscillator", mhz),
                     }

@@ -7,7 +7,7 @@ use heapless::spsc::{Consumer, Producer};
 use model_export::link::fault::FaultSet;
 use model_export::link::message::Telemetry;
 
-use super::exchange::Exchange;
+use super::exchange::SharedAtomics;
 use super::read_back::ChipThermometer;
 use super::rest_noise::root_mean_square;
 use crate::background::{Background, ModelPlace};
@@ -63,7 +63,7 @@ pub struct BackgroundQueues<'q> {
 
 struct Sink<'a, 'q> {
     commands: &'a mut Producer<'q, Command>,
-    exchange: &'q Exchange,
+    exchange: &'q SharedAtomics,
 }
 
 impl CommandSink for Sink<'_, '_> {
@@ -81,7 +81,7 @@ pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
     background: Background<S, M, B>,
     facts: Facts<'q>,
     queues: BackgroundQueues<'q>,
-    exchange: &'q Exchange,
+    exchange: &'q SharedAtomics,
     tests_done: u32,
     dropped: u32,
     raised: FaultSet,
@@ -89,7 +89,7 @@ pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
 
 impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M, B> {
     /// A background that has not run yet.
-    pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, exchange: &'q Exchange) -> Self {
+    pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, exchange: &'q SharedAtomics) -> Self {
         Self { background: Background::new(link), facts, queues, exchange, tests_done: 0, dropped: 0, raised: FaultSet::EMPTY }
     }
 

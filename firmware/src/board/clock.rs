@@ -1,17 +1,17 @@
 //! The clock's start: from the internal oscillator the chip wakes up on to its full frequency, with every wait bounded.
 //!
 //! ```text
-//! crystal starts? ─no──────────────► clock-failed ──┐
+//! HSE starts? ─no──────────────► clock-failed ──┐
 //!      │ yes                                        │
 //! has its frequency? ─no───────────► clock-inaccurate (by the self-test)
 //!      │ yes                                        │
-//! PLL from the crystal              PLL from the internal oscillator
+//! PLL from the HSE              PLL from the internal oscillator
 //!      │                                            │
 //!      └──────── locks? ─no─► clock-failed, 16 MHz ◄┘
 //! ```
 //!
-//! A crystal of the wrong frequency would drive the processor beyond its limit, so it is counted against the internal oscillator before
-//! anything depends on it (RM0090 section 7.2.11). Whatever happens, the device comes up, speaks, and says what is wrong; without a good crystal it
+//! An HSE of the wrong frequency would drive the processor beyond its limit, so it is counted against the internal oscillator before
+//! anything depends on it (RM0090 section 7.2.11). Whatever happens, the device comes up, speaks, and says what is wrong; without a good HSE it
 //! stays vented, since every rate limit hangs on the time base.
 
 use model_export::link::fault::{Fault, FaultSet};
@@ -19,32 +19,32 @@ use model_export::link::fault::{Fault, FaultSet};
 use super::rates::{Rates, rounded};
 use crate::self_test::ClockCheck;
 
-/// Polls to wait for the crystal: each takes at least four cycles of 16 MHz, so 50 ms at least; typical is 2 ms (DS8626 table 38).
-pub const CRYSTAL_POLLS: u32 = 200_000;
+/// Polls to wait for the HSE: each takes at least four cycles of 16 MHz, so 50 ms at least; typical is 2 ms (DS8626 table 38).
+pub const HSE_POLLS: u32 = 200_000;
 /// Polls to wait for the phase-locked loop: 2 ms at least, 0.3 ms at most are needed (DS8626 table 43).
 pub const PLL_POLLS: u32 = 8_000;
 /// Polls to wait for a register to show what was written.
 pub const SWITCH_POLLS: u32 = 1_000;
 
-/// Crystal periods counted: 64 captures of every eighth edge of the crystal over 31.
+/// HSE periods counted: 64 captures of every eighth edge of the HSE over 31.
 pub const COUNTED_PERIODS: u32 = 64 * 8 * 31;
 
 /// What the internal oscillator should count meanwhile, rounded to nearest.
-pub const fn expected_count(internal_hz: u32, crystal_hz: u32) -> u32 {
-    rounded(COUNTED_PERIODS as u64 * internal_hz as u64, crystal_hz as u64)
+pub const fn expected_count(internal_hz: u32, hse_hz: u32) -> u32 {
+    rounded(COUNTED_PERIODS as u64 * internal_hz as u64, hse_hz as u64)
 }
 
-/// What the clock should become, by chip and crystal.
+/// What the clock should become, by chip and HSE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockPlan<P> {
-    /// What the internal oscillator counts over [`COUNTED_PERIODS`] of the right crystal.
+    /// What the internal oscillator counts over [`COUNTED_PERIODS`] of the right HSE.
     pub expected_count: u32,
     /// How far the count may be off, by the internal oscillator's tolerance.
     pub tolerance_per_mille: u32,
-    /// What the phase-locked loop makes of the crystal.
-    pub from_crystal: P,
+    /// What the phase-locked loop makes of the HSE.
+    pub from_hse: P,
     /// The frequencies that come of it.
-    pub crystal_rates: Rates,
+    pub hse_rates: Rates,
     /// What the phase-locked loop makes of the internal oscillator.
     pub from_internal: P,
     /// The frequencies that come of it.
@@ -56,8 +56,8 @@ pub struct ClockPlan<P> {
 /// Where the time comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The crystal, through the phase-locked loop.
-    Crystal,
+    /// The HSE, through the phase-locked loop.
+    Hse,
     /// The internal oscillator, through the phase-locked loop.
     InternalFast,
     /// The internal oscillator alone.
@@ -73,7 +73,7 @@ pub struct ClockReport {
     pub rates: Rates,
     /// What went wrong; it stays true until the next start, so every self-test repeats it.
     pub faults: FaultSet,
-    /// The crystal against the internal oscillator, if the crystal ran.
+    /// The HSE against the internal oscillator, if the HSE ran.
     pub check: Option<ClockCheck>,
 }
 
@@ -81,16 +81,16 @@ pub struct ClockReport {
 pub trait ClockTree {
     /// Settings of the phase-locked loop.
     type Pll: Copy;
-    /// Switches the crystal oscillator on.
-    fn start_crystal(&mut self);
+    /// Switches the HSE oscillator on.
+    fn start_hse(&mut self);
     /// Whether it runs.
-    fn crystal_is_ready(&mut self) -> bool;
-    /// Counts the internal oscillator over [`COUNTED_PERIODS`] of the crystal; `None` if no edges come.
-    fn count_crystal(&mut self) -> Option<u32>;
-    /// Switches the crystal oscillator off.
-    fn stop_crystal(&mut self);
-    /// Switches the phase-locked loop on, fed by the crystal or by the internal oscillator.
-    fn start_pll(&mut self, from_crystal: bool, pll: Self::Pll);
+    fn hse_is_ready(&mut self) -> bool;
+    /// Counts the internal oscillator over [`COUNTED_PERIODS`] of the HSE; `None` if no edges come.
+    fn count_hse(&mut self) -> Option<u32>;
+    /// Switches the HSE oscillator off.
+    fn stop_hse(&mut self);
+    /// Switches the phase-locked loop on, fed by the HSE or by the internal oscillator.
+    fn start_pll(&mut self, from_hse: bool, pll: Self::Pll);
     /// Whether it has locked.
     fn pll_is_ready(&mut self) -> bool;
     /// Switches it off.
@@ -103,8 +103,8 @@ pub trait ClockTree {
     fn select_pll(&mut self, pll: bool);
     /// Whether it runs from the phase-locked loop.
     fn runs_from_pll(&mut self) -> bool;
-    /// Watches the crystal from now on: its failure is an interrupt that cannot be masked.
-    fn watch_crystal(&mut self);
+    /// Watches the HSE from now on: its failure is an interrupt that cannot be masked.
+    fn watch_hse(&mut self);
 }
 
 /// Asks up to `polls` times.
@@ -115,21 +115,21 @@ pub fn wait(polls: u32, mut ready: impl FnMut() -> bool) -> bool {
 /// Brings the clock up as planned.
 pub fn start<T: ClockTree>(tree: &mut T, plan: &ClockPlan<T::Pll>) -> ClockReport {
     let mut faults = FaultSet::EMPTY;
-    tree.start_crystal();
+    tree.start_hse();
     let mut check = None;
-    if wait(CRYSTAL_POLLS, || tree.crystal_is_ready()) {
-        // A crystal without edges counts as none: it differs from any expectation.
-        let counted = tree.count_crystal().unwrap_or(0);
+    if wait(HSE_POLLS, || tree.hse_is_ready()) {
+        // An HSE without edges counts as none: it differs from any expectation.
+        let counted = tree.count_hse().unwrap_or(0);
         check = Some(ClockCheck { counted, expected: plan.expected_count, tolerance_per_mille: plan.tolerance_per_mille });
     } else {
         faults.insert(Fault::ClockFailed);
     }
-    let from_crystal = check.is_some_and(|check| check.agrees());
-    faults.insert_if(check.is_some() && !from_crystal, Fault::ClockInaccurate);
-    if !from_crystal {
-        tree.stop_crystal();
+    let from_hse = check.is_some_and(|check| check.agrees());
+    faults.insert_if(check.is_some() && !from_hse, Fault::ClockInaccurate);
+    if !from_hse {
+        tree.stop_hse();
     }
-    tree.start_pll(from_crystal, if from_crystal { plan.from_crystal } else { plan.from_internal });
+    tree.start_pll(from_hse, if from_hse { plan.from_hse } else { plan.from_internal });
     let fast = wait(PLL_POLLS, || tree.pll_is_ready())
         && {
             tree.prepare_fast();
@@ -139,10 +139,10 @@ pub fn start<T: ClockTree>(tree: &mut T, plan: &ClockPlan<T::Pll>) -> ClockRepor
             tree.select_pll(true);
             wait(SWITCH_POLLS, || tree.runs_from_pll())
         };
-    let (source, rates) = match (fast, from_crystal) {
+    let (source, rates) = match (fast, from_hse) {
         (true, true) => {
-            tree.watch_crystal();
-            (Source::Crystal, plan.crystal_rates)
+            tree.watch_hse();
+            (Source::Hse, plan.hse_rates)
         }
         (true, false) => (Source::InternalFast, plan.internal_fast_rates),
         (false, _) => {
@@ -160,22 +160,22 @@ mod tests {
     use super::super::stm32f405::facts::{CORE_HZ, INTERNAL_HZ, PLL_CORE_DIVIDER, Pll, fast, plan};
     use super::*;
 
-    const CRYSTAL_HZ: u32 = 8_000_000;
+    const HSE_HZ: u32 = 8_000_000;
 
-    /// With a crystal of 8 MHz.
+    /// With an HSE of 8 MHz.
     fn start(tree: &mut Tree) -> ClockReport {
-        super::start(tree, &plan(CRYSTAL_HZ))
+        super::start(tree, &plan(HSE_HZ))
     }
 
     /// A clock tree that does what it is told, but for what is broken in it.
     #[derive(Default)]
     struct Tree {
-        crystal_hz: Option<u32>,
+        hse_hz: Option<u32>,
         /// Of the internal oscillator's frequency.
         internal_error: f64,
         pll_never_locks: bool,
         wait_states_do_not_hold: bool,
-        crystal_on: bool,
+        hse_on: bool,
         pll: Option<(bool, Pll)>,
         prepared: bool,
         on_pll: bool,
@@ -186,24 +186,24 @@ mod tests {
 
     impl ClockTree for Tree {
         type Pll = Pll;
-        fn start_crystal(&mut self) {
-            self.crystal_on = true;
+        fn start_hse(&mut self) {
+            self.hse_on = true;
         }
-        fn crystal_is_ready(&mut self) -> bool {
+        fn hse_is_ready(&mut self) -> bool {
             self.polls += 1;
-            self.crystal_on && self.crystal_hz.is_some() && self.polls > 100
+            self.hse_on && self.hse_hz.is_some() && self.polls > 100
         }
-        fn count_crystal(&mut self) -> Option<u32> {
+        fn count_hse(&mut self) -> Option<u32> {
             assert!(!self.on_pll, "the count is of the internal oscillator");
             let counted = |hz| f64::from(COUNTED_PERIODS) * f64::from(INTERNAL_HZ) * (1.0 + self.internal_error) / f64::from(hz);
-            self.crystal_hz.filter(|hz| *hz > 0).map(|hz| counted(hz) as u32)
+            self.hse_hz.filter(|hz| *hz > 0).map(|hz| counted(hz) as u32)
         }
-        fn stop_crystal(&mut self) {
+        fn stop_hse(&mut self) {
             assert!(!matches!(self.pll, Some((true, _))));
-            self.crystal_on = false;
+            self.hse_on = false;
         }
-        fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
-            self.pll = Some((from_crystal, pll));
+        fn start_pll(&mut self, from_hse: bool, pll: Pll) {
+            self.pll = Some((from_hse, pll));
         }
         fn pll_is_ready(&mut self) -> bool {
             self.polls += 1;
@@ -221,8 +221,8 @@ mod tests {
             self.prepared
         }
         fn select_pll(&mut self, pll: bool) {
-            let core_hz = self.pll.map_or(0, |(from_crystal, pll)| {
-                let input_hz = if from_crystal { self.crystal_hz.unwrap_or(0) } else { INTERNAL_HZ };
+            let core_hz = self.pll.map_or(0, |(from_hse, pll)| {
+                let input_hz = if from_hse { self.hse_hz.unwrap_or(0) } else { INTERNAL_HZ };
                 u64::from(input_hz) * u64::from(pll.multiplier) / u64::from(pll.divider) / u64::from(PLL_CORE_DIVIDER)
             });
             self.overclocked |= pll && (!self.prepared || core_hz > u64::from(CORE_HZ));
@@ -231,7 +231,7 @@ mod tests {
         fn runs_from_pll(&mut self) -> bool {
             self.on_pll
         }
-        fn watch_crystal(&mut self) {
+        fn watch_hse(&mut self) {
             self.watched = true;
         }
     }
@@ -244,51 +244,51 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn a_good_crystal_drives_the_processor_and_is_watched() {
-        let mut tree = Tree { crystal_hz: Some(CRYSTAL_HZ), ..Tree::default() };
+    fn a_good_hse_drives_the_processor_and_is_watched() {
+        let mut tree = Tree { hse_hz: Some(HSE_HZ), ..Tree::default() };
         let report = start(&mut tree);
-        assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()));
-        assert_eq!(report.check.unwrap().counted, expected_count(INTERNAL_HZ, CRYSTAL_HZ));
-        assert!(tree.watched && tree.on_pll && tree.pll == Some((true, Pll::from_input(CRYSTAL_HZ).unwrap())) && !tree.overclocked);
+        assert_eq!((report.source, faults(report.faults)), (Source::Hse, Vec::new()));
+        assert_eq!(report.check.unwrap().counted, expected_count(INTERNAL_HZ, HSE_HZ));
+        assert!(tree.watched && tree.on_pll && tree.pll == Some((true, Pll::from_input(HSE_HZ).unwrap())) && !tree.overclocked);
     }
 
     #[test]
-    fn a_dead_crystal_is_a_named_fault_and_the_device_comes_up_at_full_speed() {
+    fn a_dead_hse_is_a_named_fault_and_the_device_comes_up_at_full_speed() {
         let mut tree = Tree::default();
         let report = start(&mut tree);
         assert_eq!((report.source, faults(report.faults), report.check), (Source::InternalFast, [Fault::ClockFailed].to_vec(), None));
-        assert!(tree.on_pll && tree.pll == Some((false, Pll::INTERNAL)) && !tree.crystal_on && !tree.watched && !tree.overclocked);
+        assert!(tree.on_pll && tree.pll == Some((false, Pll::INTERNAL)) && !tree.hse_on && !tree.watched && !tree.overclocked);
     }
 
     #[test]
-    fn every_crystal_that_the_chip_takes_drives_the_processor_and_no_other_in_its_place_does() {
+    fn every_hse_that_the_chip_takes_drives_the_processor_and_no_other_in_its_place_does() {
         // Every megahertz, and those that divide nothing here.
         let odd = [7_372_800, 8_388_608, 11_059_200, 12_288_000, 14_745_600, 18_432_000, 24_576_000];
-        for crystal_hz in (4..=26).map(|mhz| mhz * 1_000_000).chain(odd) {
-            let pll = Pll::from_input(crystal_hz).unwrap();
-            let divided_hz = f64::from(crystal_hz) / f64::from(pll.divider);
+        for hse_hz in (4..=26).map(|mhz| mhz * 1_000_000).chain(odd) {
+            let pll = Pll::from_input(hse_hz).unwrap();
+            let divided_hz = f64::from(hse_hz) / f64::from(pll.divider);
             assert!((1e6..=2e6).contains(&divided_hz) && (50..=432).contains(&pll.multiplier) && (2..=63).contains(&pll.divider));
             let core_hz = divided_hz * f64::from(pll.multiplier) / f64::from(PLL_CORE_DIVIDER);
             // Exact wherever it can be, and nowhere slower by more than 1 %.
-            assert!(core_hz <= f64::from(CORE_HZ) && core_hz > 0.99 * f64::from(CORE_HZ), "{crystal_hz} Hz: {core_hz} Hz");
-            assert!(crystal_hz % 1_000_000 != 0 || pll.core_hz == CORE_HZ, "{crystal_hz} Hz: {core_hz} Hz");
+            assert!(core_hz <= f64::from(CORE_HZ) && core_hz > 0.99 * f64::from(CORE_HZ), "{hse_hz} Hz: {core_hz} Hz");
+            assert!(hse_hz % 1_000_000 != 0 || pll.core_hz == CORE_HZ, "{hse_hz} Hz: {core_hz} Hz");
             let rates = fast(pll.core_hz);
-            assert_eq!(rates.cycles_per_tick(), 2 * rates.timer_counts_per_tick(), "{crystal_hz} Hz");
+            assert_eq!(rates.cycles_per_tick(), 2 * rates.timer_counts_per_tick(), "{hse_hz} Hz");
             let tick_s = f64::from(rates.timer_counts_per_tick()) / (core_hz / 2.0);
-            assert!((tick_s * 1000.0 - 1.0).abs() < 12e-6, "{crystal_hz} Hz: a tick of {tick_s} s");
+            assert!((tick_s * 1000.0 - 1.0).abs() < 12e-6, "{hse_hz} Hz: a tick of {tick_s} s");
 
             // The internal oscillator may be 8 % slow to 4.5 % fast.
             for internal_error in [-0.075, 0.0, 0.045] {
-                let mut tree = Tree { crystal_hz: Some(crystal_hz), internal_error, ..Tree::default() };
-                let report = super::start(&mut tree, &plan(crystal_hz));
-                assert_eq!((report.source, faults(report.faults)), (Source::Crystal, Vec::new()), "{crystal_hz} Hz, {internal_error}");
-                assert!(tree.watched && !tree.overclocked && report.rates == rates, "{crystal_hz} Hz");
+                let mut tree = Tree { hse_hz: Some(hse_hz), internal_error, ..Tree::default() };
+                let report = super::start(&mut tree, &plan(hse_hz));
+                assert_eq!((report.source, faults(report.faults)), (Source::Hse, Vec::new()), "{hse_hz} Hz, {internal_error}");
+                assert!(tree.watched && !tree.overclocked && report.rates == rates, "{hse_hz} Hz");
             }
             for factor in [0.5, 0.66, 0.85, 1.15, 1.5, 2.0, 3.0] {
-                let fitted = (f64::from(crystal_hz) * factor) as u32;
-                let mut tree = Tree { crystal_hz: Some(fitted), ..Tree::default() };
-                let report = super::start(&mut tree, &plan(crystal_hz));
-                assert_eq!(report.source, Source::InternalFast, "{fitted} Hz instead of {crystal_hz} Hz");
+                let fitted = (f64::from(hse_hz) * factor) as u32;
+                let mut tree = Tree { hse_hz: Some(fitted), ..Tree::default() };
+                let report = super::start(&mut tree, &plan(hse_hz));
+                assert_eq!(report.source, Source::InternalFast, "{fitted} Hz instead of {hse_hz} Hz");
                 assert!(!tree.overclocked && faults(report.faults) == [Fault::ClockInaccurate]);
             }
         }
@@ -296,32 +296,32 @@ mod tests {
     }
 
     #[test]
-    fn a_crystal_of_another_frequency_never_drives_the_processor() {
-        for crystal_hz in [4_000_000, 7_000_000, 9_000_000, 12_000_000, 16_000_000, 25_000_000, 26_000_000, 0] {
-            let mut tree = Tree { crystal_hz: Some(crystal_hz), ..Tree::default() };
+    fn a_hse_of_another_frequency_never_drives_the_processor() {
+        for hse_hz in [4_000_000, 7_000_000, 9_000_000, 12_000_000, 16_000_000, 25_000_000, 26_000_000, 0] {
+            let mut tree = Tree { hse_hz: Some(hse_hz), ..Tree::default() };
             let report = start(&mut tree);
             assert_eq!(
                 (report.source, faults(report.faults)),
                 (Source::InternalFast, [Fault::ClockInaccurate].to_vec()),
-                "{crystal_hz} Hz"
+                "{hse_hz} Hz"
             );
-            assert!(!report.check.unwrap().agrees() && !tree.overclocked && !tree.crystal_on, "{crystal_hz} Hz");
+            assert!(!report.check.unwrap().agrees() && !tree.overclocked && !tree.hse_on, "{hse_hz} Hz");
         }
     }
 
     #[test]
     fn a_loop_that_does_not_lock_leaves_the_device_on_the_internal_oscillator() {
-        for crystal_hz in [None, Some(CRYSTAL_HZ)] {
-            let mut tree = Tree { crystal_hz, pll_never_locks: true, ..Tree::default() };
+        for hse_hz in [None, Some(HSE_HZ)] {
+            let mut tree = Tree { hse_hz, pll_never_locks: true, ..Tree::default() };
             let report = start(&mut tree);
             assert_eq!((report.source, faults(report.faults)), (Source::Internal, [Fault::ClockFailed].to_vec()));
-            assert!(!tree.on_pll && tree.pll.is_none() && tree.polls <= CRYSTAL_POLLS + PLL_POLLS);
+            assert!(!tree.on_pll && tree.pll.is_none() && tree.polls <= HSE_POLLS + PLL_POLLS);
         }
     }
 
     #[test]
     fn the_processor_never_outruns_the_flash() {
-        let mut tree = Tree { crystal_hz: Some(CRYSTAL_HZ), wait_states_do_not_hold: true, ..Tree::default() };
+        let mut tree = Tree { hse_hz: Some(HSE_HZ), wait_states_do_not_hold: true, ..Tree::default() };
         let report = start(&mut tree);
         assert_eq!((report.source, faults(report.faults)), (Source::Internal, [Fault::ClockFailed].to_vec()));
         assert!(!tree.overclocked);

@@ -10,13 +10,13 @@ use model_export::link::state::ResetCause;
 
 use super::background_task::Line;
 use super::clock::{ClockReport, ClockTree};
-use super::exchange::Exchange;
+use super::exchange::SharedAtomics;
 use super::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use super::read_back::ChipThermometer;
 use super::tick_task::{CrashMemory, CycleCounter, TickIo};
 use super::watchdog::WatchdogTimer;
-use crate::retain::Retained;
-use crate::seam::{PulseFrequency, SampleSource, ValveDrive};
+use crate::retain::CrashRecord;
+use crate::drivers::{PulseFrequency, SampleSource, ValveDrive};
 use crate::storage::Flash;
 
 /// The interrupt's side of the line.
@@ -77,7 +77,7 @@ pub trait Board: Sized {
 
     /// Brings the chip up, with every output at rest, in the order that [`super`] gives. Every wait is bounded. Time in which the processor
     /// stands still for flash is booked in `exchange`.
-    fn start(peripherals: Self::Peripherals, line: &'static mut Self::LineMemory, exchange: &'static Exchange) -> Started<Self>;
+    fn start(peripherals: Self::Peripherals, line: &'static mut Self::LineMemory, exchange: &'static SharedAtomics) -> Started<Self>;
 
     /// Begins to sample, and to watch that sampling goes on: from now on there are ticks.
     fn begin(beginning: Self::Beginning, sampling: &mut Self::Sampling);
@@ -109,7 +109,7 @@ pub struct Started<B: Board> {
     /// Why it started.
     pub reset_cause: ResetCause,
     /// What the run before left.
-    pub retained: Option<Retained>,
+    pub crash_record: Option<CrashRecord>,
     /// How the clock came up.
     pub clock: ClockReport,
     /// What else is wrong with the chip until its next start.

@@ -16,7 +16,7 @@
 //! traits of registers, tested on the desktop; its `registers` implement those traits and exist only on the target. The image in
 //! `src/bin/rig.rs` puts them together.
 //!
-//! No HAL is used: of those there are for this chip, none waits for the crystal with a bound, triggers injected conversions from a timer, or comes
+//! No HAL is used: of those there are for this chip, none waits for the HSE with a bound, triggers injected conversions from a timer, or comes
 //! up in the emulator, whose clock never reports ready. The register definitions come from the crate `stm32f4`.
 //!
 //! # Start-up

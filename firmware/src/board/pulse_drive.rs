@@ -14,7 +14,7 @@ use model_export::link::settings::Settings;
 use super::pulse::PulseTiming;
 use super::rates::Rates;
 use super::read_back::READINGS;
-use crate::seam::{PulseFrequency, PwmValve};
+use crate::drivers::{PulseFrequency, PwmValve};
 
 /// Time around an edge in which the level is not judged: a slow driver's gate at the pin, and the reading itself.
 const EDGE_US: u32 = 2;

@@ -10,7 +10,7 @@ use model_export::link::fault::{Fault, FaultSet};
 
 use super::converter::CONVERTER_FULL_SCALE;
 use super::supply::SUPPLY_TOLERANCE_PER_MILLE;
-use crate::seam::ReadBack;
+use crate::drivers::ReadBack;
 
 /// Largest difference of the drive's pin from what was put out, in codes: 2 % of full scale, for settling and the converter's errors.
 pub const DRIVE_TOLERANCE_CODES: u16 = CONVERTER_FULL_SCALE / 50;

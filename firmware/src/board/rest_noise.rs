@@ -5,7 +5,7 @@
 
 use micromath::F32Ext;
 
-use crate::seam::RawSample;
+use crate::drivers::RawSample;
 
 /// Samples of a window, as a power of two: about a second.
 const WINDOW_LOG2: u32 = 10;

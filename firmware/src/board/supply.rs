@@ -10,7 +10,7 @@
 //! Codes are corrected before anybody sees them, the drive behind the limiter. What is in force moves only when the supply is off by more than
 //! [`DEAD_BAND`]: otherwise the reference's noise would be in every code, and a sensor whose code stays the same would look alive.
 
-use crate::seam::RawSample;
+use crate::drivers::RawSample;
 
 /// One, as a ratio of the correction.
 const ONE: u32 = 1 << 16;

@@ -9,15 +9,15 @@ use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
-use super::exchange::{self, Exchange, TRACE_QUEUE_BYTES};
+use super::exchange::{self, SharedAtomics, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
 use super::rest_noise::RestNoise;
 use super::supply::SupplyCorrection;
 use super::watchdog::{Watchdog, WatchdogTimer};
 use crate::history::{History, HistoryMemory};
-use crate::retain::{Retained, SEALED_BYTES};
-use crate::seam::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
+use crate::retain::{CrashRecord, SEALED_BYTES};
+use crate::drivers::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
 use crate::tick::{Answer, BootReport, Command, ModelStep, Rig, TakenIn, Tick, TickInputs, ValveOutput};
 
 /// Counts processor cycles.
@@ -70,7 +70,7 @@ pub struct TickTask<'q, H> {
     rig: Rig,
     io: H,
     queues: TickQueues<'q>,
-    exchange: &'q Exchange,
+    exchange: &'q SharedAtomics,
     clock: PeriodClock,
     cycles_per_tick: u32,
     overran: bool,
@@ -94,7 +94,7 @@ impl<'q, H> TickTask<'q, H> {
         boot: BootReport,
         io: H,
         queues: TickQueues<'q>,
-        exchange: &'q Exchange,
+        exchange: &'q SharedAtomics,
         cycles_per_tick: u32,
         reference_calibration: Option<u16>,
     ) -> Self {
@@ -214,8 +214,8 @@ where
         let row = self.rig.history_row(taken, &outputs);
         self.history.step(&mut self.io.crash_memory, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {
-            let retained = Retained { record: *self.rig.supervisor().record(), crash: None };
-            self.io.crash_memory.keep(&retained.seal());
+            let crash_record = CrashRecord { record: *self.rig.supervisor().record(), crash: None };
+            self.io.crash_memory.keep(&crash_record.seal());
         }
         if outputs.self_test_wanted && !self.tests_itself {
             self.exchange.ask_for_self_test();

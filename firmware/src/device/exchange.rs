@@ -13,7 +13,7 @@
 use model_export::link::fault::Fault;
 use model_export::link::state::{ResetCause, State};
 
-use crate::seam::RawSample;
+use crate::drivers::RawSample;
 
 /// What the hardware brings to a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,7 +40,7 @@ const OUTPUTS: u8 = 0xa1;
 
 /// What a test makes the processor do instead of its tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sabotage {
+pub enum InjectedFault {
     /// Nothing: the tick as ever.
     #[default]
     None,
@@ -52,7 +52,7 @@ pub enum Sabotage {
     Panic,
 }
 
-impl Sabotage {
+impl InjectedFault {
     const ALL: [Self; 4] = [Self::None, Self::Hang, Self::StackOverflow, Self::Panic];
 }
 
@@ -73,7 +73,7 @@ pub enum FromHost {
         /// Bytes to read from the link's line before the tick.
         link_bytes: u16,
         /// What to do instead.
-        sabotage: Sabotage,
+        injected: InjectedFault,
     },
 }
 
@@ -114,21 +114,21 @@ impl FromHost {
                 let [low, high] = line_bytes_per_tick.to_le_bytes();
                 [BOOT, reset_cause.number(), low, high, 0, 0, 0, 0, 0, 0, 0, 0]
             }
-            Self::Inputs { inputs, link_bytes, sabotage } => {
+            Self::Inputs { inputs, link_bytes, injected } => {
                 let flags = u8::from(inputs.emergency_stop) | (u8::from(inputs.overran) << 1);
-                let sabotage = Sabotage::ALL.iter().zip(0..).find(|(candidate, _)| *candidate == sabotage).map_or(0, |(_, number)| number);
+                let injected = InjectedFault::ALL.iter().zip(0..).find(|(candidate, _)| *candidate == injected).map_or(0, |(_, number)| number);
                 let [laser_low, laser_high] = inputs.sample.laser_code.to_le_bytes();
                 let [pressure_low, pressure_high] = inputs.sample.pressure_code.to_le_bytes();
                 let [lost_low, lost_high] = inputs.lost_ticks.to_le_bytes();
                 let [link_low, link_high] = link_bytes.to_le_bytes();
-                [INPUTS, flags, laser_low, laser_high, pressure_low, pressure_high, lost_low, lost_high, link_low, link_high, sabotage, 0]
+                [INPUTS, flags, laser_low, laser_high, pressure_low, pressure_high, lost_low, lost_high, link_low, link_high, injected, 0]
             }
         }
     }
 
     /// From a frame; `None` if it is none of these.
     pub fn decode(frame: &Frame) -> Option<Self> {
-        let [kind, flags, a, b, c, d, e, f, g, h, sabotage, _] = *frame;
+        let [kind, flags, a, b, c, d, e, f, g, h, injected, _] = *frame;
         match kind {
             BOOT => Some(Self::Boot { reset_cause: ResetCause::from_number(flags), line_bytes_per_tick: u16::from_le_bytes([a, b]) }),
             INPUTS => Some(Self::Inputs {
@@ -139,7 +139,7 @@ impl FromHost {
                     lost_ticks: u16::from_le_bytes([e, f]),
                 },
                 link_bytes: u16::from_le_bytes([g, h]),
-                sabotage: Sabotage::ALL.get(usize::from(sabotage)).copied()?,
+                injected: InjectedFault::ALL.get(usize::from(injected)).copied()?,
             }),
             _ => None,
         }
@@ -192,9 +192,9 @@ mod tests {
             overran: false,
             lost_ticks: 0x0102,
         };
-        for sabotage in Sabotage::ALL {
+        for injected in InjectedFault::ALL {
             let sent =
-                FromHost::Inputs { inputs: DeviceInputs { overran: sabotage == Sabotage::Hang, ..inputs }, link_bytes: 777, sabotage };
+                FromHost::Inputs { inputs: DeviceInputs { overran: injected == InjectedFault::Hang, ..inputs }, link_bytes: 777, injected };
             assert_eq!(FromHost::decode(&sent.encode()), Some(sent));
         }
         let boot = FromHost::Boot { reset_cause: ResetCause::Watchdog, line_bytes_per_tick: 92 };

@@ -208,7 +208,7 @@ impl<S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> Link<S, M, B> {
         let RequestFrame { token, session, .. } = buffers.request;
         // A vent is welcome from anybody at any time.
         if buffers.request.request != Request::Vent {
-            match self.session.sessions.admit(session, token) {
+            match self.session.sessions.load(session, token) {
                 Admission::Admitted => {}
                 Admission::Old => {
                     self.session.damaged_frames = self.session.damaged_frames.saturating_add(1);

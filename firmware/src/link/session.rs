@@ -32,7 +32,7 @@ impl Sessions {
         }
     }
 
-    pub(super) fn admit(&mut self, session: u32, token: u32) -> Admission {
+    pub(super) fn load(&mut self, session: u32, token: u32) -> Admission {
         if self.every {
             return Admission::Admitted;
         }

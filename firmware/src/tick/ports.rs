@@ -10,7 +10,7 @@ use model_export::link::trace::TraceRecord;
 use super::config::Tick;
 use crate::control::{Compensator, SetPoint};
 use crate::number::MicroBar;
-use crate::seam::RawSample;
+use crate::drivers::RawSample;
 use crate::supervisor::Event;
 
 /// What the board found when it started.
@@ -18,7 +18,7 @@ use crate::supervisor::Event;
 pub struct BootReport {
     /// Why it started.
     pub reset_cause: ResetCause,
-    /// Faults found before the first tick: no crystal, damaged settings, a crash before the reset.
+    /// Faults found before the first tick: no HSE, damaged settings, a crash before the reset.
     pub faults: FaultSet,
 }
 

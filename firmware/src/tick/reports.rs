@@ -11,7 +11,7 @@ use crate::control::Controller;
 use crate::history::thousandths;
 use crate::number::MicroBar;
 use crate::plausibility::SensorState;
-use crate::seam::RawSample;
+use crate::drivers::RawSample;
 use crate::supervisor::{Decision, Observation};
 
 /// What a tick saw and did, for whoever asks why: more than the outputs tell, and never sent.

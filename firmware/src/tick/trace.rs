@@ -198,7 +198,7 @@ mod tests {
     use super::*;
     use crate::calibration::ConverterConfig;
     use crate::control::SetPoint;
-    use crate::seam::RawSample;
+    use crate::drivers::RawSample;
 
     const FACTS: RigFacts = RigFacts { converter: ConverterConfig { full_scale_code: 8190, full_scale_v: 3.3 } };
 

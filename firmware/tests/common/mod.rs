@@ -3,7 +3,7 @@
 
 use firmware::calibration::ConverterConfig;
 use firmware::control::SetPoint;
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, ModelStep, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};
 use model_export::link::fault::FaultSet;

@@ -148,21 +148,21 @@ const DISABLE_TICK: &[u16] = &[0x20e0, 0x0400, 0x30e1, 0x0200, 0x3080, 0x2104, 0
 /// The matrix.
 pub const ROWS: &[Row] = &[
     row(
-        "crystal-absent",
+        "hse-absent",
         "wrong time base, wrong slew",
-        Injection::Start("crystal stops", None),
+        Injection::Start("hse stops", None),
         Expected::StaysVented(Fault::ClockFailed),
     ),
     row(
-        "crystal-12-mhz",
+        "hse-12-mhz",
         "wrong time base, overclocked",
-        Injection::Start("crystal 12000000", None),
+        Injection::Start("hse 12000000", None),
         Expected::StaysVented(Fault::ClockInaccurate),
     ),
-    row("crystal-9-percent-fast", "wrong slew", Injection::Start("crystal 8720000", None), Expected::StaysVented(Fault::ClockInaccurate)),
-    row("crystal-4-mhz", "wrong slew", Injection::Start("crystal 4000000", None), Expected::StaysVented(Fault::ClockInaccurate)),
+    row("hse-9-percent-fast", "wrong slew", Injection::Start("hse 8720000", None), Expected::StaysVented(Fault::ClockInaccurate)),
+    row("hse-4-mhz", "wrong slew", Injection::Start("hse 4000000", None), Expected::StaysVented(Fault::ClockInaccurate)),
     row("loop-does-not-lock", "slow ticks", Injection::Start("loop open", Some(16_000_000)), Expected::StaysVented(Fault::ClockFailed)),
-    vents("crystal-stops", "wrong time base", Injection::Chip("crystal stops"), Fault::ClockFailed),
+    vents("hse-stops", "wrong time base", Injection::Chip("hse stops"), Fault::ClockFailed),
     vents("core-hangs", "outputs frozen", Injection::Chip("hang"), Fault::WatchdogReset),
     vents("core-hangs-slow-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 17000", "hang"), Fault::WatchdogReset),
     vents("core-hangs-fast-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 47000", "hang"), Fault::WatchdogReset),

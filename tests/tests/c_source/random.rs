@@ -32,7 +32,7 @@ impl RandomModel {
         let mut noise = Noise::new(seed ^ 0x5eed);
         let front_end = front_end(&mut noise);
         let channel = |noise: &mut Noise, quantity, unit| {
-            let (offset, scale) = (wild(noise, 3), wild(noise, 3).abs().max(1e-3));
+            let (offset, scale) = (of_any_size(noise, 3), of_any_size(noise, 3).abs().max(1e-3));
             // Far from the centre as well: the stand-in before the first sample is bounded.
             let minimum = offset - scale * 10f32.powi(small(noise, 5) - 1);
             Channel { quantity, unit, offset, scale, minimum, maximum: offset + scale }
@@ -89,32 +89,32 @@ fn golden(model: &Model<'_>, noise: &mut Noise) -> (Vec<u8>, Vec<u8>, u32) {
 fn front_end(noise: &mut Noise) -> FrontEnd {
     let plays = any_count(noise, MAX_PLAY);
     let creeps = any_count(noise, MAX_CREEP);
-    let mut thresholds: Vec<f32> = (0..plays).map(|_| wild(noise, 2).abs()).collect();
+    let mut thresholds: Vec<f32> = (0..plays).map(|_| of_any_size(noise, 2).abs()).collect();
     if noise.below(2) == 0 {
         thresholds.iter_mut().take(1).for_each(|threshold| *threshold = 0.0);
     }
     thresholds.sort_by(f32::total_cmp);
     let mut coefficients = |count: usize| -> Vec<f32> { (0..count).map(|_| coefficient(noise)).collect() };
     let (creep_coefficients, lag) = (coefficients(creeps), coefficients(1)[0]);
-    let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| wild(noise, 3)).collect() };
+    let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| of_any_size(noise, 3)).collect() };
     let (play_weights, creep_weights) = (weights(plays), weights(creeps));
     let curve = (noise.below(2) == 0).then(|| {
         let bends = any_count(noise, MAX_BENDS);
-        let mut points: Vec<f32> = (0..bends).map(|_| wild(noise, 3)).collect();
+        let mut points: Vec<f32> = (0..bends).map(|_| of_any_size(noise, 3)).collect();
         points.sort_by(f32::total_cmp);
         points.dedup();
-        let bends = points.iter().map(|_| wild(noise, 2)).collect();
-        Curve { offset: wild(noise, 2), slope: wild(noise, 2), bend_points: points.into_iter().collect(), bends }
+        let bends = points.iter().map(|_| of_any_size(noise, 2)).collect();
+        Curve { offset: of_any_size(noise, 2), slope: of_any_size(noise, 2), bend_points: points.into_iter().collect(), bends }
     });
     let features = 0..count(noise, u32::try_from(MAX_FEATURES).expect("a few"));
-    let features = features.map(|_| Feature { source: source(noise, &thresholds, creeps), offset: wild(noise, 2), gain: wild(noise, 3) });
+    let features = features.map(|_| Feature { source: source(noise, &thresholds, creeps), offset: of_any_size(noise, 2), gain: of_any_size(noise, 3) });
     let features: heapless::Vec<Feature, MAX_FEATURES> = features.collect();
     // Half of them of one input.
     let inputs = if noise.below(2) == 0 { 1 } else { 1 + count(noise, u32::try_from(MAX_INPUTS - 1).expect("a few")) };
     let mut of_inputs = |count: usize| (0..count).filter(|_| inputs > 1).map(|_| index(noise, inputs)).collect::<Vec<u8>>();
     let (play_inputs, feature_inputs) = (of_inputs(plays), of_inputs(features.len()));
     FrontEnd {
-        more_input_weights: (1..inputs).map(|_| wild(noise, 2)).collect(),
+        more_input_weights: (1..inputs).map(|_| of_any_size(noise, 2)).collect(),
         play_inputs: play_inputs.into_iter().collect(),
         feature_inputs: feature_inputs.into_iter().collect(),
         dead_time_samples: [0.0, 1.0, 32.0, 0.75, 31.5, 7.0 + 0.999_999_5, 4.1, 0.0][usize::try_from(noise.below(8)).expect("small")],
@@ -123,10 +123,10 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
         play_weights: play_weights.into_iter().collect(),
         creep_coefficients: creep_coefficients.into_iter().collect(),
         creep_weights: creep_weights.into_iter().collect(),
-        input_weight: wild(noise, 2),
-        bias: wild(noise, 2),
+        input_weight: of_any_size(noise, 2),
+        bias: of_any_size(noise, 2),
         curve,
-        stick_band: if noise.below(2) == 0 { 0.0 } else { wild(noise, 3).abs() },
+        stick_band: if noise.below(2) == 0 { 0.0 } else { of_any_size(noise, 3).abs() },
         features,
     }
 }
@@ -153,7 +153,7 @@ fn source(noise: &mut Noise, thresholds: &[f32], creeps: usize) -> FeatureSource
 }
 
 /// From zero, of either sign, to ten to the power of `decades`, and now and then the largest that a blob holds or the smallest that is.
-fn wild(noise: &mut Noise, decades: u32) -> f32 {
+fn of_any_size(noise: &mut Noise, decades: u32) -> f32 {
     match noise.below(24) {
         0 => 0.0,
         1 => -0.0,

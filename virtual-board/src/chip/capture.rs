@@ -1,4 +1,4 @@
-//! A timer's input capture of the divided crystal: TIM11 of the STM32F405 (RM0090 sections 7.2.11 and 19.5), TIM17 of the STM32H743 (RM0433
+//! A timer's input capture of the divided HSE: TIM11 of the STM32F405 (RM0090 sections 7.2.11 and 19.5), TIM17 of the STM32H743 (RM0433
 //! section 41.6), which differ in the register that selects the input.
 //!
 //! | register | behaviour | RM0090 |
@@ -47,8 +47,8 @@ pub trait Registers: Layout + Copy + PartialEq + std::fmt::Debug + Send + 'stati
     const CCR1: Self;
     /// Selects the input.
     const SELECTION: Self;
-    /// The bits that select the divided crystal, and their mask.
-    const CRYSTAL: (u64, u64);
+    /// The bits that select the divided HSE, and their mask.
+    const HSE: (u64, u64);
 }
 
 impl Registers for tim11::Register {
@@ -61,7 +61,7 @@ impl Registers for tim11::Register {
     const ARR: Self = Self::Arr;
     const CCR1: Self = Self::Ccr1;
     const SELECTION: Self = Self::Or;
-    const CRYSTAL: (u64, u64) = (0b10, 0b11);
+    const HSE: (u64, u64) = (0b10, 0b11);
 }
 
 impl Registers for tim17::Register {
@@ -74,7 +74,7 @@ impl Registers for tim17::Register {
     const ARR: Self = Self::Arr;
     const CCR1: Self = Self::Ccr1;
     const SELECTION: Self = Self::Tim17Tisel;
-    const CRYSTAL: (u64, u64) = (0b0010, 0b1111);
+    const HSE: (u64, u64) = (0b0010, 0b1111);
 }
 
 /// What clocks the timer and its input, Hz; zero for none.
@@ -82,7 +82,7 @@ impl Registers for tim17::Register {
 pub struct Rates {
     /// The timer's clock.
     pub timer_hz: u64,
-    /// The crystal over its divider.
+    /// The HSE over its divider.
     pub input_hz: u64,
 }
 
@@ -117,7 +117,7 @@ impl<R: Registers> Capture<R> {
         self.since.is_some()
             && registers.get(R::CCER) & CC1E != 0
             && registers.get(R::CCMR1) & 0b11 == INPUT_IS_TI1
-            && registers.get(R::SELECTION) & R::CRYSTAL.1 == R::CRYSTAL.0
+            && registers.get(R::SELECTION) & R::HSE.1 == R::HSE.0
             && self.rates.input_hz > 0
     }
 

@@ -2,7 +2,7 @@
 //!
 //! | peripheral | model | RM0090 |
 //! |---|---|---|
-//! | RCC | the crate's, with [`crystal`] beside it | chapter 7 |
+//! | RCC | the crate's, with [`oscillators`] beside it | chapter 7 |
 //! | PWR | the crate's, with the supply monitor's line beside it ([`lines`]) | section 5.4 |
 //! | EXTI line 16 | [`lines`] | chapter 12 |
 //! | FLASH | [`flash`] | sections 3.6, 3.9 |
@@ -18,7 +18,7 @@
 pub mod beside;
 pub mod bus;
 pub mod capture;
-pub mod crystal;
+pub mod oscillators;
 pub mod dac;
 pub mod flash;
 pub mod held;

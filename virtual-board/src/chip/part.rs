@@ -26,7 +26,7 @@ use crate::line::FarEnd;
 use super::beside::{Beside, With};
 use super::bus::{self, PORTS, TIMERS, TRANSFERS};
 use super::capture::{Capture, Rates};
-use super::crystal::Oscillators;
+use super::oscillators::Oscillators;
 use super::dac::Dac;
 use super::flash::{Flash, Speed};
 use super::held::{Held, pulse_on_pin};
@@ -167,7 +167,7 @@ impl Stm32f405 {
     /// Puts what is on the pins on a part fresh out of reset.
     fn fit(&mut self, at: VirtualNanos) {
         let pins = self.pins;
-        self.clocks.model.attach_crystals(pins.crystal_hz, 0);
+        self.clocks.model.attach_hses(pins.hse_hz, 0);
         self.clocks.model.calibrate_lsi(pins.watchdog_hz);
         self.converter.model.set_backup_battery(pins.supply_mv);
         self.set_supply(pins.supply_mv, at);
@@ -244,10 +244,10 @@ impl Stm32f405 {
         }
     }
 
-    /// The crystal stops or swings again. Gives whether the clock security system noticed, which is an NMI (7.2.7).
-    pub fn set_crystal(&mut self, swings: bool, at: VirtualNanos) -> bool {
-        self.pins.oscillators.crystal = swings;
-        self.clocks.beside.crystal = swings;
+    /// The HSE stops or swings again. Gives whether the clock security system noticed, which is an NMI (7.2.7).
+    pub fn set_hse(&mut self, swings: bool, at: VirtualNanos) -> bool {
+        self.pins.oscillators.hse = swings;
+        self.clocks.beside.hse = swings;
         if swings {
             return false;
         }
@@ -259,10 +259,10 @@ impl Stm32f405 {
         !before && flag(registers)
     }
 
-    /// Another crystal.
-    pub fn set_crystal_hz(&mut self, hz: u64) {
-        self.pins.crystal_hz = hz;
-        self.clocks.model.attach_crystals(hz, 0);
+    /// Another HSE.
+    pub fn set_hse_hz(&mut self, hz: u64) {
+        self.pins.hse_hz = hz;
+        self.clocks.model.attach_hses(hz, 0);
     }
 
     /// Whether the phase-locked loop locks from now on.
@@ -336,13 +336,13 @@ impl Mcu for Stm32f405 {
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let model = self.models.get(slot).copied().unwrap_or(Model::None);
         if model == Model::Capture {
-            // 7.2.11: the crystal over RTCPRE; a divider of 0 or 1 is none (7.3.3).
+            // 7.2.11: the HSE over RTCPRE; a divider of 0 or 1 is none (7.3.3).
             let registers = self.bus.slots()[self.slot(Model::Clocks)].registers();
             let divider = rcc_registers::cfgr::RTCPRE.get(registers.get(rcc_registers::Register::Cfgr));
-            let swings = self.pins.oscillators.crystal && rcc_registers::cr::HSEON.is_set(registers.get(rcc_registers::Register::Cr));
+            let swings = self.pins.oscillators.hse && rcc_registers::cr::HSEON.is_set(registers.get(rcc_registers::Register::Cr));
             self.capture.rates = Rates {
                 timer_hz: self.clocks.model.timer_clock(registers, Apb::Two),
-                input_hz: if swings && divider > 1 { self.pins.crystal_hz / divider } else { 0 },
+                input_hz: if swings && divider > 1 { self.pins.hse_hz / divider } else { 0 },
             };
         }
         if model == Model::Port(PULSE.port as usize) {
@@ -455,8 +455,8 @@ impl RigPart for Stm32f405 {
 
     fn break_something(&mut self, fault: Fault, at: VirtualNanos) -> Result<bool, String> {
         match fault {
-            Fault::Crystal(swings) => return Ok(self.set_crystal(swings, at)),
-            Fault::CrystalHz(hz) => self.set_crystal_hz(hz),
+            Fault::Hse(swings) => return Ok(self.set_hse(swings, at)),
+            Fault::HseHz(hz) => self.set_hse_hz(hz),
             Fault::Loop(locks) => self.set_loop(locks),
             Fault::WatchdogHz(hz) => self.set_watchdog_hz(hz),
             Fault::Supply(millivolts) => Self::set_supply(self, millivolts, at),

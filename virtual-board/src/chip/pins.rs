@@ -1,6 +1,6 @@
 //! What is on the part's pins, and what of it is broken.
 
-use super::crystal::Oscillators;
+use super::oscillators::Oscillators;
 use super::flash::Speed;
 use crate::boards::stm32f405::wiring::Wiring;
 
@@ -14,8 +14,8 @@ const OPTIONS_OF_THE_FACTORY: u64 = 0x0fff_aaed;
 pub struct Pins {
     /// Which pin is what.
     pub wiring: Wiring,
-    /// Frequency of the crystal, Hz.
-    pub crystal_hz: u64,
+    /// Frequency of the HSE, Hz.
+    pub hse_hz: u64,
     /// Frequency of the watchdog's oscillator, Hz: 17 to 47 kHz (DS8626 table 42).
     pub watchdog_hz: u64,
     /// The oscillators' health.
@@ -45,7 +45,7 @@ impl Pins {
     pub fn of(wiring: Wiring) -> Self {
         Self {
             wiring,
-            crystal_hz: u64::from(wiring.crystal_hz),
+            hse_hz: u64::from(wiring.hse_hz),
             watchdog_hz: 32_000,
             oscillators: Oscillators::default(),
             supply_mv: SUPPLY_MV,

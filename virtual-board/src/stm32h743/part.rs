@@ -196,7 +196,7 @@ impl Stm32h743 {
 
     /// Puts what is on the pins on a part fresh out of reset.
     fn fit(&mut self, at: VirtualNanos) {
-        self.clocks.attach_crystals(u64::from(self.pins.wiring.crystal_hz), 0);
+        self.clocks.attach_hses(u64::from(self.pins.wiring.hse_hz), 0);
         let slot = self.slot(Model::Supply);
         let registers = self.bus.slot_mut(slot).registers_mut();
         self.supply.set_supply(SUPPLY_MV, registers);
@@ -294,10 +294,10 @@ impl Mcu for Stm32h743 {
                 let registers = self.bus.slots()[self.slot(Model::Clocks)].registers();
                 let divider = rcc_registers::cfgr::RTCPRE.get(registers.get(rcc_registers::Register::Cfgr));
                 let swings = rcc_registers::cr::HSEON.is_set(registers.get(rcc_registers::Register::Cr));
-                let crystal_hz = u64::from(self.pins.wiring.crystal_hz);
+                let hse_hz = u64::from(self.pins.wiring.hse_hz);
                 self.capture.rates = Rates {
                     timer_hz: self.clocks.timer_clock(registers, TimerBus::Apb2),
-                    input_hz: if swings && divider > 1 { crystal_hz / divider } else { 0 },
+                    input_hz: if swings && divider > 1 { hse_hz / divider } else { 0 },
                 };
             }
             Model::Converter => {

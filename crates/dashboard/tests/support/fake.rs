@@ -106,8 +106,8 @@ impl Fake {
         }
         let target_bar = if self.phase == Phase::Running { self.set_point } else { 0.0 };
         self.pressure_bar += (target_bar - self.pressure_bar) / 30.0;
-        let pull_mm = 4.0 * self.pressure_bar;
-        self.displacement_mm = self.displacement_mm.clamp(pull_mm - self.slack_mm, pull_mm + self.slack_mm);
+        let response_mm = 4.0 * self.pressure_bar;
+        self.displacement_mm = self.displacement_mm.clamp(response_mm - self.slack_mm, response_mm + self.slack_mm);
         self.told_ms += 1;
         self.sequence += 1;
         Sample {

@@ -275,7 +275,7 @@ pub trait Form: Sync {
         }
     }
     /// Changes the operators, if it leads them.
-    fn operator_law(&self, _parameters: &[f64], _habit: &mut OperatorLaw) {}
+    fn operator_law(&self, _parameters: &[f64], _law: &mut OperatorLaw) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a stick position or a zero is read from the output).
     fn output(&self, _parameters: &[f64], _run: &Run, _sum: &[f64], _columns: &mut Columns) {}
     /// What weights and parameters mean together, in the lab's units, beside the parameters themselves.

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seat_that_gives_way_is_no_outlier_and_a_reading_that_comes_back_is_one() {
+    fn a_stick_position_that_gives_way_is_no_outlier_and_a_reading_that_comes_back_is_one() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
         let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (0.5 * time).cos()).collect();

@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn another_break_away_distance_leaves_a_tip_its_travel_and_a_valve_its_landing() {
+    fn another_break_away_distance_leaves_a_tip_its_travel_and_a_valve_its_overshoot() {
         let tip = SlipLaw { overshoot: 0.5, ..LAW };
         let other = tip.with_break_away(0.06);
         assert!(((1.0 + other.overshoot) * other.break_away - 0.075).abs() < 1e-12, "{other:?}");
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pull_that_is_farther_on_every_way_moves_the_tip_as_before() {
+    fn a_response_that_is_farther_on_every_way_moves_the_tip_as_before() {
         // A straight way, along which the quasi-static response is farther by a constant.
         let near: Vec<f64> = (0..300).map(|sample| 0.002 * f64::from(sample)).collect();
         let far: Vec<f64> = near.iter().map(|quasi_static| quasi_static + 0.02).collect();

@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pull_that_comes_off_by_more_than_it_ever_wanders_is_found_again() {
+    fn a_response_that_comes_off_by_more_than_its_model_error_is_found_again() {
         let (command, mut measured) = strokes();
         // A zero that moves by twenty deviations of the noise, and six samples that are none.
         measured[400..].iter_mut().for_each(|value| *value += 20.0 * NOISE);

@@ -103,11 +103,11 @@ fn folds(session: &Session) -> Vec<Session> {
     let mut dealt: Vec<(f64, usize)> =
         sources.iter().filter(|source| Some(**source) != first).map(|&source| (travel(source), source)).collect();
     dealt.sort_by(|x, y| y.0.total_cmp(&x.0));
-    let hands = if few { dealt.len() } else { FOLDS };
+    let folds = if few { dealt.len() } else { FOLDS };
     let leaving = |hand: usize| {
         let mut fold = session.clone();
         for run in &mut fold.runs {
-            let is_left_out = dealt.iter().position(|(_, source)| *source == run.source.0).is_some_and(|place| place % hands == hand);
+            let is_left_out = dealt.iter().position(|(_, source)| *source == run.source.0).is_some_and(|place| place % folds == hand);
             let role = if is_left_out { Role::Select } else { Role::Fit };
             run.role.iter_mut().filter(|role| role.is_worked_with()).for_each(|of| *of = role);
             run.screens = true;
@@ -115,7 +115,7 @@ fn folds(session: &Session) -> Vec<Session> {
         fold.screen_some();
         fold
     };
-    (0..hands).map(leaving).collect()
+    (0..folds).map(leaving).collect()
 }
 
 /// Which recording a sample belongs to, and which of so many stretches of it.

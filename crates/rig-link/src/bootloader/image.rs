@@ -48,7 +48,7 @@ pub enum ImageError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProgramImage {
     bytes: Vec<u8>,
-    seal: u32,
+    crc: u32,
 }
 
 impl ProgramImage {
@@ -74,7 +74,7 @@ impl ProgramImage {
             }
             bytes[at..end].copy_from_slice(contents);
         }
-        let seal = sealed(header, file)?;
+        let crc = sealed(header, file)?;
         match bytes[..] {
             [a, b, c, d, e, f, g, h, ..] => {
                 let (stack, start) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
@@ -87,7 +87,7 @@ impl ProgramImage {
         }
         // The bootloader writes words.
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
-        Ok(Self { bytes, seal })
+        Ok(Self { bytes, crc })
     }
 
     /// That it is for the board of this name, which every image carries.
@@ -107,8 +107,8 @@ impl ProgramImage {
 
     /// Its checksum.
     #[must_use]
-    pub fn seal(&self) -> u32 {
-        self.seal
+    pub fn crc(&self) -> u32 {
+        self.crc
     }
 
     /// Product identifier of its chip.
@@ -138,8 +138,8 @@ fn sealed(header: &FileHeader32<LittleEndian>, file: &[u8]) -> Result<u32, Image
         let (_, section) = sections.section_by_name(LittleEndian, name.as_bytes())?;
         section.data(LittleEndian, file).ok()
     };
-    let seal = contents(".seal").and_then(<[u8]>::first_chunk::<8>).ok_or(ImageError::NotAnImage)?;
-    let [s, e, a, l, x, y, z, w] = *seal;
+    let crc = contents(".seal").and_then(<[u8]>::first_chunk::<8>).ok_or(ImageError::NotAnImage)?;
+    let [s, e, a, l, x, y, z, w] = *crc;
     if [s, e, a, l] != *b"SEAL" {
         return Err(ImageError::NotSealed);
     }

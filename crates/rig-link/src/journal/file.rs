@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use firmware::device::DeviceInputs;
 use firmware::device::exchange::DeviceOutputs;
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use firmware::settings;
 use firmware::storage::{Flash, Slot, Store};
 use model_export::blob::{self, crc32};

@@ -145,11 +145,11 @@ impl TracedRig {
         let has = |flag| flags.contains(flag);
         self.beat = self.beat.wrapping_add(u32::from(has(TraceFlags::BEAT)));
         if has(TraceFlags::MODEL) != self.place.is_present() {
-            self.exchange_model()?;
+            self.change_model()?;
         }
         let TraceExtra { lost_ticks, command } = record.extra.unwrap_or_default();
         let inputs = TickInputs {
-            sample: firmware::seam::RawSample { laser_code: record.laser_code, pressure_code: record.pressure_code },
+            sample: firmware::drivers::RawSample { laser_code: record.laser_code, pressure_code: record.pressure_code },
             emergency_stop: has(TraceFlags::EMERGENCY_STOP),
             overran: has(TraceFlags::OVERRAN),
             lost_ticks,
@@ -169,13 +169,13 @@ impl TracedRig {
     }
 
     /// A model came or went, as the background wanted it.
-    fn exchange_model(&mut self) -> Result<(), LinkError> {
+    fn change_model(&mut self) -> Result<(), LinkError> {
         if self.place.is_present() {
             self.place.forget();
             return Ok(());
         }
         let blob = self.link.model_blob().ok_or_else(|| LinkError::Rig("the trace has a model and the journal has none".to_owned()))?;
-        let admitted = self.place.admit(blob);
+        let admitted = self.place.load(blob);
         admitted.map(|_| ()).map_err(|fault| LinkError::Rig(format!("the journal's model does not pass the self-test: {fault:?}")))
     }
 

@@ -10,8 +10,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use firmware::board::{stm32f405, stm32h743};
 use firmware::device::DeviceInputs;
-use firmware::device::exchange::{DeviceOutputs, Sabotage};
-use firmware::seam::RawSample;
+use firmware::device::exchange::{DeviceOutputs, InjectedFault};
+use firmware::drivers::RawSample;
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
 
@@ -276,11 +276,11 @@ impl Processor for BoardModel {
         Ok(None)
     }
 
-    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], sabotage: Sabotage, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
-        match sabotage {
-            Sabotage::None => {}
-            Sabotage::Hang => self.break_something("hang")?,
-            Sabotage::StackOverflow | Sabotage::Panic => {
+    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], injected: InjectedFault, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
+        match injected {
+            InjectedFault::None => {}
+            InjectedFault::Hang => self.break_something("hang")?,
+            InjectedFault::StackOverflow | InjectedFault::Panic => {
                 return Err(LinkError::Rig("the flashable image has no panic or stack overflow to ask for".to_owned()));
             }
         }

@@ -10,7 +10,7 @@
 use std::collections::VecDeque;
 
 use firmware::device::exchange::DeviceOutputs;
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use serde::Deserialize;
 
 use super::breakage::Breakage;

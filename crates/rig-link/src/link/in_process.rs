@@ -3,12 +3,12 @@
 use firmware::background::ModelPlace;
 use firmware::calibration::ConverterConfig;
 use firmware::control::Compensator;
-use firmware::device::exchange::{DeviceOutputs, Sabotage};
+use firmware::device::exchange::{DeviceOutputs, InjectedFault};
 use firmware::device::{Device, DeviceConfig, DeviceInputs};
 use firmware::estimator::Portable;
 use firmware::history::RamHistory;
 use firmware::model::{ModelFacts, RunningModel};
-use firmware::retain::Retained;
+use firmware::retain::CrashRecord;
 use firmware::tick::{Direction, ModelStep, RigFacts, TickOutputs};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
@@ -75,11 +75,11 @@ impl ModelStep for Heap {
 }
 
 impl ModelPlace for Heap {
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+    fn load(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         let mut admitted = Err(Fault::ModelCorrupt);
         self.loaded = Loaded::new(blob.to_vec(), |bytes| {
             let mut running = RunningModel::default();
-            admitted = running.admit(bytes, Portable);
+            admitted = running.load(bytes, Portable);
             running
         });
         admitted
@@ -97,7 +97,7 @@ pub type HostDevice = Device<SlotPair, SlotPair, Heap>;
 pub struct InProcess {
     device: Option<HostDevice>,
     flash: FlashMemory,
-    retained: Option<Retained>,
+    crash_record: Option<CrashRecord>,
     history: Box<RamHistory>,
     crash: Option<Fault>,
 }
@@ -106,7 +106,7 @@ impl InProcess {
     /// A processor with this flash; it starts with its first boot.
     #[must_use]
     pub fn new(flash: FlashMemory) -> Self {
-        Self { device: None, flash, retained: None, history: Box::default(), crash: None }
+        Self { device: None, flash, crash_record: None, history: Box::default(), crash: None }
     }
 
     /// The device, once it has started.
@@ -134,7 +134,7 @@ impl InProcess {
             firmware: FIRMWARE,
             board: heapless::String::try_from(board).unwrap_or_default(),
             reset_cause,
-            retained: self.retained,
+            crash_record: self.crash_record,
             facts: FACTS,
             line_bytes_per_tick,
         };
@@ -149,7 +149,7 @@ impl InProcess {
         from_host.iter().for_each(|byte| device.receive(*byte));
         let outputs = device.tick_remembering(inputs, self.history.as_mut());
         if outputs.record_changed {
-            self.retained = Some(Retained { record: *device.record(), crash: None });
+            self.crash_record = Some(CrashRecord { record: *device.record(), crash: None });
         }
         to_host.extend_from_slice(&device.transmit());
         Some(outputs)
@@ -157,8 +157,8 @@ impl InProcess {
 
     /// What the crash handler does: writes down what struck, and restarts.
     pub(crate) fn crash(&mut self, fault: Fault) {
-        let record = self.retained.map(|retained| retained.record).unwrap_or_default();
-        self.retained = Some(Retained { record, crash: Some(fault) });
+        let record = self.crash_record.map(|crash_record| crash_record.record).unwrap_or_default();
+        self.crash_record = Some(CrashRecord { record, crash: Some(fault) });
         self.crash = Some(fault);
     }
 }
@@ -169,15 +169,15 @@ impl Processor for InProcess {
         Ok(self.crash.take())
     }
 
-    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], sabotage: Sabotage, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
-        match sabotage {
-            Sabotage::None => {}
-            Sabotage::Hang => return Ok(Turn::Hung),
-            Sabotage::StackOverflow => {
+    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], injected: InjectedFault, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
+        match injected {
+            InjectedFault::None => {}
+            InjectedFault::Hang => return Ok(Turn::Hung),
+            InjectedFault::StackOverflow => {
                 self.crash(Fault::HardFault);
                 return Ok(Turn::Restarted);
             }
-            Sabotage::Panic => {
+            InjectedFault::Panic => {
                 self.crash(Fault::Panicked);
                 return Ok(Turn::Restarted);
             }

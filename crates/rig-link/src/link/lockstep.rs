@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use firmware::device::DeviceInputs;
-use firmware::device::exchange::{DeviceOutputs, Sabotage};
+use firmware::device::exchange::{DeviceOutputs, InjectedFault};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
 
@@ -51,7 +51,7 @@ pub trait Processor {
     ///
     /// # Errors
     /// When the processor is not there any more.
-    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], sabotage: Sabotage, to_host: &mut Vec<u8>) -> Result<Turn, LinkError>;
+    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], injected: InjectedFault, to_host: &mut Vec<u8>) -> Result<Turn, LinkError>;
 
     /// What its reset flags say after it restarted by itself.
     fn cause_of_restart(&self) -> ResetCause;
@@ -111,7 +111,7 @@ pub struct Lockstep<P, O = ()> {
     ticks: u64,
     watchdog_ms: u32,
     hung: bool,
-    sabotage: Sabotage,
+    injected: InjectedFault,
     resets: u32,
     outputs: DeviceOutputs,
 }
@@ -133,7 +133,7 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
             ticks: 0,
             watchdog_ms: 0,
             hung: false,
-            sabotage: Sabotage::None,
+            injected: InjectedFault::None,
             resets: 0,
             outputs: DeviceOutputs::default(),
         };
@@ -162,8 +162,8 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
     }
 
     /// Makes the processor do something else in its next tick.
-    pub fn sabotage(&mut self, sabotage: Sabotage) {
-        self.sabotage = sabotage;
+    pub fn injected(&mut self, injected: InjectedFault) {
+        self.injected = injected;
     }
 
     /// Ticks so far, those without a processor included.
@@ -241,7 +241,7 @@ impl<P: Processor, O: Observer> Lockstep<P, O> {
             from_host.clear();
         }
         let received = self.to_host.len();
-        let turn = self.processor.tick(inputs, &from_host, std::mem::take(&mut self.sabotage), &mut self.to_host)?;
+        let turn = self.processor.tick(inputs, &from_host, std::mem::take(&mut self.injected), &mut self.to_host)?;
         if let Turn::Done(outputs) = turn {
             let record = TickRecord::Tick { inputs, from_host: &from_host, outputs, to_host: &self.to_host[received..] };
             self.observer.see(&record, &self.hardware);

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use firmware::device::DeviceInputs;
-use firmware::device::exchange::{FRAME_BYTES, Frame, FromDevice, FromHost, Sabotage};
+use firmware::device::exchange::{FRAME_BYTES, Frame, FromDevice, FromHost, InjectedFault};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;
 
@@ -230,10 +230,10 @@ impl Processor for Qemu {
         Ok(crash)
     }
 
-    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], sabotage: Sabotage, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
+    fn tick(&mut self, inputs: DeviceInputs, from_host: &[u8], injected: InjectedFault, to_host: &mut Vec<u8>) -> Result<Turn, LinkError> {
         let link_bytes = u16::try_from(from_host.len()).map_err(|_| LinkError::Rig("more than 64 KiB for one tick".to_owned()))?;
         let before = to_host.len();
-        match self.exchange(&FromHost::Inputs { inputs, link_bytes, sabotage }, from_host, to_host) {
+        match self.exchange(&FromHost::Inputs { inputs, link_bytes, injected }, from_host, to_host) {
             Ok(turn) => Ok(turn),
             Err(error) if timed_out(&error) => {
                 to_host.truncate(before);

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use firmware::device::exchange::Sabotage;
+use firmware::device::exchange::InjectedFault;
 use model_export::link::fault::Fault;
 use model_export::link::frame;
 use model_export::link::hello::Hello;
@@ -85,19 +85,19 @@ fn a_lost_host_vents_the_rig() {
 
 #[test]
 fn a_processor_that_crashes_or_hangs_is_reset_with_the_pins_released_and_says_why() {
-    for (sabotage, within_ms, cause, fault) in [
-        (Sabotage::Hang, 40, ResetCause::Watchdog, Fault::WatchdogReset),
-        (Sabotage::StackOverflow, 1, ResetCause::Software, Fault::HardFault),
-        (Sabotage::Panic, 1, ResetCause::Software, Fault::Panicked),
+    for (injected, within_ms, cause, fault) in [
+        (InjectedFault::Hang, 40, ResetCause::Watchdog, Fault::WatchdogReset),
+        (InjectedFault::StackOverflow, 1, ResetCause::Software, Fault::HardFault),
+        (InjectedFault::Panic, 1, ResetCause::Software, Fault::Panicked),
     ] {
         let mut rig = running();
-        rig.transport().sabotage(sabotage);
+        rig.transport().injected(injected);
         rig.transport().advance_for(within_ms).unwrap();
-        assert!(!rig.transport().hardware().is_energised(), "{sabotage:?}");
+        assert!(!rig.transport().hardware().is_energised(), "{injected:?}");
         assert_eq!(rig.transport().resets(), 1);
         rig.transport().advance_for(300).unwrap();
         let status = status(&mut rig);
-        assert_eq!((status.state, status.first_fault, status.reset_cause), (State::Fault, fault.number(), cause), "{sabotage:?}");
+        assert_eq!((status.state, status.first_fault, status.reset_cause), (State::Fault, fault.number(), cause), "{injected:?}");
     }
 }
 
@@ -106,11 +106,11 @@ fn the_last_seconds_before_a_fault_or_a_crash_are_fetched_afterwards_and_written
     use crate::history;
 
     let folder = tempfile::tempdir().unwrap();
-    for sabotage in [Sabotage::None, Sabotage::Hang, Sabotage::StackOverflow, Sabotage::Panic] {
+    for injected in [InjectedFault::None, InjectedFault::Hang, InjectedFault::StackOverflow, InjectedFault::Panic] {
         let mut rig = running();
         assert_eq!(history::fetch(&mut rig).unwrap(), None, "it records");
-        if sabotage != Sabotage::None {
-            rig.transport().sabotage(sabotage);
+        if injected != InjectedFault::None {
+            rig.transport().injected(injected);
         }
         // By itself the rig notices that its host is silent.
         rig.transport().advance_for(600).unwrap();
@@ -121,8 +121,8 @@ fn the_last_seconds_before_a_fault_or_a_crash_are_fetched_afterwards_and_written
         assert!((1000..2000).contains(&rows.len()), "{} rows", rows.len());
         assert!(rows.iter().enumerate().all(|(index, row)| usize::from(row.0) == index), "a row is torn");
         let last = rows[rows.len() - 1].1;
-        assert_eq!(last.energised, sabotage != Sabotage::None, "{sabotage:?}");
-        assert_eq!(last.state, if sabotage == Sabotage::None { State::Fault } else { State::Running }, "{sabotage:?}");
+        assert_eq!(last.energised, injected != InjectedFault::None, "{injected:?}");
+        assert_eq!(last.state, if injected == InjectedFault::None { State::Fault } else { State::Running }, "{injected:?}");
 
         let mut settings = history::settings_in_use(&mut rig).unwrap();
         settings.control_law = 1;
@@ -138,7 +138,7 @@ fn the_last_seconds_before_a_fault_or_a_crash_are_fetched_afterwards_and_written
         assert!(text.starts_with("time_s,pressure_bar,displacement_mm,pressure_measured_bar,"), "{}", &text[..80]);
         let events = history::events(&written);
         assert!(events.iter().any(|event| event.contains("`running` after `armed`")), "{events:?}");
-        assert_eq!(history::ends_in_a_fault(&written), sabotage == Sabotage::None);
+        assert_eq!(history::ends_in_a_fault(&written), injected == InjectedFault::None);
 
         // A new run is a new recording.
         rig.command(&Request::Acknowledge).unwrap();

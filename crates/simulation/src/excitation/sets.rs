@@ -159,7 +159,7 @@ const RICH_KINDS: [&str; 8] =
     ["points", "falling-sine", "rising-sine", "falling-triangle", "minor-loops", "steps", "reversals", "long-hold"];
 
 /// Moves between random points of the range: the general case, and the random history before others.
-fn wander(top: f64, hold_share: f64, longest_hold_s: f64, start_bar: Option<f64>, end_bar: Option<f64>) -> Signal {
+fn random_points(top: f64, hold_share: f64, longest_hold_s: f64, start_bar: Option<f64>, end_bar: Option<f64>) -> Signal {
     Signal::RandomPoints {
         minimum_bar: 0.0,
         maximum_bar: top,
@@ -182,12 +182,12 @@ fn rich_segments(kind: &str, round: usize, top: f64, random: &mut ChaCha8Rng) ->
     // Every other recording starts from rest (the virgin curve), the others from a history that ends where the signal starts.
     let after_history = |signal: Signal| match round % 2 {
         0 => vec![segment(PAPER_DURATION_S, signal)],
-        _ => vec![segment(8.0, wander(top, 0.2, 1.0, None, Some(0.0))), segment(PAPER_DURATION_S - 4.0, signal)],
+        _ => vec![segment(8.0, random_points(top, 0.2, 1.0, None, Some(0.0))), segment(PAPER_DURATION_S - 4.0, signal)],
     };
     match kind {
         "points" => {
             let start_bar = round.is_multiple_of(2).then_some(0.0);
-            vec![segment(PAPER_DURATION_S, wander(top, 0.25, 3.0, start_bar, None))]
+            vec![segment(PAPER_DURATION_S, random_points(top, 0.25, 3.0, start_bar, None))]
         }
         "falling-sine" => after_history(Signal::DescendingSine { amplitude_bar, frequency_hz, decay_per_s, offset_bar: 0.0 }),
         "rising-sine" => after_history(Signal::AscendingSine {
@@ -203,7 +203,7 @@ fn rich_segments(kind: &str, round: usize, top: f64, random: &mut ChaCha8Rng) ->
             let offset_bar = uniform(0.1, 0.7) * top;
             let amplitude_bar = rounded(0.5 * (top - offset_bar).min(top) * uniform(0.15, 0.9));
             let loops = Signal::DescendingSine { amplitude_bar, frequency_hz, decay_per_s: decay_per_s * 0.6, offset_bar };
-            vec![segment(6.0, wander(top, 0.2, 1.0, None, Some(offset_bar))), segment(PAPER_DURATION_S - 4.0, loops)]
+            vec![segment(6.0, random_points(top, 0.2, 1.0, None, Some(offset_bar))), segment(PAPER_DURATION_S - 4.0, loops)]
         }
         "steps" => {
             let rise_s = uniform(0.25, 0.8);
@@ -237,9 +237,9 @@ fn rich_segments(kind: &str, round: usize, top: f64, random: &mut ChaCha8Rng) ->
         _ => {
             let level_bar = uniform(0.0, 1.0) * top;
             vec![
-                segment(8.0, wander(top, 0.1, 1.0, None, Some(level_bar))),
+                segment(8.0, random_points(top, 0.1, 1.0, None, Some(level_bar))),
                 segment(uniform(10.0, 25.0), Signal::Hold { pressure_bar: level_bar }),
-                segment(5.0, wander(top, 0.2, 1.0, Some(level_bar), None)),
+                segment(5.0, random_points(top, 0.2, 1.0, Some(level_bar), None)),
             ]
         }
     }
@@ -258,7 +258,7 @@ pub fn lab(config: &SetConfig) -> Vec<Named> {
         ("multisine", 60.0, Signal::Multisine { minimum_bar: 0.0, maximum_bar: top, frequencies_hz: vec![0.05, 0.15, 0.35, 0.55, 0.75] }),
         ("reversals", 60.0, Signal::FirstOrderReversalCurves { minimum_bar: 0.0, maximum_bar: top, reversals: 8 }),
         ("steps", 60.0, Signal::RandomSteps { minimum_bar: 0.0, maximum_bar: top, rise_s: 0.3, shortest_hold_s: 1.0, longest_hold_s: 5.0 }),
-        ("points", 60.0, wander(top, 0.25, 5.0, Some(0.0), None)),
+        ("points", 60.0, random_points(top, 0.25, 5.0, Some(0.0), None)),
         ("hold", 80.0, Signal::Points { times_s: vec![0.0, 2.0, 70.0, 72.0], pressures_bar: vec![0.0, 0.6 * top, 0.6 * top, 0.0] }),
     ];
     kinds.into_iter().map(|(name, duration_s, signal)| config.one(name.to_owned(), seed(), 0.0, duration_s, signal)).collect()

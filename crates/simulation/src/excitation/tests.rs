@@ -190,7 +190,7 @@ fn signals_go_where_they_should() {
     let chirp = samples(Signal::Chirp { minimum_bar: 0.0, maximum_bar: 2.0, frequency_start_hz: 0.1, frequency_end_hz: 0.9 });
     let peaks = (1..999).filter(|&k| chirp[k] > chirp[k - 1] && chirp[k] >= chirp[k + 1]).count();
     assert_eq!(peaks, 10, "the mean frequency is 0.5 Hz over 20 s");
-    let wander = samples(Signal::RandomPoints {
+    let random_points = samples(Signal::RandomPoints {
         minimum_bar: 0.3,
         maximum_bar: 1.7,
         slowest_bar_per_s: 0.2,
@@ -200,8 +200,8 @@ fn signals_go_where_they_should() {
         start_bar: Some(0.3),
         end_bar: Some(1.0),
     });
-    assert!(wander.iter().all(|p| (0.3 - 1e-12..=1.7 + 1e-12).contains(p)));
-    assert!(wander[0] == 0.3 && (wander[999] - 1.0).abs() < 0.01);
+    assert!(random_points.iter().all(|p| (0.3 - 1e-12..=1.7 + 1e-12).contains(p)));
+    assert!(random_points[0] == 0.3 && (random_points[999] - 1.0).abs() < 0.01);
 }
 
 #[test]

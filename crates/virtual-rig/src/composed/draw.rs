@@ -69,7 +69,7 @@ impl Draw<'_> {
 
 /// How the muscle deviates from a bank of plain play operators.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Habit {
+pub(super) struct ThresholdLaw {
     /// Loading and unloading envelopes: powers of the input over its span, one for plain.
     pub(super) powers: Option<[f64; 2]>,
     /// Thresholds grow towards one end of the range by this share.

@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 use rand::RngExt;
 
-use super::draw::{Draw, Habit, Moment, STEP_S, Set, Stage};
+use super::draw::{Draw, ThresholdLaw, Moment, STEP_S, Set, Stage};
 use crate::command::Excitation;
 
 /// What a law comes to.
@@ -14,7 +14,7 @@ pub enum Drawn {
     /// A stage before the muscle: bar to bar.
     Before(Stage),
     /// The muscle's own deviation.
-    Muscle(Habit),
+    Muscle(ThresholdLaw),
     /// A stage behind the muscle: mm to mm.
     Behind(Stage),
     /// Relative error of the displacement's clock.
@@ -129,8 +129,8 @@ fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
                 Drawn::Before(map(move |value| value * (1.0 + bend * (1.0 - value / span))))
             }
         }
-        "asymmetric-hysteresis" => Drawn::Muscle(Habit { powers: Some([draw.even(1.15, 1.5), draw.even(0.75, 0.95)]), ..Habit::default() }),
-        "rate-dependent-hysteresis" => Drawn::Muscle(Habit { logarithmic_rate: draw.even(0.25, 0.8), ..Habit::default() }),
+        "asymmetric-hysteresis" => Drawn::Muscle(ThresholdLaw { powers: Some([draw.even(1.15, 1.5), draw.even(0.75, 0.95)]), ..ThresholdLaw::default() }),
+        "rate-dependent-hysteresis" => Drawn::Muscle(ThresholdLaw { logarithmic_rate: draw.even(0.25, 0.8), ..ThresholdLaw::default() }),
         "creep" => {
             let (size, first_s, ratio) = (draw.even(0.03, 0.09), draw.log(0.4, 1.5), draw.even(3.0, 6.0));
             let mut strains = [0.0; 3];
@@ -298,8 +298,8 @@ fn reporting(name: &str, draw: &mut Draw<'_>) -> Drawn {
                 Drawn::Before(map(move |value| span * (value.max(0.0) / span).powf(power)))
             }
         }
-        "asymmetric-hysteresis" => Drawn::Muscle(Habit { taper: draw.even(0.8, 2.5), ..Habit::default() }),
-        "rate-dependent-hysteresis" => Drawn::Muscle(Habit { sliding_s: draw.log(0.03, 0.2), ..Habit::default() }),
+        "asymmetric-hysteresis" => Drawn::Muscle(ThresholdLaw { taper: draw.even(0.8, 2.5), ..ThresholdLaw::default() }),
+        "rate-dependent-hysteresis" => Drawn::Muscle(ThresholdLaw { sliding_s: draw.log(0.03, 0.2), ..ThresholdLaw::default() }),
         "creep" => {
             // Logarithmic creep: eight elements at equal ratios over three decades.
             let size = draw.even(0.012, 0.035);
@@ -429,14 +429,14 @@ fn alien(name: &str, draw: &mut Draw<'_>) -> Drawn {
         _ => {
             // A regulator that answers a command with an error of its own each time it moves.
             let size = draw.even(0.03, 0.08) * draw.span_bar;
-            let (mut state, mut wander, mut seed) = (0.0_f64, 0.0_f64, 12345_u64);
+            let (mut state, mut drift, mut seed) = (0.0_f64, 0.0_f64, 12345_u64);
             Drawn::Before(stage(move |value, _| {
                 seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 let kick = ((seed >> 33) as f64 / 2f64.powi(30)) - 1.0;
                 let moved = (value - state).abs();
                 state = value;
-                wander += kick * (moved * size).sqrt() * 1.5 - 0.002 * wander;
-                value + wander.clamp(-3.0 * size, 3.0 * size)
+                drift += kick * (moved * size).sqrt() * 1.5 - 0.002 * drift;
+                value + drift.clamp(-3.0 * size, 3.0 * size)
             }))
         }
     }

@@ -50,7 +50,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     for name in names {
         match laws::draw(name, set, &mut draw) {
             laws::Drawn::Before(stage) => before.push(stage),
-            laws::Drawn::Muscle(habit) => muscle.habit = habit,
+            laws::Drawn::Muscle(law) => muscle.law = law,
             laws::Drawn::Behind(stage) => {
                 behind.push(stage);
                 sensor_side.push(name.clone());

@@ -3,14 +3,14 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::draw::{Habit, STEP_S};
+use super::draw::{ThresholdLaw, STEP_S};
 
 /// The bank of play operators.
 pub(super) struct Muscle {
     pub(super) thresholds_bar: Vec<f64>,
     pub(super) weights_mm_per_bar: Vec<f64>,
     pub(super) states: Vec<f64>,
-    pub(super) habit: Habit,
+    pub(super) law: ThresholdLaw,
     pub(super) carries: bool,
     pub(super) last: f64,
     pub(super) rate: f64,
@@ -43,7 +43,7 @@ impl Muscle {
         weights[0] = gain * elastic;
         let states = vec![0.0; weights.len()];
         let carries = generator.random_bool(0.4);
-        Self { thresholds_bar, weights_mm_per_bar: weights, states, habit: Habit::default(), carries, last: 0.0, rate: 0.0, span_bar }
+        Self { thresholds_bar, weights_mm_per_bar: weights, states, law: ThresholdLaw::default(), carries, last: 0.0, rate: 0.0, span_bar }
     }
 
     pub(super) fn begin(&mut self) {
@@ -54,17 +54,17 @@ impl Muscle {
     }
 
     pub(super) fn step(&mut self, input: f64) -> f64 {
-        let habit = self.habit;
+        let law = self.law;
         self.rate += 0.05 * ((input - self.last).abs() / STEP_S - self.rate);
         self.last = input;
         let share = (input / self.span_bar).clamp(0.0, 1.2);
-        let [up, down] = habit.powers.map_or([input; 2], |powers| powers.map(|power| self.span_bar * share.powf(power)));
-        let wider = 1.0 + habit.taper * share + habit.logarithmic_rate * self.rate.ln_1p();
+        let [up, down] = law.powers.map_or([input; 2], |powers| powers.map(|power| self.span_bar * share.powf(power)));
+        let wider = 1.0 + law.taper * share + law.logarithmic_rate * self.rate.ln_1p();
         let mut sum = 0.0;
         for ((threshold, weight), state) in self.thresholds_bar.iter().zip(&self.weights_mm_per_bar).zip(&mut self.states) {
             let gap = threshold * wider;
             let aim = (up - gap).max((down + gap).min(*state));
-            *state += (aim - *state) * if habit.sliding_s > 0.0 && *threshold > 0.0 { STEP_S / (STEP_S + habit.sliding_s) } else { 1.0 };
+            *state += (aim - *state) * if law.sliding_s > 0.0 && *threshold > 0.0 { STEP_S / (STEP_S + law.sliding_s) } else { 1.0 };
             sum += weight * *state;
         }
         sum

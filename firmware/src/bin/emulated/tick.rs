@@ -6,7 +6,7 @@ use firmware::control::{Compensator, SetPoint};
 use firmware::estimator::Kernel;
 use firmware::model::RunningModel;
 use firmware::parity::Noise;
-use firmware::seam::RawSample;
+use firmware::drivers::RawSample;
 use firmware::self_test::Report;
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Direction, ModelStep, Rig, RigFacts, Tick, TickConfig, TickInputs};
@@ -72,7 +72,7 @@ pub fn count_ticks(counter: &Counter, blob: &[u8], memory: &mut [u32], seed: u32
         };
         let Ok(tick) = (TickConfig { settings: &settings, facts: FACTS }).build() else { break };
         let mut model = RunningModel::default();
-        let Ok(facts) = model.admit(blob, &mut *memory) else {
+        let Ok(facts) = model.load(blob, &mut *memory) else {
             hprintln!("error: the model is refused");
             return;
         };

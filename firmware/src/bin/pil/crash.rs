@@ -8,7 +8,7 @@ use core::panic::PanicInfo;
 use core::ptr;
 
 use cortex_m::peripheral::SCB;
-use firmware::retain::{Retained, SEALED_BYTES};
+use firmware::retain::{CrashRecord, SEALED_BYTES};
 use model_export::link::fault::Fault;
 
 /// Neither loaded nor cleared at a reset.
@@ -16,22 +16,22 @@ use model_export::link::fault::Fault;
 static mut SEALED: MaybeUninit<[u8; SEALED_BYTES]> = MaybeUninit::uninit();
 
 /// What survived the last reset.
-pub fn retained() -> Option<Retained> {
+pub fn crash_record() -> Option<CrashRecord> {
     // SAFETY: one thread, no interrupts; any bytes are bytes, and what is no record fails its checksum.
     let sealed = unsafe { ptr::read_volatile(ptr::addr_of!(SEALED).cast::<[u8; SEALED_BYTES]>()) };
-    Retained::open(&sealed)
+    CrashRecord::open(&sealed)
 }
 
 /// Keeps a record across resets.
-pub fn keep(retained: &Retained) {
+pub fn keep(crash_record: &CrashRecord) {
     // SAFETY: one thread, no interrupts, and nobody holds a reference.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SEALED).cast::<[u8; SEALED_BYTES]>(), retained.seal()) };
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SEALED).cast::<[u8; SEALED_BYTES]>(), crash_record.seal()) };
 }
 
 /// Writes down what struck, and resets.
 fn restart_after(fault: Fault) -> ! {
-    let record = retained().map(|retained| retained.record).unwrap_or_default();
-    keep(&Retained { record, crash: Some(fault) });
+    let record = crash_record().map(|crash_record| crash_record.record).unwrap_or_default();
+    keep(&CrashRecord { record, crash: Some(fault) });
     SCB::sys_reset()
 }
 

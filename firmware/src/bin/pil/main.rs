@@ -24,9 +24,9 @@ mod target {
 
     use cortex_m_rt::entry;
     use firmware::calibration::ConverterConfig;
-    use firmware::device::exchange::{DeviceOutputs, FromDevice, FromHost, Sabotage};
+    use firmware::device::exchange::{DeviceOutputs, FromDevice, FromHost, InjectedFault};
     use firmware::device::{Device, DeviceConfig};
-    use firmware::retain::Retained;
+    use firmware::retain::CrashRecord;
     use firmware::tick::{RigFacts, TickOutputs};
     use model_export::link::state::ResetCause;
 
@@ -45,32 +45,32 @@ mod target {
     fn main() -> ! {
         let mut link = Uart::usart1();
         let mut hardware = Hardware::open();
-        let retained = crash::retained();
-        hardware.write(&FromDevice::BootRequest { crash: retained.and_then(|retained| retained.crash) }.encode());
+        let crash_record = crash::crash_record();
+        hardware.write(&FromDevice::BootRequest { crash: crash_record.and_then(|crash_record| crash_record.crash) }.encode());
         let (reset_cause, line_bytes_per_tick) = loop {
             if let Some(FromHost::Boot { reset_cause, line_bytes_per_tick }) = FromHost::decode(&hardware.read()) {
                 break (reset_cause, line_bytes_per_tick);
             }
         };
-        run(&mut link, &mut hardware, retained, reset_cause, line_bytes_per_tick)
+        run(&mut link, &mut hardware, crash_record, reset_cause, line_bytes_per_tick)
     }
 
     #[inline(never)]
-    fn run(link: &mut Uart, hardware: &mut Hardware, retained: Option<Retained>, reset_cause: ResetCause, line_bytes_per_tick: u16) -> ! {
+    fn run(link: &mut Uart, hardware: &mut Hardware, crash_record: Option<CrashRecord>, reset_cause: ResetCause, line_bytes_per_tick: u16) -> ! {
         let board = heapless::String::try_from("qemu").unwrap_or_default();
-        let config = DeviceConfig { firmware: firmware::VERSION, board, reset_cause, retained, facts: FACTS, line_bytes_per_tick };
+        let config = DeviceConfig { firmware: firmware::VERSION, board, reset_cause, crash_record, facts: FACTS, line_bytes_per_tick };
         let memory = Memory::open();
         let device = settle(config, &memory);
         loop {
             // An empty frame only wakes the emulator.
-            let Some(FromHost::Inputs { inputs, link_bytes, sabotage }) = FromHost::decode(&hardware.read()) else { continue };
+            let Some(FromHost::Inputs { inputs, link_bytes, injected }) = FromHost::decode(&hardware.read()) else { continue };
             for _ in 0..link_bytes {
                 device.receive(link.read_byte());
             }
-            obey(sabotage);
+            obey(injected);
             let outputs = device.tick(inputs);
             if outputs.record_changed {
-                crash::keep(&Retained { record: *device.record(), crash: None });
+                crash::keep(&CrashRecord { record: *device.record(), crash: None });
             }
             let bytes = device.transmit();
             let link_bytes = u16::try_from(bytes.len()).unwrap_or(u16::MAX);
@@ -102,16 +102,16 @@ mod target {
     }
 
     /// What a test of the safety net wants to go wrong.
-    fn obey(sabotage: Sabotage) {
-        match sabotage {
-            Sabotage::None => {}
-            Sabotage::Hang => loop {
+    fn obey(injected: InjectedFault) {
+        match injected {
+            InjectedFault::None => {}
+            InjectedFault::Hang => loop {
                 cortex_m::asm::nop();
             },
-            Sabotage::StackOverflow => {
+            InjectedFault::StackOverflow => {
                 core::hint::black_box(deeper(&[0; 64]));
             }
-            Sabotage::Panic => panic!("on purpose"),
+            InjectedFault::Panic => panic!("on purpose"),
         }
     }
 

@@ -60,14 +60,14 @@ impl ModelStep for Buffer {
 }
 
 impl ModelPlace for Buffer {
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+    fn load(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         // Nothing may borrow the buffer while it is written.
         self.running.forget();
         // SAFETY: `take` gave out one `Buffer`, and its model, the only borrower of the words, has just been forgotten.
         let words = unsafe { slice::from_raw_parts_mut(ptr::addr_of_mut!(WORDS).cast::<u32>(), MAX_PACKED_WORDS) };
         // SAFETY: the flash's blobs lie in the flash memory, which is always there; the device forgets its model before its slot is rewritten.
         let blob: &'static [u8] = unsafe { slice::from_raw_parts(blob.as_ptr(), blob.len()) };
-        self.running.admit(blob, words)
+        self.running.load(blob, words)
     }
 
     fn forget(&mut self) {

@@ -5,7 +5,7 @@ use super::stm32f405::wiring::{Pin, Wiring};
 /// The board's constants.
 pub const WIRING: Wiring = Wiring {
     name: "custom-f405",
-    crystal_hz: 8_000_000,
+    hse_hz: 8_000_000,
     laser: Pin::new('A', 0),
     pressure: Pin::new('A', 1),
     emergency_stop: Pin::new('B', 0),

@@ -5,7 +5,7 @@ use super::stm32f405::wiring::{Pin, Wiring};
 /// The board's constants.
 pub const WIRING: Wiring = Wiring {
     name: "feather-f405",
-    crystal_hz: 12_000_000,
+    hse_hz: 12_000_000,
     laser: Pin::new('C', 4),
     pressure: Pin::new('C', 5),
     emergency_stop: Pin::new('C', 6),

@@ -6,7 +6,7 @@ use super::stm32h743::wiring::Wiring;
 /// The board's constants.
 pub const WIRING: Wiring = Wiring {
     name: "nucleo-h743zi",
-    crystal_hz: 8_000_000,
+    hse_hz: 8_000_000,
     has_clock_signal: true,
     laser: Pin::new('A', 3),
     pressure: Pin::new('C', 0),

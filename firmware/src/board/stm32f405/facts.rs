@@ -3,7 +3,7 @@
 //! Sources: RM0090 is the reference manual of the STM32F405/407 (revision 19), DS8626 its data sheet (revision 9).
 //!
 //!
-//! Pins and the crystal are the board's: [`super::wiring`].
+//! Pins and the HSE are the board's: [`super::wiring`].
 
 use crate::board::clock::{ClockPlan, expected_count};
 use crate::board::rates::{Rates, rounded};
@@ -93,14 +93,14 @@ pub const fn fast(core_hz: u32) -> Rates {
 pub const INTERNAL_RATES: Rates = Rates { core_hz: INTERNAL_HZ, timer_hz: INTERNAL_HZ, line_hz: INTERNAL_HZ };
 const _: () = assert!(fast(CORE_HZ).meets_the_line(3));
 
-/// What the clock becomes with this crystal, of 4 to 26 MHz.
-pub const fn plan(crystal_hz: u32) -> ClockPlan<Pll> {
-    let from_crystal = Pll::of(crystal_hz);
+/// What the clock becomes with this HSE, of 4 to 26 MHz.
+pub const fn plan(hse_hz: u32) -> ClockPlan<Pll> {
+    let from_hse = Pll::of(hse_hz);
     ClockPlan {
-        expected_count: expected_count(INTERNAL_HZ, crystal_hz),
+        expected_count: expected_count(INTERNAL_HZ, hse_hz),
         tolerance_per_mille: INTERNAL_TOLERANCE_PER_MILLE,
-        from_crystal,
-        crystal_rates: fast(from_crystal.core_hz),
+        from_hse,
+        hse_rates: fast(from_hse.core_hz),
         from_internal: Pll::INTERNAL,
         internal_fast_rates: fast(Pll::INTERNAL.core_hz),
         internal_rates: INTERNAL_RATES,

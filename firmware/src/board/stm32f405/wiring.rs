@@ -1,4 +1,4 @@
-//! What a board around the STM32F405 has to say: its name, its crystal, and which pins it uses for what.
+//! What a board around the STM32F405 has to say: its name, its HSE, and which pins it uses for what.
 //!
 //! Some functions have one pin on this chip: the analogue drive is DAC_OUT1 at PA4, the pulse width is TIM3_CH1 at PA6 (DS8626 table 9). The
 //! others are the board's choice, within what the chip can do; a choice that it cannot do fails to compile. The board's model reads this file
@@ -76,9 +76,9 @@ pub const fn all_differ(pins: &[Pin]) -> bool {
 pub struct Wiring {
     /// Its name, in the Hello.
     pub name: &'static str,
-    /// The crystal that is fitted, Hz: any of 4 to 26 MHz (DS8626 table 38).
+    /// The HSE that is fitted, Hz: any of 4 to 26 MHz (DS8626 table 38).
     /// Another one is found out before it drives anything (`board::clock`).
-    pub crystal_hz: u32,
+    pub hse_hz: u32,
     /// The laser's input.
     pub laser: Pin,
     /// The measured pressure's input.
@@ -94,13 +94,13 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Whether the chip can do that: converter channels where they are needed, a serial port at its pins, a crystal within its range, and no
+    /// Whether the chip can do that: converter channels where they are needed, a serial port at its pins, an HSE within its range, and no
     /// pin twice.
     pub const fn is_possible(&self) -> bool {
         let serial = (self.transmit.is('A', 9) || self.transmit.is('B', 6)) && (self.receive.is('A', 10) || self.receive.is('B', 7));
         let analogue = self.laser.channel().is_some() && self.pressure.channel().is_some();
-        let crystal = self.crystal_hz >= 4_000_000 && self.crystal_hz <= 26_000_000;
-        serial && analogue && crystal && all_differ(&self.pins())
+        let hse = self.hse_hz >= 4_000_000 && self.hse_hz <= 26_000_000;
+        serial && analogue && hse && all_differ(&self.pins())
     }
 
     /// Every pin in use.

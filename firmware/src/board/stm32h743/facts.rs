@@ -1,7 +1,7 @@
 //! Every rate, scale and address of the chip, in one place; nothing else in the firmware knows any of them.
 //!
 //! Sources: RM0433 is the reference manual of the STM32H742/743/753/750 (revision 9), DS12110 the data sheet of the STM32H743 (revision 11).
-//! Pins and the crystal are the board's: [`super::wiring`].
+//! Pins and the HSE are the board's: [`super::wiring`].
 
 use crate::board::clock::{ClockPlan, expected_count};
 use crate::board::rates::Rates;
@@ -47,13 +47,13 @@ pub const INTERNAL_RATES: Rates = Rates { core_hz: INTERNAL_HZ, timer_hz: INTERN
 // 0.5 % and 0.6 % off; a receiver tolerates about 3 %.
 const _: () = assert!(FAST_RATES.meets_the_line(6) && INTERNAL_RATES.meets_the_line(7));
 
-/// What the clock becomes with this crystal or signal.
-pub const fn plan(crystal_hz: u32) -> ClockPlan<Pll> {
+/// What the clock becomes with this HSE or signal.
+pub const fn plan(hse_hz: u32) -> ClockPlan<Pll> {
     ClockPlan {
-        expected_count: expected_count(INTERNAL_HZ, crystal_hz),
+        expected_count: expected_count(INTERNAL_HZ, hse_hz),
         tolerance_per_mille: INTERNAL_TOLERANCE_PER_MILLE,
-        from_crystal: Pll::of(crystal_hz),
-        crystal_rates: FAST_RATES,
+        from_hse: Pll::of(hse_hz),
+        hse_rates: FAST_RATES,
         from_internal: Pll::of(INTERNAL_HZ),
         internal_fast_rates: FAST_RATES,
         internal_rates: INTERNAL_RATES,

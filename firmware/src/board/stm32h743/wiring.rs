@@ -53,9 +53,9 @@ pub const fn port_address(pin: Pin) -> u32 {
 pub struct Wiring {
     /// Its name, in the Hello.
     pub name: &'static str,
-    /// The crystal or clock signal at OSC_IN, Hz: any multiple of 4 MHz up to 48 MHz (RM0433 section 8.5.2, and the loop's divided input here).
-    pub crystal_hz: u32,
-    /// Whether it is a clock signal and no crystal.
+    /// The HSE or clock signal at OSC_IN, Hz: any multiple of 4 MHz up to 48 MHz (RM0433 section 8.5.2, and the loop's divided input here).
+    pub hse_hz: u32,
+    /// Whether it is a clock signal and no resonator.
     pub has_clock_signal: bool,
     /// The laser's input.
     pub laser: Pin,
@@ -71,8 +71,8 @@ impl Wiring {
     /// Whether the chip can do that: converter channels where they are needed, a clock within its range, and no pin twice.
     pub const fn is_possible(&self) -> bool {
         let analogue = channel(self.laser).is_some() && channel(self.pressure).is_some();
-        let crystal = self.crystal_hz >= 4_000_000 && self.crystal_hz <= 48_000_000 && self.crystal_hz.is_multiple_of(4_000_000);
-        analogue && crystal && all_differ(&self.pins())
+        let hse = self.hse_hz >= 4_000_000 && self.hse_hz <= 48_000_000 && self.hse_hz.is_multiple_of(4_000_000);
+        analogue && hse && all_differ(&self.pins())
     }
 
     /// Every pin in use.

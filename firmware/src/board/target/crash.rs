@@ -7,7 +7,7 @@ use model_export::link::fault::Fault;
 use crate::board::chip::registers::vent;
 use crate::board::tick_task::CrashMemory;
 use crate::history::{HistoryMemory, HistoryWords, WORDS};
-use crate::retain::{Retained, SEALED_BYTES};
+use crate::retain::{CrashRecord, SEALED_BYTES};
 
 /// The record in memory that start-up code neither loads nor clears.
 #[unsafe(link_section = ".uninit.retained")]
@@ -44,7 +44,7 @@ fn write(sealed: &[u8; SEALED_BYTES]) {
 }
 
 #[inline(never)]
-fn read() -> Option<Retained> {
+fn read() -> Option<CrashRecord> {
     let bytes = (&raw const RETAINED).cast::<u8>();
     let mut sealed = [0; SEALED_BYTES];
     for (index, byte) in sealed.iter_mut().enumerate() {
@@ -52,19 +52,19 @@ fn read() -> Option<Retained> {
         // about where they came from.
         *byte = unsafe { bytes.add(index).read_volatile() };
     }
-    Retained::open(&sealed)
+    CrashRecord::open(&sealed)
 }
 
 /// The record as it is now; `None` while the tick writes it.
-pub fn peek() -> Option<Retained> {
+pub fn peek() -> Option<CrashRecord> {
     read()
 }
 
 /// What the run before left; afterwards it is gone.
-pub fn take() -> Option<Retained> {
-    let retained = read();
+pub fn take() -> Option<CrashRecord> {
+    let crash_record = read();
     write(&[0; SEALED_BYTES]);
-    retained
+    crash_record
 }
 
 /// Keeps the tick's record.
@@ -104,8 +104,8 @@ impl CrashMemory for NoInitMemory {
 pub fn vent_and_remember(crash: Fault) {
     cortex_m::interrupt::disable();
     vent();
-    let record = read().map(|retained| retained.record).unwrap_or_default();
-    write(&Retained { record, crash: Some(crash) }.seal());
+    let record = read().map(|crash_record| crash_record.record).unwrap_or_default();
+    write(&CrashRecord { record, crash: Some(crash) }.seal());
 }
 
 /// Vents, remembers, and starts again: the next start tells.

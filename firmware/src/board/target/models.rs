@@ -88,7 +88,7 @@ impl<X: Mutex<T = LoadedModel>> ModelSlot<X> {
     /// Over the tick's resource and the place for a model.
     ///
     /// # Safety
-    /// One slot for the whole program, and bytes of the models' sectors that were admitted must not change from [`ModelPlace::admit`] to
+    /// One slot for the whole program, and bytes of the models' sectors that were admitted must not change from [`ModelPlace::load`] to
     /// [`ModelPlace::forget`]. [`crate::background`] keeps that: it forgets a model before its slot can be written, and flash in use refuses to be.
     pub const unsafe fn new(loaded: X, place: Option<&'static mut BoardModel>, cycles_per_tick: u32) -> Self {
         let budget = StepBudget { timer: Counter, cycles: cycles_per_tick / 100 * STEP_SHARE_PERCENT };
@@ -97,7 +97,7 @@ impl<X: Mutex<T = LoadedModel>> ModelSlot<X> {
 }
 
 impl<X: Mutex<T = LoadedModel>> ModelPlace for ModelSlot<X> {
-    fn admit(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
+    fn load(&mut self, blob: &[u8]) -> Result<ModelFacts, Fault> {
         self.forget();
         let Some(place) = &mut self.place else { return Err(Fault::InternalInconsistent) };
         if !is_in_model_sectors(blob) {
@@ -112,7 +112,7 @@ impl<X: Mutex<T = LoadedModel>> ModelPlace for ModelSlot<X> {
             words.write_bytes(0, MAX_PACKED_WORDS);
             core::slice::from_raw_parts_mut(words, MAX_PACKED_WORDS)
         };
-        let facts = place.admit_within(blob, weights, &self.budget)?;
+        let facts = place.load_within(blob, weights, &self.budget)?;
         if let Some(place) = self.place.take() {
             self.loaded.lock(|loaded| loaded.0 = Some(place));
         }

@@ -99,7 +99,7 @@ fn a_tip_with_presliding_creeps_after_the_response_while_it_sticks_and_slips_by_
 }
 
 #[test]
-fn a_leap_is_seen_on_its_way_and_arrives() {
+fn a_slip_is_seen_on_its_way_and_arrives() {
     let law = SlipLaw { slip_s: 0.02, ..TIP };
     // It breaks away half a sample ago: half of a slip that takes a whole one.
     let motion = Motion::new(0, &law, 0.051, 0.049, 0.002, PERIOD_S);
@@ -168,7 +168,7 @@ fn slips_tell_the_response_and_how_well_they_know_it_and_sticking_tells_of_a_res
 }
 
 #[test]
-fn a_leap_that_comes_late_tells_that_the_pull_is_ahead() {
+fn a_slip_that_comes_late_tells_that_the_response_is_ahead() {
     let (before, quasi_static) = (0.0595, 0.06);
     let motion = Motion::new(0, &TIP, quasi_static, before, quasi_static - before, PERIOD_S);
     let held = sticking(before);
@@ -199,13 +199,13 @@ fn a_step_of_many_slips_is_followed_at_once() {
 }
 
 #[test]
-fn a_tip_that_runs_on_when_the_pull_stops_is_found_at_once() {
+fn a_tip_that_runs_on_when_the_response_stops_is_found_at_once() {
     let found = behind_a_step(&SlipLaw { sliding_speed: 1.0, ..TIP }, 0.9, 0.94);
     assert!((found[101] - 0.94).abs() < 2e-3, "{} once it has been seen", found[101]);
 }
 
 #[test]
-fn a_tip_pulled_fast_slides_with_the_pull_and_goes_on_when_that_slows_down() {
+fn a_tip_moved_fast_slides_with_the_response_and_goes_on_when_that_slows_down() {
     let law = SlipLaw { sliding_speed: 1.0, ..TIP };
     // From rest to twice the sliding speed, then seven tenths of it.
     let speeds = [(0.0, 50), (2.0, 20), (0.7, 10)];

@@ -26,18 +26,18 @@ fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
         for step in 0..1100 * STEPS {
             let time_s = step as f64 * 0.02 / STEPS as f64;
             let input = command(frequency_hz, decay_per_s, time_s);
-            let pull_mm: f64 = plays
+            let response_mm: f64 = plays
                 .iter_mut()
                 .map(|(threshold, weight, state)| {
                     *state = f64::max(*state, input - *threshold).min(input + *threshold);
                     *weight * *state
                 })
                 .sum();
-            let stretch_mm = pull_mm - place_mm;
+            let stretch_mm = response_mm - place_mm;
             if band_mm > 0.0 && stretch_mm.abs() > band_mm {
-                place_mm = pull_mm - stretch_mm.signum() * (band_mm - travel_mm);
+                place_mm = response_mm - stretch_mm.signum() * (band_mm - travel_mm);
             } else if band_mm <= 0.0 {
-                place_mm = pull_mm;
+                place_mm = response_mm;
             }
             if step % STEPS == 0 {
                 times.push(time_s);
@@ -94,7 +94,7 @@ fn what_jumps_is_named_beside_what_does_not() {
 }
 
 #[test]
-fn a_tip_is_named_through_steps_of_many_leaps_and_fast_strokes() {
+fn stick_slip_is_named_through_steps_of_many_slips_and_fast_strokes() {
     for (generator, seed) in [(Generator::Physics, 572), (Generator::Rival, 575)] {
         let effects = vec!["stick-slip".to_owned()];
         let case = CaseConfig { effects, seed, generator, excitation: Excitation::Rich, ..CaseConfig::default() };

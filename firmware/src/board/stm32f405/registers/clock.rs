@@ -1,15 +1,15 @@
-//! The clock's registers: RCC, and TIM11 to count the crystal (RM0090 sections 7.3, 3.9.1 and 19.5).
+//! The clock's registers: RCC, and TIM11 to count the HSE (RM0090 sections 7.3, 3.9.1 and 19.5).
 
 use stm32f4::stm32f405::{FLASH, RCC, TIM11};
 
 use crate::board::clock::{COUNTED_PERIODS, ClockTree, wait};
 use crate::board::stm32f405::facts::{FLASH_WAIT_STATES, PLL_48_MHZ_DIVIDER, Pll};
 
-/// Divider of the crystal on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
-const CRYSTAL_DIVIDER: u8 = 31;
+/// Divider of the HSE on its way to the timer, and events per capture: one capture every 496 cycles, time enough for the loop.
+const HSE_DIVIDER: u8 = 31;
 const EVENTS_PER_CAPTURE: u32 = 8;
-const CAPTURES: u32 = COUNTED_PERIODS / (EVENTS_PER_CAPTURE * CRYSTAL_DIVIDER as u32);
-/// Polls for one capture, many times what the slowest crystal needs.
+const CAPTURES: u32 = COUNTED_PERIODS / (EVENTS_PER_CAPTURE * HSE_DIVIDER as u32);
+/// Polls for one capture, many times what the slowest HSE needs.
 const CAPTURE_POLLS: u32 = 10_000;
 
 /// The registers while the clock starts.
@@ -18,7 +18,7 @@ pub struct Registers<'a> {
     pub rcc: &'a RCC,
     /// Wait states.
     pub flash: &'a FLASH,
-    /// Counts the crystal.
+    /// Counts the HSE.
     pub timer: &'a TIM11,
 }
 
@@ -36,22 +36,22 @@ impl Registers<'_> {
 impl ClockTree for Registers<'_> {
     type Pll = Pll;
 
-    fn start_crystal(&mut self) {
+    fn start_hse(&mut self) {
         self.rcc.cr().modify(|_, w| w.hsebyp().clear_bit().hseon().set_bit());
     }
 
-    fn crystal_is_ready(&mut self) -> bool {
+    fn hse_is_ready(&mut self) -> bool {
         self.rcc.cr().read().hserdy().bit_is_set()
     }
 
-    fn count_crystal(&mut self) -> Option<u32> {
+    fn count_hse(&mut self) -> Option<u32> {
         // SAFETY: 31 is a divider the field has (RM0090 section 7.3.3).
-        self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(CRYSTAL_DIVIDER) });
+        self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(HSE_DIVIDER) });
         let rcc = self.rcc;
         enable_clock!(rcc.apb2enr: tim11en);
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().set_bit());
         self.rcc.apb2rstr().modify(|_, w| w.tim11rst().clear_bit());
-        // SAFETY: values of the manual: input 1 is the divided crystal (RMP = 10); input 1 to channel 1 (CC1S = 01), a capture every eighth
+        // SAFETY: values of the manual: input 1 is the divided HSE (RMP = 10); input 1 to channel 1 (CC1S = 01), a capture every eighth
         // event (IC1PSC = 11), no filter; counting through all 16 bits.
         unsafe {
             self.timer.or().write(|w| w.rmp().bits(0b10));
@@ -62,7 +62,7 @@ impl ClockTree for Registers<'_> {
         self.timer.cr1().write(|w| w.cen().set_bit());
         // The first capture is early by the prescaler's start.
         let counted = self.capture().and_then(|_| self.capture()).and_then(|first| {
-            // Capture by capture: all of them together exceed the timer's 16 bits with a slow crystal.
+            // Capture by capture: all of them together exceed the timer's 16 bits with a slow HSE.
             let (mut last, mut counted) = (first, 0);
             for _ in 0..CAPTURES {
                 let next = self.capture()?;
@@ -76,15 +76,15 @@ impl ClockTree for Registers<'_> {
         counted
     }
 
-    fn stop_crystal(&mut self) {
+    fn stop_hse(&mut self) {
         self.rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 
-    fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
+    fn start_pll(&mut self, from_hse: bool, pll: Pll) {
         self.rcc.cr().modify(|_, w| w.pllon().clear_bit());
         // SAFETY: dividers and multiplier within the fields' ranges (RM0090 section 7.3.2): `Pll` has no others.
         self.rcc.pllcfgr().modify(|_, w| unsafe {
-            w.pllsrc().bit(from_crystal).pllm().bits(pll.divider).plln().bits(pll.multiplier).pllp().div2().pllq().bits(PLL_48_MHZ_DIVIDER)
+            w.pllsrc().bit(from_hse).pllm().bits(pll.divider).plln().bits(pll.multiplier).pllp().div2().pllq().bits(PLL_48_MHZ_DIVIDER)
         });
         self.rcc.cr().modify(|_, w| w.pllon().set_bit());
     }
@@ -120,7 +120,7 @@ impl ClockTree for Registers<'_> {
         self.rcc.cfgr().read().sws().is_pll()
     }
 
-    fn watch_crystal(&mut self) {
+    fn watch_hse(&mut self) {
         self.rcc.cr().modify(|_, w| w.csson().set_bit());
     }
 }

@@ -5,7 +5,7 @@ use stm32f4::stm32f405::{DAC, RCC, TIM3};
 use super::pins;
 use crate::board::pulse_drive::{self, PulseExpectation, pulse_timer};
 use crate::board::rates::Rates;
-use crate::seam::{PwmValve, ValveDrive};
+use crate::drivers::{PwmValve, ValveDrive};
 
 /// PA4.
 pub struct AnalogueDrive(DAC);

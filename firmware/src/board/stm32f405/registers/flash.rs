@@ -5,7 +5,7 @@ use core::ptr;
 use stm32f4::stm32f405::FLASH;
 
 use super::sampling::Milliseconds;
-use crate::board::exchange::Exchange;
+use crate::board::exchange::SharedAtomics;
 use crate::board::stm32f405::brown_out::OptionBytes;
 use crate::board::stm32f405::flash::{FlashController, control};
 use crate::board::target::protection;
@@ -14,7 +14,7 @@ use crate::board::target::protection;
 #[derive(Debug)]
 pub struct Controller {
     clock: Milliseconds,
-    exchange: &'static Exchange,
+    exchange: &'static SharedAtomics,
 }
 
 impl Controller {
@@ -22,7 +22,7 @@ impl Controller {
     ///
     /// # Safety
     /// All controllers must be used from one context that does not interrupt itself.
-    pub const unsafe fn new(clock: Milliseconds, exchange: &'static Exchange) -> Self {
+    pub const unsafe fn new(clock: Milliseconds, exchange: &'static SharedAtomics) -> Self {
         Self { clock, exchange }
     }
 

@@ -7,7 +7,7 @@ use stm32f4::stm32f405::{RCC, gpioc};
 
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::wiring::{DRIVE, PULSE, Pin};
-use crate::seam::DumpValve;
+use crate::drivers::DumpValve;
 
 /// Code of an analogue pin, of one that a peripheral has, of an input (RM0090 section 8.4.1), and of a pull-up (section 8.4.4).
 const ANALOGUE: u32 = 0b11;

@@ -11,7 +11,7 @@ use crate::board::rates::Rates;
 use crate::board::read_back::ChipThermometer;
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::facts::{CHIP_CALIBRATION, CHIP_CHANNEL, READ_BACK_CHANNELS, REFERENCE_CALIBRATION};
-use crate::seam::{RawSample, ReadBack, SampleSource};
+use crate::drivers::{RawSample, ReadBack, SampleSource};
 
 /// Code of the trigger TIM2_TRGO (RM0090 section 13.13.3, JEXTSEL).
 const TRIGGER_TIM2_TRGO: u8 = 0b0011;

@@ -1,4 +1,4 @@
-//! The clock's registers: RCC, PWR for the core's voltage, and TIM17 to count the crystal (RM0433 sections 8.7, 6.8 and 41.6).
+//! The clock's registers: RCC, PWR for the core's voltage, and TIM17 to count the HSE (RM0433 sections 8.7, 6.8 and 41.6).
 
 use stm32h7::stm32h743v::{FLASH, PWR, RCC, TIM17};
 
@@ -6,11 +6,11 @@ use crate::board::clock::{COUNTED_PERIODS, ClockTree, SWITCH_POLLS, wait};
 use crate::board::selected::WIRING;
 use crate::board::stm32h743::facts::{FLASH_DELAY, FLASH_WAIT_STATES, LOOP_CORE_DIVIDER, LOOP_MULTIPLIER, Pll};
 
-/// Divider of the crystal on its way to the timer, and events per capture: one capture every 248 periods, time enough for the loop.
-const CRYSTAL_DIVIDER: u8 = 31;
+/// Divider of the HSE on its way to the timer, and events per capture: one capture every 248 periods, time enough for the loop.
+const HSE_DIVIDER: u8 = 31;
 const EVENTS_PER_CAPTURE: u32 = 8;
-const CAPTURES: u32 = COUNTED_PERIODS / (EVENTS_PER_CAPTURE * CRYSTAL_DIVIDER as u32);
-/// Polls for one capture, many times what the slowest crystal needs.
+const CAPTURES: u32 = COUNTED_PERIODS / (EVENTS_PER_CAPTURE * HSE_DIVIDER as u32);
+/// Polls for one capture, many times what the slowest HSE needs.
 const CAPTURE_POLLS: u32 = 10_000;
 /// Polls for the regulator, 0.2 ms at most.
 const REGULATOR_POLLS: u32 = 20_000;
@@ -26,7 +26,7 @@ pub struct Registers<'a> {
     pub flash: &'a FLASH,
     /// The core's voltage.
     pub power: &'a PWR,
-    /// Counts the crystal.
+    /// Counts the HSE.
     pub timer: &'a TIM17,
 }
 
@@ -44,7 +44,7 @@ impl Registers<'_> {
 impl ClockTree for Registers<'_> {
     type Pll = Pll;
 
-    fn start_crystal(&mut self) {
+    fn start_hse(&mut self) {
         // The supply first: the regulator alone, which is written once after power comes up (RM0433 section 6.8.4).
         self.power.cr3().modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
         let _ = wait(REGULATOR_POLLS, || self.power.csr1().read().actvosrdy().bit_is_set());
@@ -52,18 +52,18 @@ impl ClockTree for Registers<'_> {
         self.rcc.cr().modify(|_, w| w.hseon().set_bit());
     }
 
-    fn crystal_is_ready(&mut self) -> bool {
+    fn hse_is_ready(&mut self) -> bool {
         self.rcc.cr().read().hserdy().bit_is_set()
     }
 
-    fn count_crystal(&mut self) -> Option<u32> {
+    fn count_hse(&mut self) -> Option<u32> {
         // SAFETY: 31 is a divider the field has (RM0433 section 8.7.5).
-        self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(CRYSTAL_DIVIDER) });
+        self.rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(HSE_DIVIDER) });
         let rcc = self.rcc;
         enable_clock!(rcc.apb2enr: tim17en);
         self.rcc.apb2rstr().modify(|_, w| w.tim17rst().set_bit());
         self.rcc.apb2rstr().modify(|_, w| w.tim17rst().clear_bit());
-        // SAFETY: values of the manual: input 1 is the divided crystal (TI1SEL = 2, section 41.6.19); input 1 to channel 1 (CC1S = 01), a
+        // SAFETY: values of the manual: input 1 is the divided HSE (TI1SEL = 2, section 41.6.19); input 1 to channel 1 (CC1S = 01), a
         // capture every eighth event (IC1PSC = 11), no filter; counting through all 16 bits.
         unsafe {
             self.timer.tim17_tisel().write(|w| w.bits(0b10));
@@ -88,16 +88,16 @@ impl ClockTree for Registers<'_> {
         counted
     }
 
-    fn stop_crystal(&mut self) {
+    fn stop_hse(&mut self) {
         self.rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 
-    fn start_pll(&mut self, from_crystal: bool, pll: Pll) {
+    fn start_pll(&mut self, from_hse: bool, pll: Pll) {
         self.rcc.cr().modify(|_, w| w.pll1on().clear_bit());
-        // SAFETY: sources 0 (internal) and 2 (crystal), a divider of 1 to 63 (RM0433 section 8.7.11); a divided input of 4 to 8 MHz (range 10), the
+        // SAFETY: sources 0 (internal) and 2 (HSE), a divider of 1 to 63 (RM0433 section 8.7.11); a divided input of 4 to 8 MHz (range 10), the
         // wide oscillator, output P (section 8.7.12); multiplier and divider less one (section 8.7.13).
         unsafe {
-            self.rcc.pllckselr().modify(|_, w| w.pllsrc().bits(if from_crystal { 2 } else { 0 }).divm1().bits(pll.divider));
+            self.rcc.pllckselr().modify(|_, w| w.pllsrc().bits(if from_hse { 2 } else { 0 }).divm1().bits(pll.divider));
             self.rcc.pllcfgr().modify(|r, w| w.bits(r.bits() & !0b1111 | 0b10 << 2 | 1 << 16));
             self.rcc.pll1divr().modify(|r, w| w.bits(r.bits() & !0xffff | (LOOP_CORE_DIVIDER - 1) << 9 | (LOOP_MULTIPLIER - 1)));
         }
@@ -151,7 +151,7 @@ impl ClockTree for Registers<'_> {
         self.rcc.cfgr().read().bits() >> 3 & 0b111 == 0b11
     }
 
-    fn watch_crystal(&mut self) {
+    fn watch_hse(&mut self) {
         self.rcc.cr().modify(|_, w| w.hsecsson().set_bit());
     }
 }

@@ -5,7 +5,7 @@ use stm32h7::stm32h743v::{DAC, RCC, TIM3};
 use super::pins;
 use crate::board::pulse_drive::{self, PulseExpectation, pulse_timer};
 use crate::board::rates::Rates;
-use crate::seam::{PwmValve, ValveDrive};
+use crate::drivers::{PwmValve, ValveDrive};
 
 /// Mode of channel 1: to its pin, without the output buffer, which cannot go down to zero (RM0433 section 26.7.16).
 const UNBUFFERED: u32 = 0b010;

@@ -6,7 +6,7 @@ use cortex_m::peripheral::SCB;
 use stm32h7::stm32h743v::FLASH;
 use stm32h7::stm32h743v::flash::BANK;
 
-use crate::board::exchange::Exchange;
+use crate::board::exchange::SharedAtomics;
 use crate::board::stm32h743::brown_out::OptionBytes;
 use crate::board::stm32h743::flash::{FlashController, WORDS};
 use crate::board::target::protection;
@@ -14,7 +14,7 @@ use crate::board::target::protection;
 /// The controller. Both pairs of slots have one; they run in the background only, one operation at a time.
 #[derive(Debug)]
 pub struct Controller {
-    exchange: &'static Exchange,
+    exchange: &'static SharedAtomics,
 }
 
 impl Controller {
@@ -22,7 +22,7 @@ impl Controller {
     ///
     /// # Safety
     /// All controllers must be used from one context that does not interrupt itself.
-    pub const unsafe fn new(exchange: &'static Exchange) -> Self {
+    pub const unsafe fn new(exchange: &'static SharedAtomics) -> Self {
         Self { exchange }
     }
 

@@ -8,7 +8,7 @@ use stm32h7::stm32h743v::{RCC, gpioa};
 use crate::board::selected::WIRING;
 use crate::board::stm32f405::wiring::Pin;
 use crate::board::stm32h743::wiring::{DRIVE, PULSE, RECEIVE, TRANSMIT, port_address};
-use crate::seam::DumpValve;
+use crate::drivers::DumpValve;
 
 /// Code of an analogue pin, of one that a peripheral has, of an input (RM0433 section 11.4.1), and of a pull-up (section 8.4.4).
 const ANALOGUE: u32 = 0b11;

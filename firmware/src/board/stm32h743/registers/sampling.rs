@@ -14,7 +14,7 @@ use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
 use crate::board::stm32h743::facts::{REFERENCE_CALIBRATION, REFERENCE_CHANNEL};
 use crate::board::stm32h743::wiring::{DRIVE, channel_of};
-use crate::seam::{RawSample, ReadBack, SampleSource};
+use crate::drivers::{RawSample, ReadBack, SampleSource};
 
 /// The channels of the measured inputs and of the drive's pin.
 const LASER: u8 = channel_of(WIRING.laser);

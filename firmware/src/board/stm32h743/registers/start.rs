@@ -10,7 +10,7 @@ use super::sampling::{self, Parts, Sampler};
 use super::{pac, pins, serial, supply, watchdog};
 use crate::board::clock::{self, Source};
 use crate::board::contract::{Board, Started};
-use crate::board::exchange::Exchange;
+use crate::board::exchange::SharedAtomics;
 use crate::board::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
@@ -57,16 +57,16 @@ impl Board for ThisBoard {
     type Supply = supply::Monitor;
     type Beginning = (SYST, Rates);
 
-    fn start(peripherals: Peripherals, line: &'static mut serial::Memory, exchange: &'static Exchange) -> Started<Self> {
+    fn start(peripherals: Peripherals, line: &'static mut serial::Memory, exchange: &'static SharedAtomics) -> Started<Self> {
         let Peripherals { device, mut core } = peripherals;
         let rcc = &device.RCC;
 
         // Why are we here, and in what time.
-        let retained = crash::take();
-        let reset_cause = reset_cause(rcc.rsr().read().bits(), retained.and_then(|retained| retained.crash));
+        let crash_record = crash::take();
+        let reset_cause = reset_cause(rcc.rsr().read().bits(), crash_record.and_then(|crash_record| crash_record.crash));
         rcc.rsr().modify(|_, w| w.rmvf().set_bit());
         let mut registers = Registers { rcc, flash: &device.FLASH, power: &device.PWR, timer: &device.TIM17 };
-        let clock = clock::start(&mut registers, &const { facts::plan(WIRING.crystal_hz) });
+        let clock = clock::start(&mut registers, &const { facts::plan(WIRING.hse_hz) });
         let rates = clock.rates;
         let mut found = FaultSet::EMPTY;
         if brown_out::ensure(&mut &device.FLASH) == Outcome::Programmed {
@@ -99,14 +99,14 @@ impl Board for ThisBoard {
         let controller = || unsafe { Controller::new(exchange) };
         Started {
             reset_cause,
-            retained,
+            crash_record,
             clock,
             standing,
             found,
-            // SAFETY: a crystal that runs is on the chip itself.
-            reference_calibration: (clock.source == Source::Crystal).then(|| unsafe { sampling::reference_calibration() }),
+            // SAFETY: an HSE that runs is on the chip itself.
+            reference_calibration: (clock.source == Source::Hse).then(|| unsafe { sampling::reference_calibration() }),
             thermometer: None,
-            build: identity::read(clock.source == Source::Crystal),
+            build: identity::read(clock.source == Source::Hse),
             io: TickIo {
                 source,
                 analogue,

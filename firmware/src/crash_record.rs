@@ -14,14 +14,14 @@ const BODY_BYTES: usize = SEALED_BYTES - MAGIC.len() - 4;
 
 /// What survives a reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Retained {
+pub struct CrashRecord {
     /// The fault record of the run before.
     pub record: FaultRecord,
     /// What crashed it: [`Fault::Panicked`] or [`Fault::HardFault`].
     pub crash: Option<Fault>,
 }
 
-impl Retained {
+impl CrashRecord {
     /// As bytes for the RAM that is kept.
     pub fn seal(&self) -> [u8; SEALED_BYTES] {
         let mut body = [0; BODY_BYTES];
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
     use model_export::link::state::State;
 
-    fn retained() -> Retained {
+    fn crash_record() -> CrashRecord {
         let record = FaultRecord {
             first: u8::MAX,
             second: u8::MAX,
@@ -72,24 +72,24 @@ mod tests {
             set_point: 4.0,
             late_ticks: u32::MAX,
         };
-        Retained { record, crash: Some(Fault::Panicked) }
+        CrashRecord { record, crash: Some(Fault::Panicked) }
     }
 
     #[test]
     fn the_longest_record_survives() {
-        assert_eq!(Retained::open(&retained().seal()), Some(retained()));
-        assert_eq!(retained().faults().first(), Some(Fault::Panicked));
+        assert_eq!(CrashRecord::open(&crash_record().seal()), Some(crash_record()));
+        assert_eq!(crash_record().faults().first(), Some(Fault::Panicked));
     }
 
     #[test]
     fn ram_after_power_up_is_no_record_and_neither_is_one_with_any_bit_flipped() {
-        assert_eq!(Retained::open(&[0; SEALED_BYTES]), None);
-        assert_eq!(Retained::open(&[0xff; SEALED_BYTES]), None);
-        let sealed = retained().seal();
+        assert_eq!(CrashRecord::open(&[0; SEALED_BYTES]), None);
+        assert_eq!(CrashRecord::open(&[0xff; SEALED_BYTES]), None);
+        let sealed = crash_record().seal();
         for bit in 0..SEALED_BYTES * 8 {
             let mut flipped = sealed;
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Retained::open(&flipped), None, "bit {bit}");
+            assert_eq!(CrashRecord::open(&flipped), None, "bit {bit}");
         }
     }
 }

@@ -47,7 +47,7 @@ const NOT_MEASURED: u32 = u32::MAX;
 
 /// The shared words. Every one is independent of the others, so no order between them matters.
 #[derive(Debug, Default)]
-pub struct Exchange {
+pub struct SharedAtomics {
     vent: AtomicBool,
     beat: AtomicU32,
     telemetry_dropped: AtomicU32,
@@ -68,7 +68,7 @@ pub struct Exchange {
     pub pulse: PulseExpectation,
 }
 
-impl Exchange {
+impl SharedAtomics {
     /// At the start.
     pub const fn new() -> Self {
         Self {
