@@ -23,7 +23,7 @@ pub struct CrashRecord {
 
 impl CrashRecord {
     /// As bytes for the RAM that is kept.
-    pub fn seal(&self) -> [u8; SEALED_BYTES] {
+    pub fn encode(&self) -> [u8; SEALED_BYTES] {
         let mut body = [0; BODY_BYTES];
         // The longest record takes fewer bytes than the body has; a test holds that.
         let _ = postcard::to_slice(&(self.crash.map_or(0, Fault::number), &self.record), &mut body);
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn the_longest_record_survives() {
-        assert_eq!(CrashRecord::open(&crash_record().seal()), Some(crash_record()));
+        assert_eq!(CrashRecord::open(&crash_record().encode()), Some(crash_record()));
         assert_eq!(crash_record().faults().first(), Some(Fault::Panicked));
     }
 
@@ -85,7 +85,7 @@ mod tests {
     fn ram_after_power_up_is_no_record_and_neither_is_one_with_any_bit_flipped() {
         assert_eq!(CrashRecord::open(&[0; SEALED_BYTES]), None);
         assert_eq!(CrashRecord::open(&[0xff; SEALED_BYTES]), None);
-        let sealed = crash_record().seal();
+        let sealed = crash_record().encode();
         for bit in 0..SEALED_BYTES * 8 {
             let mut flipped = sealed;
             flipped[bit / 8] ^= 1 << (bit % 8);

@@ -19,9 +19,9 @@ use model_export::link::message::FaultRecord;
 use model_export::link::state::{ResetCause, State};
 
 use crate::background::{Background, ModelPlace};
+use crate::crash_record::CrashRecord;
 use crate::history::{History, HistoryMemory};
 use crate::link::{CommandSink, Identity, Link, LinkConfig, Measured};
-use crate::retain::CrashRecord;
 use crate::storage::Flash;
 use crate::tick::{BootReport, Command, Inconsistent, ModelStep, Rig, RigFacts, TakenIn, TickConfig, TickInputs, TickOutputs};
 

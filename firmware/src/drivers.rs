@@ -1,4 +1,4 @@
-//! The seam between the logic and a board: what a board must bring.
+//! The traits between the logic and a board: what a board must bring.
 //!
 //! embedded-hal 1.0 has traits for pins and PWM but none for a sampled pair of channels or an analogue output, hence the two of ours.
 

@@ -2,7 +2,7 @@
 //!
 //! Terms. A **slot** is an erasable piece of flash. It is **whole** when its header and its payload's CRC-32 are right and its version is the
 //! store's. Each slot has a log of **activations**; one that was not **retired** is live. The **active** slot is the whole one with the newest
-//! live activation. A store never touches its active slot, except to append an activation or to retire one.
+//! live activation. A store never touches its active slot, except to append an activation or to invalidate one.
 //!
 //! ```text
 //! word  0        magic "CSL2"

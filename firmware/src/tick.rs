@@ -26,7 +26,7 @@
 //!
 //! The background (link, storage, self-test) never touches the rig; it sends commands. When [`TickOutputs::self_test_wanted`] is set it runs
 //! the self-test once and sends [`Action::SelfTestReport`]. It must advance the beat counter at least every
-//! [`BACKGROUND_TICKS_ENERGISED`] ms while energised. When the fault record changed, copy it to the RAM that survives a reset (`retain`).
+//! [`BACKGROUND_TICKS_ENERGISED`] ms while energised. When the fault record changed, copy it to the RAM that survives a reset (`crash_record`).
 //!
 //! The watchdog's period must stay below 50 ms while [`TickOutputs::energised`]; while vented it may be longer than a flash erase.
 

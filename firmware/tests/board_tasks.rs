@@ -10,14 +10,14 @@ use common::FACTS;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::background::ModelPlace;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts};
-use firmware::board::exchange::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
 use firmware::board::read_back::ChipThermometer;
+use firmware::board::shared_atomics::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
 use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
+use firmware::drivers::{DumpValve, PulseFrequency, RawSample, ReadBack, SampleSource, ValveDrive};
 use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Identity, Link, LinkConfig};
 use firmware::model::ModelFacts;
-use firmware::drivers::{DumpValve, PulseFrequency, RawSample, ReadBack, SampleSource, ValveDrive};
 use firmware::storage::{Flash, Slot, Store};
 use firmware::tick::{BootReport, NoModel, TickConfig};
 use model_export::link::Kind;
@@ -158,7 +158,7 @@ impl HistoryMemory for Wire {
     }
 }
 impl CrashMemory for Wire {
-    fn keep(&mut self, _sealed: &[u8; firmware::retain::SEALED_BYTES]) {}
+    fn keep(&mut self, _sealed: &[u8; firmware::crash_record::SEALED_BYTES]) {}
 }
 
 /// The line: what the host sends, and what it hears.
@@ -218,7 +218,7 @@ struct Board {
     background: BackgroundTask<'static, Ram, Ram>,
     cable: Cable,
     wires: Wire,
-    exchange: &'static SharedAtomics,
+    shared: &'static SharedAtomics,
     settings: Settings,
     session: u32,
     token: u32,
@@ -229,7 +229,7 @@ struct Board {
 
 impl Board {
     fn new(settings: Settings) -> Self {
-        let exchange: &'static SharedAtomics = Box::leak(Box::default());
+        let shared: &'static SharedAtomics = Box::leak(Box::default());
         let (commands_in, commands_out) = Box::leak(Box::new(CommandQueue::new())).split();
         let (answers_in, answers_out) = Box::leak(Box::new(AnswerQueue::new())).split();
         let (telemetry_in, telemetry_out) = Box::leak(Box::new(TelemetryQueue::new())).split();
@@ -259,16 +259,16 @@ impl Board {
         let queues = TickQueues { commands: commands_out, answers: answers_in, telemetry: telemetry_in, trace: trace_in };
         let facts = Facts { program: &[], program_crc32: 0, clock: None, faults: FaultSet::EMPTY, chip: ChipThermometer::new(950, 1200) };
         let background = BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
-        let task = TickTask::new(tick, BootReport::default(), io, queues, exchange, 168_000, Some(1500));
-        let mut background = BackgroundTask::new(link, facts, background, exchange);
+        let task = TickTask::new(tick, BootReport::default(), io, queues, shared, 168_000, Some(1500));
+        let mut background = BackgroundTask::new(link, facts, background, shared);
         let build = Build { source: [1, 2, 3, 4, 5, 6, 7, 8], chip: 0x1007_6413, chip_number: [9; 12] };
         background.link_mut().identify(Identity { build, has_bootloader: true, has_history: true });
-        Self { task, background, cable: Cable::default(), wires, exchange, settings, session: 0, token: 0, noise: 0, time_stands: false }
+        Self { task, background, cable: Cable::default(), wires, shared, settings, session: 0, token: 0, noise: 0, time_stands: false }
     }
 
     /// A millisecond, with the background's rounds behind it.
     fn step(&mut self) {
-        self.exchange.add_periods(u32::from(!self.time_stands));
+        self.shared.add_periods(u32::from(!self.time_stands));
         self.noise = (self.noise + 3) % 5;
         let share = self.wires.0.analogue.get().max(self.wires.0.pulse.get());
         let bar = f32::from(share) / 65_535.0 * self.settings.valve_full_scale_bar;
@@ -305,7 +305,7 @@ impl Board {
         for _ in 0..50 {
             self.send(Request::SetPoint { quantity: Quantity::Pressure, value: bar });
         }
-        assert_eq!(self.exchange.state(), State::Running, "{:?}", self.task.rig().supervisor().record());
+        assert_eq!(self.shared.state(), State::Running, "{:?}", self.task.rig().supervisor().record());
         self
     }
 }
@@ -358,7 +358,7 @@ fn an_output_that_does_not_obey_and_a_supply_that_is_off_vent_within_50_ms_and_s
             for _ in 0..100 {
                 board.step();
             }
-            assert_eq!((board.exchange.state(), board.task.rig().supervisor().record().first), (State::Fault, fault.number()));
+            assert_eq!((board.shared.state(), board.task.rig().supervisor().record().first), (State::Fault, fault.number()));
         }
     }
 }
@@ -426,7 +426,7 @@ fn the_last_two_seconds_before_a_fault_are_fetched_and_survive_a_reset() {
     let before = board.wires.0.sample.get();
     board.wires.0.laser_is_dead.set(true);
     (0..20).for_each(|_| board.step());
-    assert_eq!(board.exchange.state(), State::Fault);
+    assert_eq!(board.shared.state(), State::Fault);
     let record = *board.task.rig().supervisor().record();
     let rows = board.history();
     assert_eq!(rows.len(), 2000);
@@ -454,7 +454,7 @@ fn the_last_two_seconds_before_a_fault_are_fetched_and_survive_a_reset() {
     after.session = hello.session;
     assert_eq!(after.history(), rows);
     after.send(Request::Arm);
-    assert_eq!(after.exchange.state(), State::Armed);
+    assert_eq!(after.shared.state(), State::Armed);
     assert_eq!(after.ask(Request::History { from_row: 0 }), Reply::Refused(Refusal::NoRecord));
 }
 

@@ -29,9 +29,9 @@ mod tests {
     use firmware::board::target::cycles::Cycles;
     use firmware::board::target::memory;
     use firmware::board::tick_task::CycleCounter;
+    use firmware::drivers::{RawSample, SampleSource};
     use firmware::estimator::{KernelSource, MAX_PACKED_WORDS, Network, Portable};
     use firmware::parity::{Layers, RandomNetwork, network_digest};
-    use firmware::drivers::{RawSample, SampleSource};
     use model_export::schema::Cell;
 
     struct Board {

@@ -7,11 +7,11 @@ use host_tool::backend::{Backend, Rig, Simulated, VIRTUAL_BOARD};
 use host_tool::discover::effects::of_a_file::Definition;
 use host_tool::excitation::{self, Limits};
 use host_tool::import::{self, CheckVectors};
-use host_tool::journal::{Journal, story};
 use host_tool::link::{Client, FlashMemory, HardwareConfig, InProcess};
 use host_tool::model::{self, Fit};
 use host_tool::plant::Plant;
 use host_tool::recording::Signal;
+use host_tool::replay_log::{ReplayLog, story};
 use host_tool::train::{CheckpointPlan, train};
 use host_tool::{experiment, export, history, identify, network, setting_words, track};
 
@@ -109,10 +109,10 @@ pub fn checkpoint(bytes: &[u8]) -> Result<(), Wrong> {
     })
 }
 
-/// A journal, replayed.
-pub fn journal(bytes: &[u8]) -> Result<(), Wrong> {
-    let journal = Journal::from_bytes(bytes).map_err(refused)?;
-    let told = story(&journal, Some(0.01)).map_err(refused)?;
+/// A replay log, replayed.
+pub fn replay_log(bytes: &[u8]) -> Result<(), Wrong> {
+    let replay_log = ReplayLog::from_bytes(bytes).map_err(refused)?;
+    let told = story(&replay_log, Some(0.01)).map_err(refused)?;
     let text = serde_json::to_string(&told).map_err(|error| garbage(error.to_string()))?;
     if text.len() > 64 << 20 { Err(garbage("a story of more than 64 MB")) } else { Ok(()) }
 }

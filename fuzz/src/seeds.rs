@@ -80,7 +80,7 @@ pub fn flashes() -> Vec<Vec<u8>> {
     vec![flash.to_bytes()]
 }
 
-/// The journal of a device that is asked a few things.
+/// The replay log of a device that is asked a few things.
 pub fn journals() -> Vec<Vec<u8>> {
     let recorder = track::rig::recorder("virtual", 1);
     let processor = InProcess::new(FlashMemory::default());
@@ -89,7 +89,7 @@ pub fn journals() -> Vec<Vec<u8>> {
         client.ask(&request).expect("an answer");
     }
     let rig = client.into_transport();
-    vec![rig.observer().journal().expect("a journal").to_bytes().expect("bytes")]
+    vec![rig.observer().replay_log().expect("a replay log").to_bytes().expect("bytes")]
 }
 
 /// Excitations of a set.

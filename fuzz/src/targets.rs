@@ -16,7 +16,7 @@ pub struct Target {
     /// Reads one file: the refusal, or what is wrong with what was accepted.
     pub read: fn(&[u8]) -> Result<(), Wrong>,
     /// Makes a changed file's checksums right again, so that it is not refused at the door; every second file goes through it.
-    pub seal: Option<fn(&mut [u8])>,
+    pub mend_crc: Option<fn(&mut [u8])>,
 }
 
 impl Target {
@@ -24,8 +24,8 @@ impl Target {
     #[must_use]
     pub fn input(&self, files: &[Vec<u8>], seed: u64, number: u64) -> Vec<u8> {
         let mut bytes = mutate::mutated(files, seed, number);
-        if let Some(seal) = self.seal.filter(|_| number.is_multiple_of(2)) {
-            seal(&mut bytes);
+        if let Some(mend_crc) = self.mend_crc.filter(|_| number.is_multiple_of(2)) {
+            mend_crc(&mut bytes);
         }
         bytes
     }
@@ -40,7 +40,7 @@ fn fixtures(names: &[&str]) -> Vec<Vec<u8>> {
 /// All readers.
 #[must_use]
 pub fn all() -> Vec<Target> {
-    let target = |name, files, read| Target { name, files, read, seal: None };
+    let target = |name, files, read| Target { name, files, read, mend_crc: None };
     vec![
         target("csv", || fixtures(&["reference.csv", "units.csv", "tab.tsv"]), own),
         target("foreign-csv", || fixtures(&["excel.csv"]), foreign),
@@ -53,9 +53,9 @@ pub fn all() -> Vec<Target> {
         target("discovered", || vec![seeds::file("discovered.toml")], readers::model),
         target("fitted", || vec![seeds::file("fitted.toml")], readers::model),
         target("network", seeds::networks, readers::trained),
-        Target { name: "blob", files: seeds::blobs, read: readers::blob, seal: Some(blob_with_crc) },
+        Target { name: "blob", files: seeds::blobs, read: readers::blob, mend_crc: Some(blob_with_crc) },
         target("checkpoint", seeds::checkpoints, readers::checkpoint),
-        Target { name: "journal", files: seeds::journals, read: readers::journal, seal: Some(replay_log_with_crc) },
+        Target { name: "journal", files: seeds::journals, read: readers::replay_log, mend_crc: Some(replay_log_with_crc) },
         target("flash", seeds::flashes, readers::flash),
         target("excitation", seeds::excitations, readers::played),
         target("plant", || vec![seeds::file("plant.toml")], readers::plant),
@@ -83,7 +83,7 @@ fn blob_with_crc(bytes: &mut [u8]) {
     }
 }
 
-/// Checksum of a journal.
+/// Checksum of a replay log.
 fn replay_log_with_crc(bytes: &mut [u8]) {
     if bytes.len() > 16 {
         let checksum = model_export::blob::crc32(0, &bytes[16..]);
@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_reader_accepts_a_file_to_begin_from_and_sealing_leaves_all_as_they_are() {
+    fn every_reader_accepts_a_file_to_begin_from_and_mending_its_crc_leaves_all_as_they_are() {
         for target in all() {
             let files = (target.files)();
             let refused: Vec<Wrong> = files.iter().filter_map(|file| (target.read)(file).err()).collect();
@@ -166,9 +166,9 @@ mod tests {
             assert!(refused.len() < files.len(), "{}: {refused:?}", target.name);
             assert!(refused.iter().all(|wrong| matches!(wrong, Wrong::Refused(_))), "{}: {refused:?}", target.name);
             for file in &files {
-                let mut sealed = file.clone();
-                target.seal.into_iter().for_each(|seal| seal(&mut sealed));
-                assert!(sealed == *file, "{}", target.name);
+                let mut mended = file.clone();
+                target.mend_crc.into_iter().for_each(|mend| mend(&mut mended));
+                assert!(mended == *file, "{}", target.name);
             }
         }
     }

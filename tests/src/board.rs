@@ -13,16 +13,16 @@ use std::time::Duration;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::board::SELECTED;
 use firmware::board::background_task::{BackgroundQueues, BackgroundTask, Facts, TRANSMIT_QUEUE};
-use firmware::board::exchange::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
+use firmware::board::shared_atomics::{AnswerQueue, CommandQueue, SharedAtomics, TelemetryQueue, TraceQueue};
 use firmware::board::stm32f405::facts::CORE_HZ;
 use firmware::board::tick_task::{CrashMemory, CycleCounter, TickIo, TickQueues, TickTask};
 use firmware::board::watchdog::{Watchdog, WatchdogTimer};
+use firmware::crash_record::SEALED_BYTES;
 use firmware::device::exchange::DeviceOutputs;
+use firmware::drivers::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::history::{HistoryMemory, HistoryWords, RamHistory};
 use firmware::link::{Link, LinkConfig};
 use firmware::parity::Noise;
-use firmware::retain::SEALED_BYTES;
-use firmware::drivers::{DumpValve, PulseFrequency, RawSample, SampleSource, ValveDrive};
 use firmware::tick::{BootReport, TickConfig};
 use host_tool::link::{FACTS, FlashMemory, Hardware, Heap, LinkError, SlotPair, Transport};
 use model_export::link::fault::FaultSet;
@@ -180,7 +180,7 @@ pub struct Board {
     task: TickTask<'static, BoardIo>,
     background: BackgroundTask<'static, SlotPair, SlotPair>,
     place: Heap,
-    exchange: &'static SharedAtomics,
+    shared: &'static SharedAtomics,
     wires: Wire,
     hardware: Hardware,
     cable: Cable,
@@ -198,7 +198,7 @@ impl Board {
     #[must_use]
     pub fn new(flash: FlashMemory, hardware: Hardware, seed: u32) -> Self {
         // The tasks want what the chip gives them: queues that live for ever.
-        let exchange: &'static SharedAtomics = Box::leak(Box::default());
+        let shared: &'static SharedAtomics = Box::leak(Box::default());
         let (commands_in, commands_out) = Box::leak(Box::new(CommandQueue::new())).split();
         let (answers_in, answers_out) = Box::leak(Box::new(AnswerQueue::new())).split();
         let (telemetry_in, telemetry_out) = Box::leak(Box::new(TelemetryQueue::new())).split();
@@ -229,10 +229,10 @@ impl Board {
         let background_queues =
             BackgroundQueues { commands: commands_in, answers: answers_out, telemetry: telemetry_out, trace: trace_out };
         Self {
-            task: TickTask::new(tick, boot, io, queues, exchange, CORE_HZ / 1000, None),
-            background: BackgroundTask::new(link, facts, background_queues, exchange),
+            task: TickTask::new(tick, boot, io, queues, shared, CORE_HZ / 1000, None),
+            background: BackgroundTask::new(link, facts, background_queues, shared),
             place: Heap::default(),
-            exchange,
+            shared,
             wires,
             hardware,
             cable: Cable::default(),
@@ -271,7 +271,7 @@ impl Board {
     /// One millisecond, now and then two.
     fn advance(&mut self) {
         let lost = u32::from(self.below(400) == 0);
-        self.exchange.add_periods(1 + lost);
+        self.shared.add_periods(1 + lost);
         let slow = self.below(300) == 0;
         self.wires.0.slow.set(slow);
         self.wires.0.sample.set(self.hardware.sample());

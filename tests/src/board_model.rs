@@ -8,8 +8,8 @@ use std::time::Instant;
 use host_tool::backend::BOARD_MODEL;
 use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment::{self, OverTheLink};
-use host_tool::journal::{Journal, Tracing, replay};
 use host_tool::link::{BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, Lockstep, Observer, TickRecord};
+use host_tool::replay_log::{ReplayLog, Tracing, replay};
 use host_tool::track::compare::{self, Run};
 use host_tool::track::rig::{self, Truth};
 use host_tool::track::{Controller, Reference, SettingValues, run};
@@ -68,19 +68,19 @@ pub struct Slice {
     pub wall_s: f64,
     /// Registers that no model answered for.
     pub unmodelled: Vec<String>,
-    /// Ticks of the journal.
+    /// Ticks of the replay log.
     pub ticks: u64,
     /// Whether the library in this process gives the same outputs, tick by tick, to the bit.
     pub bit_equal: bool,
-    /// What differs first, or why the journal ends too early.
+    /// What differs first, or why the replay log ends too early.
     pub difference: Option<String>,
     /// What was logged.
     pub log: String,
 }
 
 impl Slice {
-    fn of<O: Observer>(client: &mut ModelRig<O>, journal: &Journal, begun: Instant) -> Self {
-        let replay = replay(journal).expect("a journal that can be run again");
+    fn of<O: Observer>(client: &mut ModelRig<O>, replay_log: &ReplayLog, begun: Instant) -> Self {
+        let replay = replay(replay_log).expect("a replay log that can be run again");
         let unmodelled = unmodelled(client);
         let processor = client.transport().processor();
         Self {
@@ -123,7 +123,7 @@ pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64
     let wanted = OverTheLink { backend: BOARD_MODEL, blob: Some(blob) };
     let outcome = experiment::record(&mut client, &excitation, &Limits::default(), Some(wanted)).expect("an experiment");
     assert!(outcome.fault.is_none(), "{:?}", outcome.fault);
-    Slice::of(&mut client, &outcome.journal.expect("a journal"), begun)
+    Slice::of(&mut client, &outcome.replay_log.expect("a replay log"), begun)
 }
 
 /// Lets a controller follow a reference on the all-effects rig around the image.
@@ -142,8 +142,8 @@ pub fn followed(settings: &SettingValues, blob: &[u8], controller: Controller, r
         let account = client.account().clone();
         panic!("{}: {error}; {status:?}; {account:?}; {:?}", controller.name, client.transport().processor().pins())
     });
-    let journal = tracing.end(&mut client);
-    (Slice::of(&mut client, &journal, begun), run)
+    let replay_log = tracing.end(&mut client);
+    (Slice::of(&mut client, &replay_log, begun), run)
 }
 
 /// A tick as the surroundings saw it.

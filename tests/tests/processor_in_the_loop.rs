@@ -10,10 +10,10 @@ use firmware::device::exchange::InjectedFault;
 use firmware::storage::Slot;
 use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment;
-use host_tool::journal::{Event, Header, Journal, Recorder, Tracing, replay};
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Processor, Qemu, QemuConfig};
 use host_tool::network::Mode;
 use host_tool::plant::{Plant, PlantConfig};
+use host_tool::replay_log::{Event, Header, Recorder, ReplayLog, Tracing, replay};
 use model_export::link::fault::{Blocker, Fault};
 use model_export::link::message::{PlaybackChunk, Quantity, Refusal, Reply, Request, Telemetry};
 use model_export::link::settings::Settings;
@@ -65,12 +65,12 @@ fn run_up<P: Processor>(rig: &mut Rig<P>) {
     assert!(rig.transport().hardware().pressure_bar() > 1.4);
 }
 
-fn journal<P: Processor>(rig: Rig<P>) -> Journal {
-    rig.into_transport().observer().journal().clone()
+fn replay_log<P: Processor>(rig: Rig<P>) -> ReplayLog {
+    rig.into_transport().observer().replay_log().clone()
 }
 
 /// Both journals have the same events, and the library runs the target's again to the bit.
-fn agree(host: &Journal, target: &Journal) {
+fn agree(host: &ReplayLog, target: &ReplayLog) {
     let difference = (0..host.events.len().max(target.events.len())).find(|at| host.events.get(*at) != target.events.get(*at));
     if let Some(at) = difference {
         panic!("event {at}:\n host   {:?}\n target {:?}", host.events.get(at), target.events.get(at));
@@ -144,11 +144,11 @@ fn adaptation_is_equal_to_the_bit() {
     };
     let flash = FlashMemory::with_model(&blob).unwrap().with_settings(&settings).unwrap();
     let points_mm: Vec<f64> = (0..300).map(|point| 5.0 - 2.5 * (f64::from(point) * 0.06).cos()).collect();
-    fn play<P: Processor>(mut rig: Rig<P>, points_mm: &[f64]) -> (Journal, Reply) {
+    fn play<P: Processor>(mut rig: Rig<P>, points_mm: &[f64]) -> (ReplayLog, Reply) {
         experiment::settle(&mut rig).unwrap();
         host_tool::track::run::run(&mut rig, points_mm, &mut |_, _| {}).unwrap();
         let report = rig.request(&Request::AdaptationReport).unwrap();
-        (journal(rig), report)
+        (replay_log(rig), report)
     }
     let (target, learned) = play(qemu(&config, &flash), &points_mm);
     let (here, also_learned) = play(host(&flash), &points_mm);
@@ -165,7 +165,7 @@ fn sessions_of_sense_and_nonsense_are_equal_to_the_bit() {
         let (mut target, mut here) = (qemu(&config, &flash), host(&flash));
         session(&mut target, seed);
         session(&mut here, seed);
-        let (target, here) = (journal(target), journal(here));
+        let (target, here) = (replay_log(target), replay_log(here));
         agree(&here, &target);
         let ticks_in = |state| here.events.iter().filter(|event| matches!(event, Event::Tick(tick) if tick.outputs.state == state)).count();
         let running = ticks_in(State::Running);
@@ -190,7 +190,7 @@ fn an_experiment_with_the_model_in_the_tick_is_equal_to_the_bit_on_both_kernels(
         let estimates: Vec<f32> = outcome.samples.iter().filter_map(|sample| sample.estimate_mm).collect();
         let (low, high) = estimates.iter().fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(*value), high.max(*value)));
         assert!(estimates.len() == 150 && high - low > 5.0, "{units:?}: {} estimates from {low} to {high} mm", estimates.len());
-        agree(&journal(here), &journal(target));
+        agree(&replay_log(here), &replay_log(target));
     }
 }
 
@@ -221,7 +221,7 @@ fn tracking_by_every_feed_forward_and_through_a_lost_laser_is_equal_to_the_bit()
         let (low, high) = outputs.fold((i32::MAX, i32::MIN), |(low, high), output| (low.min(output), high.max(output)));
         assert!(high - low > 200_000, "feed-forward {feed_forward}: from {low} to {high} microbar");
         assert!(samples.iter().any(|sample| sample.displacement_mm.is_none()), "the laser was lost");
-        agree(&journal(here), &journal(target));
+        agree(&replay_log(here), &replay_log(target));
     }
 }
 
@@ -236,8 +236,8 @@ fn track<P: Processor>(rig: &mut Rig<P>, points_mm: &[f64]) -> Vec<Telemetry> {
     host_tool::track::run::run(rig, points_mm, &mut { lose }).unwrap()
 }
 
-/// The journal that a device tells over its serial line, which is all that a board has.
-fn told<P: Processor>(rig: &mut Rig<P>, blob: &[u8], points_mm: &[f64]) -> Journal {
+/// The replay log that a device tells over its serial line, which is all that a board has.
+fn told<P: Processor>(rig: &mut Rig<P>, blob: &[u8], points_mm: &[f64]) -> ReplayLog {
     experiment::settle(rig).unwrap();
     let tracing = Tracing::begin(rig, "test", Some(blob)).unwrap();
     track(rig, points_mm);
@@ -267,7 +267,7 @@ fn what_the_emulated_board_tells_over_its_serial_line_is_run_again_to_the_bit() 
     assert!(told_by_target.ticks() > 3_000, "{} ticks", told_by_target.ticks());
     agree(&told_here, &told_by_target);
     assert_eq!(replay(&told_by_target).unwrap().cut, None);
-    agree(&journal(here), &journal(target));
+    agree(&replay_log(here), &replay_log(target));
 }
 
 #[test]
@@ -325,7 +325,7 @@ fn a_processor_that_hangs_overflows_its_stack_or_panics_ends_vented_within_50_ms
         here.transport().advance_for(400).unwrap();
         experiment::status(&mut here).unwrap();
         here.ask(&Request::Arm).unwrap();
-        agree(&journal(here), &journal(target));
+        agree(&replay_log(here), &replay_log(target));
     }
 }
 
@@ -402,5 +402,5 @@ fn damaged_flash_is_a_named_fault_and_nothing_arms() {
     let status = experiment::status(&mut rig).unwrap();
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ModelCorrupt.number()));
     experiment::status(&mut here).unwrap();
-    agree(&journal(here), &journal(rig));
+    agree(&replay_log(here), &replay_log(rig));
 }

@@ -2,9 +2,9 @@
 
 use firmware::calibration::ConverterConfig;
 use firmware::control::SetPoint;
+use firmware::drivers::RawSample;
 use firmware::estimator::{Estimator, EstimatorState, Portable, StepBudget, StepTimer};
 use firmware::model::{RunningModel, examine};
-use firmware::drivers::RawSample;
 use firmware::self_test::{ClockCheck, Report, SelfTest};
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Rig, RigFacts, TickConfig, TickInputs, TickOutputs};

@@ -33,9 +33,9 @@ fn recording(seed: u32) -> Recording {
         let mut state = muscle.start();
         input.iter().map(|&value| muscle.step(&mut state, value)).collect()
     };
-    let pull = hysteresis(muscle([2.0, 1.2, 0.8]), &inputs[0]);
+    let rise = hysteresis(muscle([2.0, 1.2, 0.8]), &inputs[0]);
     let back = hysteresis(muscle([0.5, 0.9, 0.9]), &inputs[1]);
-    let output = pull.iter().zip(&back).map(|(pull, back)| (pull - back) / (1.0 + 0.08 * pull + 0.08 * back)).collect();
+    let output = rise.iter().zip(&back).map(|(rise, back)| (rise - back) / (1.0 + 0.08 * rise + 0.08 * back)).collect();
     let time_s = (0..SAMPLES).map(|sample| sample as f64 * PERIOD_S).collect();
     let [first, second] = inputs;
     let second = Channel { signal: Signal { quantity: "pressure2".into(), unit: "bar".into() }, values: second };

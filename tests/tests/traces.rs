@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use host_tool::experiment;
-use host_tool::journal::{Event, Journal, Tracing, replay, story};
 use host_tool::link::{Client, Cut, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Transport};
 use host_tool::network::Mode;
 use host_tool::plant::{Plant, PlantConfig};
+use host_tool::replay_log::{Event, ReplayLog, Tracing, replay, story};
 use host_tool::track::run;
 use model_export::link::fault::Fault;
 use model_export::link::message::{Refusal, Reply, Request};
@@ -60,22 +60,22 @@ fn idle<T: Transport>(client: &mut Client<T>) {
     }
 }
 
-/// What a tick took, by kind, over a journal.
-fn commands(journal: &Journal, is: impl Fn(&TraceCommand) -> bool) -> usize {
+/// What a tick took, by kind, over a replay log.
+fn commands(replay_log: &ReplayLog, is: impl Fn(&TraceCommand) -> bool) -> usize {
     let named = |event: &Event| match event {
         Event::Traced(tick) => tick.record.extra.is_some_and(|extra| is(&extra.command)),
         _ => false,
     };
-    journal.events.iter().filter(|event| named(event)).count()
+    replay_log.events.iter().filter(|event| named(event)).count()
 }
 
-fn identical(journal: &Journal) {
+fn identical(replay_log: &ReplayLog) {
     // Through a file, as everybody gets it.
-    let journal = Journal::from_bytes(&journal.to_bytes().unwrap()).unwrap();
-    let replay = replay(&journal).unwrap();
+    let replay_log = ReplayLog::from_bytes(&replay_log.to_bytes().unwrap()).unwrap();
+    let replay = replay(&replay_log).unwrap();
     assert_eq!(replay.first_difference, None, "{} ticks", replay.ticks);
     assert_eq!(replay.cut, None);
-    assert_eq!(replay.ticks, journal.ticks() as u64);
+    assert_eq!(replay.ticks, replay_log.ticks() as u64);
 }
 
 #[test]
@@ -109,16 +109,16 @@ fn a_boards_run_with_stops_faults_and_other_settings_is_run_again_to_the_bit_wha
         client.command(&Request::Arm).unwrap();
         client.command(&Request::Vent).unwrap();
         client.listen_for(Duration::from_millis(100)).unwrap();
-        let journal = tracing.end(&mut client);
+        let replay_log = tracing.end(&mut client);
 
-        identical(&journal);
-        assert!(journal.ticks() > 8_000, "seed {seed}: {} ticks", journal.ticks());
-        assert!(commands(&journal, |command| matches!(command, TraceCommand::Request(_))) > 50);
-        assert_eq!(commands(&journal, |command| matches!(command, TraceCommand::SelfTestReport { .. })), 2);
+        identical(&replay_log);
+        assert!(replay_log.ticks() > 8_000, "seed {seed}: {} ticks", replay_log.ticks());
+        assert!(commands(&replay_log, |command| matches!(command, TraceCommand::Request(_))) > 50);
+        assert_eq!(commands(&replay_log, |command| matches!(command, TraceCommand::SelfTestReport { .. })), 2);
         let lost = |event: &Event| matches!(event, Event::Traced(tick) if tick.record.extra.is_some_and(|extra| extra.lost_ticks > 0));
-        assert!(journal.events.iter().any(lost), "seed {seed}: a tick was lost and none of it came");
+        assert!(replay_log.events.iter().any(lost), "seed {seed}: a tick was lost and none of it came");
         // The story knows what stopped it.
-        let told = story(&journal, None).unwrap();
+        let told = story(&replay_log, None).unwrap();
         let causes: Vec<String> = told.turnings.iter().map(|turning| turning.cause.in_words()).collect();
         assert!(causes.iter().any(|cause| cause.contains("emergency-stop")), "{causes:?}");
         assert!(causes.iter().any(|cause| cause.contains("`Vent`")), "{causes:?}");
@@ -170,15 +170,15 @@ fn the_rig_in_this_process_tells_its_trace_over_its_link_like_a_board() {
     run::run(&mut client, &points_mm(1), &mut |_, _| {}).unwrap();
     let tracing = Tracing::begin(&mut client, "test", Some(&blob)).unwrap();
     let samples = run::run(&mut client, &points_mm(2), &mut |_, _| {}).unwrap();
-    let journal = tracing.end(&mut client);
-    identical(&journal);
+    let replay_log = tracing.end(&mut client);
+    identical(&replay_log);
     // And it says where a moment's output came from.
-    let begin_ms = match journal.events[0] {
+    let begin_ms = match replay_log.events[0] {
         Event::Begin { time_ms, .. } => time_ms,
         _ => panic!("a trace begins"),
     };
     let sample = samples[100];
-    let told = story(&journal, Some((sample.time_ms - begin_ms) as f64 * 1e-3)).unwrap();
+    let told = story(&replay_log, Some((sample.time_ms - begin_ms) as f64 * 1e-3)).unwrap();
     let moment = told.moment.unwrap();
     assert_eq!((moment.output_bar * 1e6).round() as i32, sample.output_ubar);
     assert_eq!(moment.set_point, sample.set_point);
@@ -191,17 +191,17 @@ fn one_code_that_differs_is_found_in_its_tick() {
     let mut client = board(3, &blob);
     let tracing = Tracing::begin(&mut client, "test", Some(&blob)).unwrap();
     run::run(&mut client, &points_mm(1), &mut |_, _| {}).unwrap();
-    let mut journal = tracing.end(&mut client);
-    let at = journal.events.len() / 2;
-    let Event::Traced(tick) = &mut journal.events[at] else { panic!("a tick") };
+    let mut replay_log = tracing.end(&mut client);
+    let at = replay_log.events.len() / 2;
+    let Event::Traced(tick) = &mut replay_log.events[at] else { panic!("a tick") };
     tick.record.pressure_code ^= 1;
     // Event 0 is the beginning. A pressure shows in the checked outputs when its window ends, at the latest.
-    let found = replay(&journal).unwrap().first_difference.unwrap().tick;
+    let found = replay(&replay_log).unwrap().first_difference.unwrap().tick;
     assert!((at as u64 - 1..at as u64 + 20).contains(&found), "changed {at}, found {found}");
 }
 
 #[test]
-fn a_lost_frame_cuts_the_journal_there_and_all_before_it_is_run_again() {
+fn a_lost_frame_cuts_the_replay_log_there_and_all_before_it_is_run_again() {
     let blob = blob();
     let mut client = board(5, &blob);
     let tracing = Tracing::begin(&mut client, "test", Some(&blob)).unwrap();
@@ -213,8 +213,8 @@ fn a_lost_frame_cuts_the_journal_there_and_all_before_it_is_run_again() {
         client.listen_for(Duration::from_millis(40)).unwrap();
     }
     let passed_ms = (client.elapsed() - before).as_millis() as usize;
-    let journal = tracing.end(&mut client);
-    let replay = replay(&journal).unwrap();
+    let replay_log = tracing.end(&mut client);
+    let replay = replay(&replay_log).unwrap();
     // A piece, or two in a row where the next loss follows at once.
     assert!(matches!(replay.cut, Some(Cut::Lost { bytes: 128..=512 })), "{:?}", replay.cut);
     assert!(replay.is_identical() && replay.ticks > 100 && (replay.ticks as usize) < passed_ms, "{} ticks", replay.ticks);
@@ -228,8 +228,8 @@ fn a_line_that_is_too_slow_ends_the_trace_and_the_device_says_so() {
     client.transport().set_line(6);
     client.listen_for(Duration::from_secs(3)).unwrap();
     client.transport().set_line(92);
-    let journal = tracing.end(&mut client);
-    let replay = replay(&journal).unwrap();
+    let replay_log = tracing.end(&mut client);
+    let replay = replay(&replay_log).unwrap();
     assert_eq!(replay.cut, Some(Cut::TooSlow));
     // What the queues held and what the line took of nine bytes a tick.
     assert!(replay.is_identical() && replay.ticks > 300, "{} ticks", replay.ticks);
@@ -240,7 +240,7 @@ fn a_line_that_is_too_slow_ends_the_trace_and_the_device_says_so() {
 }
 
 #[test]
-fn a_device_that_is_reset_leaves_the_journal_of_the_time_before() {
+fn a_device_that_is_reset_leaves_the_replay_log_of_the_time_before() {
     let blob = blob();
     let lockstep = Lockstep::new(InProcess::new(flash(&blob)), hardware(), (), "the test's rig", "virtual").unwrap();
     let mut client = Client::connect(lockstep).unwrap();

@@ -35,7 +35,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     refuse_another_kind(path, bytes)?;
     let full = || format!("{}: cannot be written; is the disk full?", path.display());
     file.write_all(bytes).with_context(full)?;
-    // Before the name changes hands: after a loss of power the name must not point to a file whose bytes never arrived.
+    // Before the rename: after a loss of power the name must not point to a file whose bytes never arrived.
     file.as_file().sync_all().with_context(full)?;
     file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     // The name itself; a file system that cannot do that has kept its old promise.

@@ -8,7 +8,7 @@ pub(crate) fn kind(bytes: &[u8]) -> &'static str {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     match bytes {
         _ if starts(b"CATHBLOB") => "a blob",
-        _ if starts(b"CATHJRNL") => "a journal",
+        _ if starts(b"CATHJRNL") => "a replay log",
         _ if starts(b"\x1f\x8b") => "a compressed file",
         _ if starts(b"PK") => "an archive",
         _ if starts(b"\x89MCAP") => "an MCAP file",

@@ -131,7 +131,7 @@ pub(super) enum RowError<E> {
     Row(E),
 }
 
-/// Hands every row from here on to `take`, with its line; rows of blanks and comments are passed over.
+/// Gives every row from here on to `take`, with its line; rows of blanks and comments are passed over.
 pub(super) fn rows<R: Read, E>(
     lines: &mut Lines<R>,
     separator: Separator,

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
     BoardModel, BoardModelConfig, FlashMemory, Hardware, HardwareConfig, InProcess, Injection, LinkError, Lockstep, Muscle, Processor,
     Qemu, QemuConfig, Serial, Transport, find_board,
 };
+use crate::replay_log::{Header, Recorder, ReplayLog};
 use simulation::plant::Plant;
 
 /// The name that the emulated device gives; the rig in this process takes it too where both are compared.
@@ -74,7 +74,7 @@ pub struct Simulated {
     pub hardware: HardwareConfig,
     /// What moves the tip.
     pub muscle: Box<dyn Muscle>,
-    /// What moves the tip, for the journal.
+    /// What moves the tip, for the replay log.
     pub plant: String,
     /// What the flash holds.
     pub flash: FlashMemory,
@@ -156,7 +156,7 @@ impl Rig {
         Ok(rig)
     }
 
-    /// The name of the backend, where it is asked for its journal over the link.
+    /// The name of the backend, where it is asked for its replay log over the link.
     #[must_use]
     pub fn traced_as(&self) -> Option<&'static str> {
         match self {
@@ -172,12 +172,12 @@ impl Rig {
         !matches!(self, Self::Serial(_))
     }
 
-    /// What went into it so far, tick by tick; a board and its model are asked for their journal over the link.
+    /// What went into it so far, tick by tick; a board and its model are asked for their replay log over the link.
     #[must_use]
-    pub fn journal(&self) -> Option<&Journal> {
+    pub fn replay_log(&self) -> Option<&ReplayLog> {
         match self {
-            Self::Virtual(rig) => Some(rig.observer().journal()),
-            Self::Qemu(rig) => Some(rig.observer().journal()),
+            Self::Virtual(rig) => Some(rig.observer().replay_log()),
+            Self::Qemu(rig) => Some(rig.observer().replay_log()),
             Self::BoardModel(_) | Self::Serial(_) => None,
         }
     }

@@ -16,8 +16,8 @@ use model_export::link::state::State;
 use crate::device_settings;
 use crate::feed::Feed;
 use crate::interrupt;
-use crate::journal::{Journal, Tracing};
 use crate::link::{Account, Client, LinkError, Transport, fault_in_words, state_name};
+use crate::replay_log::{ReplayLog, Tracing};
 use crate::status::{PATIENCE, wait};
 pub use crate::status::{settle, settle_after_change, status};
 use recording::{ExtraColumn, Recording, Signal};
@@ -39,13 +39,13 @@ pub struct Outcome {
     /// Points of the excitation.
     pub points: usize,
     /// What the device told of its ticks, if that was wanted.
-    pub journal: Option<Journal>,
+    pub replay_log: Option<ReplayLog>,
 }
 
-/// A journal that is wanted over the link.
+/// A replay log that is wanted over the link.
 #[derive(Clone, Copy, Debug)]
 pub struct OverTheLink<'a> {
-    /// Name of the backend, for the journal.
+    /// Name of the backend, for the replay log.
     pub backend: &'a str,
     /// The model in use, if there is one.
     pub blob: Option<&'a [u8]>,
@@ -84,12 +84,12 @@ fn period_ms(excitation: &ExcitationConfig) -> Result<u32> {
 /// A fault on the way ends the experiment and is part of the outcome.
 ///
 /// # Errors
-/// When the excitation does not fit the rig, the rig is not ready, the journal cannot be had, or the device is gone.
+/// When the excitation does not fit the rig, the rig is not ready, the replay log cannot be had, or the device is gone.
 pub fn record(
     rig: &mut Client<impl Transport>,
     excitation: &ExcitationConfig,
     limits: &Limits,
-    journal: Option<OverTheLink<'_>>,
+    replay_log: Option<OverTheLink<'_>>,
 ) -> Result<Outcome> {
     let period_ms = period_ms(excitation)?;
     let SettingValue::Float(ceiling_bar) = device_settings::setting(rig, "limits.ceiling_bar")? else {
@@ -98,7 +98,7 @@ pub fn record(
     let limits = Limits { maximum_bar: limits.maximum_bar.min(f64::from(ceiling_bar)), ..*limits };
     let samples = excitation.sample_within(&limits)?;
     let points: Vec<f32> = samples.pressure_bar.iter().map(|bar| *bar as f32).collect();
-    record_points(rig, &points, period_ms, journal)
+    record_points(rig, &points, period_ms, replay_log)
 }
 
 /// As [`record`], for pressures in bar, one each period; the limiter of the device sees to the limits.
@@ -109,7 +109,7 @@ pub fn record_points(
     rig: &mut Client<impl Transport>,
     points: &[f32],
     period_ms: u32,
-    journal: Option<OverTheLink<'_>>,
+    replay_log: Option<OverTheLink<'_>>,
 ) -> Result<Outcome> {
     let ready = settle(rig)?;
     if ready.state != State::Idle {
@@ -125,20 +125,20 @@ pub fn record_points(
         ("telemetry.period_ms", SettingValue::Integer(period_ms)),
     ];
     let borrowed = device_settings::borrow(rig, &wanted)?;
-    let outcome = play_for(rig, points, Duration::from_millis(period_ms.into()), journal);
+    let outcome = play_for(rig, points, Duration::from_millis(period_ms.into()), replay_log);
     // Whatever happened: out of the energised states, and the settings back.
     let _ = rig.ask(&Request::Disarm);
     device_settings::give_back(rig, borrowed)?;
     outcome
 }
 
-/// As [`play`], with the journal that is wanted.
-fn play_for(rig: &mut Client<impl Transport>, points: &[f32], period: Duration, journal: Option<OverTheLink<'_>>) -> Result<Outcome> {
-    let Some(OverTheLink { backend, blob }) = journal else { return play(rig, points, period) };
+/// As [`play`], with the replay log that is wanted.
+fn play_for(rig: &mut Client<impl Transport>, points: &[f32], period: Duration, replay_log: Option<OverTheLink<'_>>) -> Result<Outcome> {
+    let Some(OverTheLink { backend, blob }) = replay_log else { return play(rig, points, period) };
     let tracing = Tracing::begin(rig, backend, blob)?;
     let played = play(rig, points, period);
-    let journal = Some(tracing.end(rig));
-    played.map(|outcome| Outcome { journal, ..outcome })
+    let replay_log = Some(tracing.end(rig));
+    played.map(|outcome| Outcome { replay_log, ..outcome })
 }
 
 /// Sends points ahead, starts, and listens until the end.
@@ -157,7 +157,7 @@ fn play(rig: &mut Client<impl Transport>, points: &[f32], period: Duration) -> R
     let bar = output::progress(feed.length().into(), "recording");
     let length = period * feed.length();
     let until = rig.elapsed() + length + PATIENCE;
-    let mut outcome = Outcome { samples: Vec::new(), account: Account::default(), fault: None, points: points.len(), journal: None };
+    let mut outcome = Outcome { samples: Vec::new(), account: Account::default(), fault: None, points: points.len(), replay_log: None };
     let mut waiting = None;
     let mut last_sent = rig.elapsed();
     let (mut started, mut ended) = (false, false);

@@ -1,7 +1,7 @@
 //! The host's end of a rig.
 //!
 //! [`link`] speaks to it through a [`backend`]; [`experiment`] plays excitations to it and [`operate`] lets people operate it; [`calibrate`] measures its
-//! sensors and its valve; [`journal`] keeps what it did and runs it again; [`bootloader`] writes a new image into it. [`device_settings`] is the one
+//! sensors and its valve; [`replay_log`] keeps what it did and runs it again; [`bootloader`] writes a new image into it. [`device_settings`] is the one
 //! place that reads, compares and borrows its settings, [`history`] what it remembers of a fault.
 //!
 //! # Example
@@ -24,8 +24,8 @@ pub mod experiment;
 pub mod feed;
 pub mod history;
 pub mod interrupt;
-pub mod journal;
 pub mod link;
 pub mod operate;
+pub mod replay_log;
 pub mod setting_words;
 pub mod status;

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::aliens::Alien;
 use super::command::{AMPLITUDE_BAR, Excitation};
-use super::muscle::{ThresholdLaw, Muscle};
+use super::muscle::{Muscle, ThresholdLaw};
 use super::stages::{
     Bladder, ChokedFlow, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber, Stage, Supply,
     Tube, Volume, WarmUp,

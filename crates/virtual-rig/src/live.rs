@@ -17,7 +17,7 @@ use std::rc::Rc;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::muscle::{ThresholdLaw, Muscle};
+use super::muscle::{Muscle, ThresholdLaw};
 use super::stages::{
     Bladder, ChokedFlow, Geometry, Heart, KelvinVoigt, LuGreTip, Moment, OnOffValve, Orifices, Pendulum, Remount, Rubber, STEP_S, Stage,
     Supply, Tube, Volume, WarmUp,

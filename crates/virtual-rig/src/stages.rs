@@ -327,7 +327,7 @@ impl Stage for Heart {
 
 /// A mount that warms up: the zero wanders towards where it will stay.
 pub struct WarmUp {
-    /// Whole wander; mm for an offset, a share for a gain.
+    /// Whole drift; mm for an offset, a share for a gain.
     pub size: f64,
     /// Time constant, s.
     pub time_s: f64,

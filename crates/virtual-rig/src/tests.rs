@@ -162,7 +162,9 @@ fn a_muscle_that_remembers_has_been_through_nothing_that_no_recording_tells() {
                 for (state, slack) in states.iter_mut().zip(&case.truth.slack_bar) {
                     *state = f64::max(input - slack, *state).min(input + slack);
                 }
-                first.get_or_insert_with(|| states.iter().zip(&case.truth.pull_mm_per_bar).map(|(state, weights)| state * weights).sum::<f64>());
+                first.get_or_insert_with(|| {
+                    states.iter().zip(&case.truth.pull_mm_per_bar).map(|(state, weights)| state * weights).sum::<f64>()
+                });
             }
             // Peaks between two samples are missed by up to 0.16 % of the span; strokes after the last sample had moved it by ten times that.
             let off = (first.expect("samples") - recording.output[0]).abs() / range;

@@ -20,7 +20,7 @@ mod image {
     use defmt_rtt as _;
     use firmware::board::chip::registers::ThisBoard;
     use firmware::board::contract::Board;
-    use firmware::board::exchange::SharedAtomics;
+    use firmware::board::shared_atomics::SharedAtomics;
     use firmware::board::target::crash;
     use model_export::link::fault::Fault;
 
@@ -73,7 +73,7 @@ mod image {
                 use firmware::board::clock::Source;
                 use firmware::board::contract::{Board, TickIoOf, LineInterrupt, Started, SupplyMonitor};
                 use firmware::board::converter::FACTS;
-                use firmware::board::exchange::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
+                use firmware::board::shared_atomics::{AnswerQueue, CommandQueue, TelemetryQueue, TraceQueue};
                 use firmware::board::log;
                 use firmware::board::pulse_drive::PulseMonitor;
                 use firmware::board::target::crash;
@@ -134,12 +134,12 @@ mod image {
                     let Started { reset_cause, crash_record, clock, mut standing, io, .. } = board;
                     let mut boot_faults = clock.faults.union(crash_record.map(|crash_record| crash_record.faults()).unwrap_or_default());
                     boot_faults = boot_faults.union(board.found).union(standing);
-                    let program_crc32 = match memory::seal() {
+                    let program_crc32 = match memory::image_crc() {
                         Some(crc32) => {
                             *context.local.program = memory::program();
                             crc32
                         }
-                        // An image straight from the compiler has no seal. It is for work at the debug probe and nowhere else.
+                        // An image straight from the compiler has no CRC. It is for work at the debug probe and nowhere else.
                         None => {
                             standing.insert_if(!memory::is_debugged(), Fault::FlashCorrupt);
                             0

@@ -7,9 +7,9 @@ use heapless::spsc::{Consumer, Producer};
 use model_export::link::fault::FaultSet;
 use model_export::link::message::Telemetry;
 
-use super::exchange::SharedAtomics;
 use super::read_back::ChipThermometer;
 use super::rest_noise::root_mean_square;
+use super::shared_atomics::SharedAtomics;
 use crate::background::{Background, ModelPlace};
 use crate::link::{CommandSink, Link, LinkBuffers, Measured};
 use crate::self_test::{ClockCheck, SelfTest};
@@ -63,7 +63,7 @@ pub struct BackgroundQueues<'q> {
 
 struct Sink<'a, 'q> {
     commands: &'a mut Producer<'q, Command>,
-    exchange: &'q SharedAtomics,
+    shared: &'q SharedAtomics,
 }
 
 impl CommandSink for Sink<'_, '_> {
@@ -72,7 +72,7 @@ impl CommandSink for Sink<'_, '_> {
     }
 
     fn vent(&mut self) {
-        self.exchange.ask_for_vent();
+        self.shared.ask_for_vent();
     }
 }
 
@@ -81,7 +81,7 @@ pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
     background: Background<S, M, B>,
     facts: Facts<'q>,
     queues: BackgroundQueues<'q>,
-    exchange: &'q SharedAtomics,
+    shared: &'q SharedAtomics,
     tests_done: u32,
     dropped: u32,
     raised: FaultSet,
@@ -89,8 +89,8 @@ pub struct BackgroundTask<'q, S, M, B = LinkBuffers> {
 
 impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M, B> {
     /// A background that has not run yet.
-    pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, exchange: &'q SharedAtomics) -> Self {
-        Self { background: Background::new(link), facts, queues, exchange, tests_done: 0, dropped: 0, raised: FaultSet::EMPTY }
+    pub fn new(link: Link<S, M, B>, facts: Facts<'q>, queues: BackgroundQueues<'q>, shared: &'q SharedAtomics) -> Self {
+        Self { background: Background::new(link), facts, queues, shared, tests_done: 0, dropped: 0, raised: FaultSet::EMPTY }
     }
 
     /// The link.
@@ -107,12 +107,12 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
     ///
     /// `noise` is a fast counter's value: see [`Measured::noise`].
     pub fn step(&mut self, line: &mut impl Line, place: &mut impl ModelPlace, stack_unused_bytes: u32, noise: u32) {
-        self.exchange.show_life();
+        self.shared.show_life();
         self.look(stack_unused_bytes, noise);
         self.take_from_tick();
-        let Self { background, facts, queues, exchange, raised, .. } = self;
-        let mut sink = Sink { commands: &mut queues.commands, exchange };
-        let outputs = exchange.output_faults();
+        let Self { background, facts, queues, shared, raised, .. } = self;
+        let mut sink = Sink { commands: &mut queues.commands, shared };
+        let outputs = shared.output_faults();
         for fault in outputs.iter() {
             // What the queue does not take now, it takes in one of the next rounds.
             if !raised.contains(fault) && sink.send(Command { token: None, action: Action::Raise(fault) }) {
@@ -134,26 +134,26 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
 
     #[inline(never)]
     fn look(&mut self, stack_unused_bytes: u32, noise: u32) {
-        let Self { background, exchange, facts, tests_done, dropped, .. } = self;
+        let Self { background, shared, facts, tests_done, dropped, .. } = self;
         let link = background.link_mut();
-        let (supply_mv, chip_code) = exchange.measured_self();
+        let (supply_mv, chip_code) = shared.measured_self();
         let chip = facts.chip;
         link.observe(
-            exchange.state(),
-            exchange.vent_verified(),
+            shared.state(),
+            shared.vent_verified(),
             Measured {
-                longest_tick_cycles: exchange.longest_tick_cycles(),
+                longest_tick_cycles: shared.longest_tick_cycles(),
                 stack_unused_bytes,
                 supply_v: (supply_mv > 0).then(|| f32::from(supply_mv) / 1000.0),
                 chip_celsius: chip.map(|calibration| calibration.celsius(chip_code, supply_mv)).filter(|_| supply_mv > 0 && chip_code > 0),
-                rest_noise_codes: exchange.rest_noise().map(|squares| squares.map(root_mean_square)),
+                rest_noise_codes: shared.rest_noise().map(|squares| squares.map(root_mean_square)),
                 noise,
             },
         );
-        let lost = exchange.telemetry_dropped();
+        let lost = shared.telemetry_dropped();
         link.drop_telemetry(lost.wrapping_sub(*dropped));
         *dropped = lost;
-        let wanted = exchange.self_tests();
+        let wanted = shared.self_tests();
         if wanted != *tests_done {
             *tests_done = wanted;
             background.want_self_test();
@@ -175,7 +175,7 @@ impl<'q, S: Flash, M: Flash, B: BorrowMut<LinkBuffers>> BackgroundTask<'q, S, M,
             link.trace(byte);
             taken += 1;
         }
-        self.exchange.take_trace(taken);
+        self.shared.take_trace(taken);
     }
 
     #[inline(never)]

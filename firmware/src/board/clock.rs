@@ -300,11 +300,7 @@ mod tests {
         for hse_hz in [4_000_000, 7_000_000, 9_000_000, 12_000_000, 16_000_000, 25_000_000, 26_000_000, 0] {
             let mut tree = Tree { hse_hz: Some(hse_hz), ..Tree::default() };
             let report = start(&mut tree);
-            assert_eq!(
-                (report.source, faults(report.faults)),
-                (Source::InternalFast, [Fault::ClockInaccurate].to_vec()),
-                "{hse_hz} Hz"
-            );
+            assert_eq!((report.source, faults(report.faults)), (Source::InternalFast, [Fault::ClockInaccurate].to_vec()), "{hse_hz} Hz");
             assert!(!report.check.unwrap().agrees() && !tree.overclocked && !tree.hse_on, "{hse_hz} Hz");
         }
     }

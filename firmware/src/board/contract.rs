@@ -10,12 +10,12 @@ use model_export::link::state::ResetCause;
 
 use super::background_task::Line;
 use super::clock::{ClockReport, ClockTree};
-use super::exchange::SharedAtomics;
 use super::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use super::read_back::ChipThermometer;
+use super::shared_atomics::SharedAtomics;
 use super::tick_task::{CrashMemory, CycleCounter, TickIo};
 use super::watchdog::WatchdogTimer;
-use crate::retain::CrashRecord;
+use crate::crash_record::CrashRecord;
 use crate::drivers::{PulseFrequency, SampleSource, ValveDrive};
 use crate::storage::Flash;
 
@@ -76,8 +76,8 @@ pub trait Board: Sized {
     type Beginning;
 
     /// Brings the chip up, with every output at rest, in the order that [`super`] gives. Every wait is bounded. Time in which the processor
-    /// stands still for flash is booked in `exchange`.
-    fn start(peripherals: Self::Peripherals, line: &'static mut Self::LineMemory, exchange: &'static SharedAtomics) -> Started<Self>;
+    /// stands still for flash is booked in `shared`.
+    fn start(peripherals: Self::Peripherals, line: &'static mut Self::LineMemory, shared: &'static SharedAtomics) -> Started<Self>;
 
     /// Begins to sample, and to watch that sampling goes on: from now on there are ticks.
     fn begin(beginning: Self::Beginning, sampling: &mut Self::Sampling);

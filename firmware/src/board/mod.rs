@@ -22,7 +22,7 @@
 //! # Start-up
 //!
 //! 1. Before there is RAM: dump valve released (`entry`).
-//! 2. Clocks, reset cause, what survived in RAM (`retain`).
+//! 2. Clocks, reset cause, what survived in RAM (`crash_record`).
 //! 3. Brown-out level, memory protection, pins, drives at zero, watchdog, supply monitor.
 //! 4. Settings from flash, rig, queues.
 //! 5. Sampling begins; from now on the tick decides about the dump valve.
@@ -33,7 +33,6 @@ pub mod clock;
 pub mod contract;
 pub mod converter;
 pub mod custom_f405;
-pub mod exchange;
 pub mod feather_f405;
 #[cfg(target_os = "none")]
 pub mod log;
@@ -45,6 +44,7 @@ pub mod pulse_drive;
 pub mod rates;
 pub mod read_back;
 pub mod rest_noise;
+pub mod shared_atomics;
 pub mod stm32f405;
 pub mod stm32h743;
 pub mod supply;

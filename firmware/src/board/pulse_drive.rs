@@ -1,7 +1,7 @@
 //! The valve's drive by pulse width, over any timer of this kind, and whether its pin does what the timer is told.
 //!
 //! The pin is an input too while the timer has it (RM0090 section 8.3.11). The background reads it together with the timer's count, thousands of
-//! times a second and at every phase. Where the count leaves no doubt (it is neither near an edge nor between the width in force and the
+//! times a second and at every phase. Where the count leaves only one answer (it is neither near an edge nor between the width in force and the
 //! one that comes next) the level has to be the one that the count says. Both levels are judged apart, since a pin that is stuck agrees half of the
 //! time. So this finds a pin that is stuck, shorted or given to something else, and a timer that stands still or has another period.
 

@@ -9,15 +9,15 @@ use model_export::link::message::Telemetry;
 use model_export::link::state::State;
 use model_export::link::trace::{MAX_RECORD_BYTES, TraceRecord};
 
-use super::exchange::{self, SharedAtomics, TRACE_QUEUE_BYTES};
 use super::periods::PeriodClock;
 use super::read_back::{PutOut, ReadBackMonitor};
 use super::rest_noise::RestNoise;
+use super::shared_atomics::{self, SharedAtomics, TRACE_QUEUE_BYTES};
 use super::supply::SupplyCorrection;
 use super::watchdog::{Watchdog, WatchdogTimer};
-use crate::history::{History, HistoryMemory};
-use crate::retain::{CrashRecord, SEALED_BYTES};
+use crate::crash_record::{CrashRecord, SEALED_BYTES};
 use crate::drivers::{DumpValve, PulseFrequency, SampleSource, ValveDrive};
+use crate::history::{History, HistoryMemory};
 use crate::tick::{Answer, BootReport, Command, ModelStep, Rig, TakenIn, Tick, TickInputs, ValveOutput};
 
 /// Counts processor cycles.
@@ -70,7 +70,7 @@ pub struct TickTask<'q, H> {
     rig: Rig,
     io: H,
     queues: TickQueues<'q>,
-    exchange: &'q SharedAtomics,
+    shared: &'q SharedAtomics,
     clock: PeriodClock,
     cycles_per_tick: u32,
     overran: bool,
@@ -94,7 +94,7 @@ impl<'q, H> TickTask<'q, H> {
         boot: BootReport,
         io: H,
         queues: TickQueues<'q>,
-        exchange: &'q SharedAtomics,
+        shared: &'q SharedAtomics,
         cycles_per_tick: u32,
         reference_calibration: Option<u16>,
     ) -> Self {
@@ -103,7 +103,7 @@ impl<'q, H> TickTask<'q, H> {
             rig: Rig::new(tick, boot),
             io,
             queues,
-            exchange,
+            shared,
             clock: PeriodClock::default(),
             cycles_per_tick,
             overran: false,
@@ -126,13 +126,13 @@ impl<'q, H> TickTask<'q, H> {
     /// Puts a record on its way; ends the trace where it does not fit.
     #[inline(never)]
     fn trace(&mut self, record: &TraceRecord) {
-        let under_way = self.trace_put.wrapping_sub(self.exchange.trace_taken());
+        let under_way = self.trace_put.wrapping_sub(self.shared.trace_taken());
         let room = (TRACE_QUEUE_BYTES - 1).saturating_sub(usize::try_from(under_way).unwrap_or(usize::MAX));
         let mut place = [0; MAX_RECORD_BYTES];
         let encoded = record.encode(room, &mut place);
         for byte in place.iter().take(encoded.length) {
             // There is room for all of it.
-            let _ = exchange::put(&mut self.queues.trace, *byte);
+            let _ = shared_atomics::put(&mut self.queues.trace, *byte);
             self.trace_put = self.trace_put.wrapping_add(1);
         }
         if encoded.overflowed {
@@ -164,19 +164,19 @@ where
     /// The tick itself: 1 ms from interrupt to interrupt.
     pub fn run(&mut self, model: &mut impl ModelStep) {
         let began = self.io.counter.cycles();
-        self.exchange.begin_tick();
-        let lost_ticks = self.clock.lost(self.exchange.periods());
+        self.shared.begin_tick();
+        let lost_ticks = self.clock.lost(self.shared.periods());
         let inputs = TickInputs {
             sample: self.correction.sample(self.io.source.sample()),
             emergency_stop: !matches!(self.io.emergency_stop.is_low(), Ok(true)),
             // A tick that cannot be told from a late one counts as late.
             overran: self.overran || self.clock.stands(),
             lost_ticks,
-            background_beat: self.exchange.beat(),
-            vent: self.exchange.take_vent(),
+            background_beat: self.shared.beat(),
+            vent: self.shared.take_vent(),
             // No answer may be lost, so a command waits for its answer's place.
-            command: if exchange::has_room(&self.queues.answers) { exchange::take(&mut self.queues.commands) } else { None },
-            telemetry_dropped: self.exchange.telemetry_dropped(),
+            command: if shared_atomics::has_room(&self.queues.answers) { shared_atomics::take(&mut self.queues.commands) } else { None },
+            telemetry_dropped: self.shared.telemetry_dropped(),
         };
         let taken = TakenIn::from(&inputs);
         let sample = inputs.sample;
@@ -185,8 +185,8 @@ where
             if let Some(code) = read.reference_code {
                 self.correction.step(code);
             }
-            self.exchange.report_outputs(self.monitor.step(&read, self.put_out));
-            self.exchange.publish_self(self.monitor.supply_mv(), read.chip_code);
+            self.shared.report_outputs(self.monitor.step(&read, self.put_out));
+            self.shared.publish_self(self.monitor.supply_mv(), read.chip_code);
         }
         let outputs = self.rig.tick(model, inputs);
 
@@ -209,16 +209,16 @@ where
         self.io.pulse.drive(pulse);
         self.io.watchdog.serve(outputs.energised, outputs.feed_watchdog);
         if let Some(mean_squares) = self.rest_noise.step(sample, outputs.vent_verified && !outputs.energised) {
-            self.exchange.publish_rest_noise(mean_squares);
+            self.shared.publish_rest_noise(mean_squares);
         }
         let row = self.rig.history_row(taken, &outputs);
         self.history.step(&mut self.io.crash_memory, row, outputs.energised, outputs.state == State::Fault);
         if outputs.record_changed {
             let crash_record = CrashRecord { record: *self.rig.supervisor().record(), crash: None };
-            self.io.crash_memory.keep(&crash_record.seal());
+            self.io.crash_memory.keep(&crash_record.encode());
         }
         if outputs.self_test_wanted && !self.tests_itself {
-            self.exchange.ask_for_self_test();
+            self.shared.ask_for_self_test();
         }
         self.tests_itself = outputs.self_test_wanted;
         // Before the answer that ends a trace: the background then finds all of it.
@@ -227,15 +227,15 @@ where
         }
         if let Some(answer) = outputs.answer {
             // The place was seen to be free above.
-            let _ = exchange::put(&mut self.queues.answers, answer);
+            let _ = shared_atomics::put(&mut self.queues.answers, answer);
         }
         if let Some(sample) = outputs.telemetry
-            && exchange::put(&mut self.queues.telemetry, sample).is_err()
+            && shared_atomics::put(&mut self.queues.telemetry, sample).is_err()
         {
-            self.exchange.drop_telemetry();
+            self.shared.drop_telemetry();
         }
         let cycles = self.io.counter.cycles().wrapping_sub(began);
         self.overran = cycles > self.cycles_per_tick;
-        self.exchange.publish(outputs.state, outputs.vent_verified, cycles);
+        self.shared.publish(outputs.state, outputs.vent_verified, cycles);
     }
 }

@@ -14,7 +14,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use super::background_task::{RECEIVE_QUEUE, TRANSMIT_QUEUE};
 use super::circular::CircularReader;
 use super::contract::LineInterrupt;
-use super::exchange;
+use super::shared_atomics;
 
 /// Bytes that are sent in one piece.
 const PIECE: usize = 256;
@@ -104,7 +104,7 @@ impl<C: TransferController> LineInterrupt for Port<C> {
         self.controller.forget_sent();
         let mut bytes = 0;
         for place in self.piece {
-            let Some(byte) = exchange::take(&mut self.to_send) else { break };
+            let Some(byte) = shared_atomics::take(&mut self.to_send) else { break };
             place.store(byte, Ordering::Relaxed);
             bytes += 1;
         }

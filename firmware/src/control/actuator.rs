@@ -73,7 +73,7 @@ impl Actuator {
         Ok(actuator)
     }
 
-    /// As [`Self::new`], over an actuator that is there already, whose parameters are left behind in exchange.
+    /// As [`Self::new`], over an actuator that is there already, whose parameters are left behind instead.
     ///
     /// # Errors
     /// As [`Self::new`].

@@ -157,7 +157,7 @@ impl Compensator {
         Ok(compensator)
     }
 
-    /// As [`Self::new`], over inverses that are there already, whose parameters are left behind in exchange.
+    /// As [`Self::new`], over inverses that are there already, whose parameters are left behind instead.
     ///
     /// # Errors
     /// As [`Self::new`].

@@ -116,7 +116,8 @@ impl FromHost {
             }
             Self::Inputs { inputs, link_bytes, injected } => {
                 let flags = u8::from(inputs.emergency_stop) | (u8::from(inputs.overran) << 1);
-                let injected = InjectedFault::ALL.iter().zip(0..).find(|(candidate, _)| *candidate == injected).map_or(0, |(_, number)| number);
+                let injected =
+                    InjectedFault::ALL.iter().zip(0..).find(|(candidate, _)| *candidate == injected).map_or(0, |(_, number)| number);
                 let [laser_low, laser_high] = inputs.sample.laser_code.to_le_bytes();
                 let [pressure_low, pressure_high] = inputs.sample.pressure_code.to_le_bytes();
                 let [lost_low, lost_high] = inputs.lost_ticks.to_le_bytes();

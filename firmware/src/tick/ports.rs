@@ -9,8 +9,8 @@ use model_export::link::trace::TraceRecord;
 
 use super::config::Tick;
 use crate::control::{Compensator, SetPoint};
-use crate::number::MicroBar;
 use crate::drivers::RawSample;
+use crate::number::MicroBar;
 use crate::supervisor::Event;
 
 /// What the board found when it started.

@@ -8,10 +8,10 @@ use super::commands::Pending;
 use super::ports::{Answer, TickInputs, TickOutputs};
 use super::state::Rig;
 use crate::control::Controller;
+use crate::drivers::RawSample;
 use crate::history::thousandths;
 use crate::number::MicroBar;
 use crate::plausibility::SensorState;
-use crate::drivers::RawSample;
 use crate::supervisor::{Decision, Observation};
 
 /// What a tick saw and did, for whoever asks why: more than the outputs tell, and never sent.

@@ -12,10 +12,10 @@ use super::{Outcome, Results};
 use crate::backend::{BOARD_MODEL, Backend, EMULATED_BOARD, Rig, Simulated};
 use crate::excitation::{self, ExcitationConfig, Limits, Segment, Signal};
 use crate::experiment::{self, OverTheLink};
-use crate::journal::{self, Event, Journal};
 use crate::link::{Client, FlashMemory, fault_in_words};
 use crate::plant::Plant;
 use crate::recording;
+use crate::replay_log::{self, Event, ReplayLog};
 use crate::{output, report, say};
 
 /// Run a closed-loop experiment with the whole firmware logic as ARM code in QEMU, once more in this process, and compare every tick.
@@ -47,7 +47,7 @@ pub struct Arguments {
     /// The image that runs there, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
-    /// Leave the recording of the ARM run here, and its journal beside it.
+    /// Leave the recording of the ARM run here, and its replay log beside it.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(".csv"))]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -121,11 +121,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             experiment::settle(&mut client)?;
             let over_the_link = OverTheLink { backend: BOARD_MODEL, blob: Some(&bytes) };
             let outcome = experiment::record(&mut client, &excitation, &Limits::default(), Some(over_the_link))?;
-            let target = outcome.journal.clone().context("the device told no journal")?;
-            let replay = journal::replay(&target)?;
+            let target = outcome.replay_log.clone().context("the device told no replay log")?;
+            let replay = replay_log::replay(&target)?;
             ensure!(
                 replay.cut.is_none(),
-                "the journal of the device is not complete: {}",
+                "the replay log of the device is not complete: {}",
                 replay.cut.map_or_else(String::new, |cut| cut.in_words())
             );
             let difference = replay.first_difference.map(|difference| FirstDifference {
@@ -194,15 +194,15 @@ fn built_in(seconds: f64) -> Result<ExcitationConfig> {
 }
 
 /// The experiment on one of the two.
-fn experiment_on(rig: Rig, excitation: &ExcitationConfig) -> Result<(Journal, experiment::Outcome)> {
+fn experiment_on(rig: Rig, excitation: &ExcitationConfig) -> Result<(ReplayLog, experiment::Outcome)> {
     let mut client = Client::connect(rig)?;
     let outcome = experiment::record(&mut client, excitation, &Limits::default(), None)?;
     let rig = client.into_transport();
-    let journal = rig.journal().context("a simulated rig keeps a journal")?.clone();
-    Ok((journal, outcome))
+    let replay_log = rig.replay_log().context("a simulated rig keeps a replay log")?.clone();
+    Ok((replay_log, outcome))
 }
 
-fn first_difference(host: &Journal, target: &Journal) -> Option<FirstDifference> {
+fn first_difference(host: &ReplayLog, target: &ReplayLog) -> Option<FirstDifference> {
     let shown = |event: Option<&Event>| event.map_or_else(|| "nothing more".to_owned(), |event| format!("{event:?}"));
     let length = host.events.len().max(target.events.len());
     let at = (0..length).find(|&index| host.events.get(index) != target.events.get(index))?;
@@ -211,6 +211,6 @@ fn first_difference(host: &Journal, target: &Journal) -> Option<FirstDifference>
 }
 
 /// SHA-256 of a log.
-fn digest(journal: &Journal) -> Result<String> {
-    Ok(Sha256::digest(journal.event_bytes()?).iter().map(|byte| format!("{byte:02x}")).collect())
+fn digest(replay_log: &ReplayLog) -> Result<String> {
+    Ok(Sha256::digest(replay_log.event_bytes()?).iter().map(|byte| format!("{byte:02x}")).collect())
 }

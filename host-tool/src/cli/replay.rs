@@ -7,16 +7,16 @@ use serde::Serialize;
 
 use super::{Outcome, Results};
 use crate::history::{self, DumpRow};
-use crate::journal::{Journal, Story, story};
+use crate::replay_log::{ReplayLog, Story, story};
 use crate::say;
 
-/// Run a journal again on this computer, bit for bit, and say why the rig did what it did.
+/// Run a replay log again on this computer, bit for bit, and say why the rig did what it did.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The journal, or the recording beside which it lies, or the dump of a rig's last seconds (`catheter rig explain --dump`).
+    /// The replay log, or the recording beside which it lies, or the dump of a rig's last seconds (`catheter rig explain --dump`).
     #[arg(value_name = "FILE")]
-    journal: PathBuf,
-    /// Say what was in force at this moment and why, in s after the beginning of the journal.
+    replay_log: PathBuf,
+    /// Say what was in force at this moment and why, in s after the beginning of the replay log.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
     #[command(flatten)]
@@ -37,29 +37,29 @@ struct Written<'a> {
 /// Runs the command.
 ///
 /// # Errors
-/// When the file is no journal.
+/// When the file is no replay log.
 pub fn run(arguments: &Arguments) -> Result<Outcome> {
-    let is_recording = arguments.journal.extension().is_some_and(|ending| ending == "csv");
+    let is_recording = arguments.replay_log.extension().is_some_and(|ending| ending == "csv");
     if is_recording
-        && !arguments.journal.with_extension("journal").exists()
-        && let Some(rows) = history::read(&arguments.journal)?
+        && !arguments.replay_log.with_extension("journal").exists()
+        && let Some(rows) = history::read(&arguments.replay_log)?
     {
         return dump(&rows, arguments);
     }
-    let path = if is_recording { arguments.journal.with_extension("journal") } else { arguments.journal.clone() };
-    let journal = Journal::read(&path)?;
-    if is_recording && arguments.journal.exists() {
-        journal.check_recording(&arguments.journal)?;
+    let path = if is_recording { arguments.replay_log.with_extension("journal") } else { arguments.replay_log.clone() };
+    let replay_log = ReplayLog::read(&path)?;
+    if is_recording && arguments.replay_log.exists() {
+        replay_log.check_recording(&arguments.replay_log)?;
     }
-    let told = story(&journal, arguments.at)?;
+    let told = story(&replay_log, arguments.at)?;
     ensure!(
         arguments.at.is_none_or(|at| at.is_finite() && (0.0..=told.duration_s).contains(&at)),
-        "--at: a moment from 0 to {:.3} s is wanted, the journal is no longer",
+        "--at: a moment from 0 to {:.3} s is wanted, the replay log is no longer",
         told.duration_s
     );
     let identical = told.replay.is_identical();
     let cut = told.replay.cut;
-    let header = &journal.header;
+    let header = &replay_log.header;
     let blob_sha256 = header.blob_sha256();
     say!("{}: {:.3} s on the backend `{}`, written by catheter {}", path.display(), told.duration_s, header.backend, header.program);
     say!("model at the start: {}", blob_sha256.as_deref().unwrap_or("none"));
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     let written =
         Written { identical, complete: cut.is_none(), program: &header.program, backend: &header.backend, blob_sha256, story: &told };
     let lead = format!("{}: {:.3} s on the backend {}, run again.", path.display(), told.duration_s, header.backend);
-    arguments.results.write("A journal, run again", &lead, &written, |_| {})?;
+    arguments.results.write("A replay log, run again", &lead, &written, |_| {})?;
     Ok(if identical && cut.is_none() { Outcome::Success } else { Outcome::CheckFailed })
 }
 
@@ -111,7 +111,7 @@ fn dump(rows: &[DumpRow], arguments: &Arguments) -> Result<Outcome> {
         "--at: a moment from 0 to {duration_s:.3} s is wanted, the dump is no longer"
     );
     let events = history::events(rows);
-    say!("{}: the last {duration_s:.3} s of a rig, {} rows", arguments.journal.display(), rows.len());
+    say!("{}: the last {duration_s:.3} s of a rig, {} rows", arguments.replay_log.display(), rows.len());
     events.iter().for_each(|event| say!("{event}"));
     let moment = arguments.at.unwrap_or(duration_s);
     let at = history::at(rows, moment);
@@ -128,7 +128,7 @@ fn dump(rows: &[DumpRow], arguments: &Arguments) -> Result<Outcome> {
         );
     }
     let written = DumpWritten { rows: rows.len(), duration_s, ends_in_a_fault: history::ends_in_a_fault(rows), events: &events, at };
-    let lead = format!("{}: the last {duration_s:.3} s of a rig.", arguments.journal.display());
+    let lead = format!("{}: the last {duration_s:.3} s of a rig.", arguments.replay_log.display());
     arguments.results.write("A rig's last seconds", &lead, &written, |_| {})?;
     Ok(Outcome::Success)
 }

@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::{Common, Outcome};
 use crate::backend::{BOARD_MODEL, Backend, Rig};
 use crate::interrupt;
-use crate::journal::Tracing;
 use crate::link::{Client, FlashMemory, InProcess, Processor};
+use crate::replay_log::Tracing;
 use crate::track::beyond::{Beyond, beyond};
 use crate::track::compare::{self, Run};
 use crate::track::missed::missed;
@@ -65,7 +65,7 @@ pub struct Arguments {
     /// How far ahead the inverse model is shown the reference, ms; `catheter train --inverse` says it.
     #[arg(long, value_name = "MS", default_value_t = 130, value_parser = clap::value_parser!(u32).range(0..=500))]
     look_ahead_ms: u32,
-    /// Leave a journal of every run in this folder, for `catheter replay`. A board tells it over the link, for which it begins each run as
+    /// Leave a replay log of every run in this folder, for `catheter replay`. A board tells it over the link, for which it begins each run as
     /// after a start.
     #[arg(long, value_name = "DIR")]
     journals: Option<PathBuf>,
@@ -173,8 +173,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 };
                 let tracing = Tracing::begin(&mut client, "serial", Some(blob))?;
                 let run = compare::follow(&mut client, &Truth::default(), *controller, &reference);
-                // A run that went wrong is what a journal is for.
-                tracing.end(&mut client).write(&journal_path(folder, *controller))?;
+                // A run that went wrong is what a replay log is for.
+                tracing.end(&mut client).write(&replay_log_path(folder, *controller))?;
                 Ok(run?)
             };
             let runs = chosen.iter().map(one).collect::<Result<Vec<Run>>>()?;
@@ -258,7 +258,7 @@ fn csv_path(folder: &Path, controller: &str) -> PathBuf {
     folder.join(format!("{controller}.csv"))
 }
 
-fn journal_path(folder: &Path, controller: Controller) -> PathBuf {
+fn replay_log_path(folder: &Path, controller: Controller) -> PathBuf {
     folder.join(format!("{}.journal", controller.name))
 }
 
@@ -279,15 +279,15 @@ impl Simulated<'_> {
         let (mut client, truth) = rig::connect(processor, seed, 1, &format!("the all-effects rig, {backend}"), recorder)?;
         let run = compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?;
         let rig = client.into_transport();
-        if let (Some(folder), Some(journal)) = (&arguments.journals, rig.observer().journal()) {
-            journal.write(&journal_path(folder, controller))?;
+        if let (Some(folder), Some(replay_log)) = (&arguments.journals, rig.observer().replay_log()) {
+            replay_log.write(&replay_log_path(folder, controller))?;
         }
         Ok(run)
     }
 }
 
 impl Simulated<'_> {
-    /// As [`Self::run`], with a journal that comes over the link.
+    /// As [`Self::run`], with a replay log that comes over the link.
     fn run_traced(self, processor: impl Processor, backend: &str) -> Result<Run> {
         let Self { arguments, settings, blob, controller, reference } = self;
         let place = format!("the all-effects rig, {backend}");
@@ -298,7 +298,7 @@ impl Simulated<'_> {
         run::prepare(&mut client, &settings, Some(blob))?;
         let tracing = Tracing::begin(&mut client, backend, Some(blob))?;
         let run = compare::follow(&mut client, &truth, controller, reference);
-        tracing.end(&mut client).write(&journal_path(folder, controller))?;
+        tracing.end(&mut client).write(&replay_log_path(folder, controller))?;
         Ok(run?)
     }
 }
@@ -366,7 +366,7 @@ fn the_reference(arguments: &Arguments, reach: Option<Reach>) -> Result<Referenc
 
 /// Refuses, before any work, to replace runs that were left earlier.
 fn refuse_replacing(arguments: &Arguments, chosen: &[Controller]) -> Result<()> {
-    let journals = arguments.journals.iter().flat_map(|folder| chosen.iter().map(|controller| journal_path(folder, *controller)));
+    let journals = arguments.journals.iter().flat_map(|folder| chosen.iter().map(|controller| replay_log_path(folder, *controller)));
     let csv = arguments.csv.iter().flat_map(|folder| chosen.iter().map(|controller| csv_path(folder, controller.name)));
     let kept = arguments.keep.iter().map(|folder| folder.join(KEPT_MODEL));
     journals.chain(csv).chain(kept).try_for_each(|path| output::refuse_any(&path))

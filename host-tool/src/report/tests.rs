@@ -249,9 +249,9 @@ fn the_recording_with_the_largest_error_stands_for_its_family() {
 
 #[test]
 fn an_evaluation_report_is_a_whole_document_even_for_hostile_names_and_outputs() {
-    let (recording, judged) = judged("<img src=x>.csv", vec![1.0; 5], vec![1.0; 5]);
+    let (recording, one) = judged("<img src=x>.csv", vec![1.0; 5], vec![1.0; 5]);
     let (other, of_other) = judged("a_1.csv", vec![0.0, 1e12, -1e12], vec![0.0; 3]);
-    let judgements = [judged, of_other];
+    let judgements = [one, of_other];
     let families = by_family(judgements.iter().map(|judged| &judged.errors));
     let chosen = examples("<m>", &[recording, other], &judgements);
     let ladder = ladder::ladder(Vec::new(), 0.0);

@@ -8,11 +8,11 @@ use model_export::link::settings::SettingValue;
 
 use crate::backend::{EMULATED_BOARD, VIRTUAL_BOARD};
 use crate::control::{SettingValues, setting};
-use crate::journal::{Header, Journal, Recorder};
 use crate::link::{
     BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu,
     QemuConfig, TickRecord,
 };
+use crate::replay_log::{Header, Recorder, ReplayLog};
 use crate::rig::live::{AllEffects, Probe};
 
 /// Ticks of a window of the decimation filter.
@@ -66,7 +66,7 @@ impl Truth {
     }
 }
 
-/// Writes tip and output down at every tick, and a journal if one is wanted.
+/// Writes tip and output down at every tick, and a replay log if one is wanted.
 pub struct Watch {
     probe: Probe,
     truth: Truth,
@@ -76,8 +76,8 @@ pub struct Watch {
 impl Watch {
     /// What went into the device and came out of it.
     #[must_use]
-    pub fn journal(&self) -> Option<&Journal> {
-        self.recorder.as_ref().map(Recorder::journal)
+    pub fn replay_log(&self) -> Option<&ReplayLog> {
+        self.recorder.as_ref().map(Recorder::replay_log)
     }
 }
 
@@ -127,7 +127,7 @@ pub fn board_model(image: Option<&Path>) -> Result<BoardModel, LinkError> {
     BoardModel::start(BoardModelConfig::find(image)?, &FlashMemory::default())
 }
 
-/// A journal's beginning, for [`connect`].
+/// A replay log's beginning, for [`connect`].
 #[must_use]
 pub fn recorder(backend: &str, seed: u64) -> Recorder {
     // The emulated image has a name of its own in its Hello, which a replay must give too.

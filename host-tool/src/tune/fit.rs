@@ -245,9 +245,9 @@ impl Problem<'_> {
         let mut gram = vec![0.0; n * n];
         for _ in 0..MOST_STEPS {
             let jacobian = self.jacobian(values, free, &residuals);
-            let mut pull = vec![0.0; n];
+            let mut gradient = vec![0.0; n];
             for row in 0..n {
-                pull[row] = dot(&jacobian[row], &residuals);
+                gradient[row] = dot(&jacobian[row], &residuals);
                 for column in 0..=row {
                     gram[row * n + column] = dot(&jacobian[row], &jacobian[column]);
                     gram[column * n + row] = gram[row * n + column];
@@ -255,7 +255,7 @@ impl Problem<'_> {
             }
             let mut gain = 0.0;
             for _ in 0..8 {
-                let step = solve(&gram, &pull, damping);
+                let step = solve(&gram, &gradient, damping);
                 let mut trial = values.clone();
                 for (place, index) in free.iter().enumerate() {
                     let (low, high, _) = Self::bounds(*index);

@@ -68,7 +68,7 @@ impl Drop for Board {
 }
 
 #[test]
-fn a_boards_recordings_and_runs_leave_journals_that_are_run_again_to_the_bit() {
+fn a_boards_recordings_and_runs_leave_replay_logs_that_are_run_again_to_the_bit() {
     let bench = Bench::new();
     let board = Board::start();
     let port = &board.port;

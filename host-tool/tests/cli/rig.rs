@@ -1,6 +1,6 @@
 //! `catheter rig`, `replay` and `explain` on the rig in this process; the emulator has its tests in `rig-tests`.
 
-use host_tool::journal::{Event, Journal};
+use host_tool::replay_log::{Event, ReplayLog};
 use model_export::link::fault::Fault;
 
 use crate::support::Bench;
@@ -122,7 +122,7 @@ fn a_replay_is_identical_and_tells_why_the_rig_moved() {
 }
 
 #[test]
-fn a_journal_that_was_changed_is_found_out() {
+fn a_replay_log_that_was_changed_is_found_out() {
     let bench = recorded();
     // Any flipped byte fails the checksum.
     let mut bytes = bench.read("run.journal");
@@ -131,13 +131,13 @@ fn a_journal_that_was_changed_is_found_out() {
     bench.write("flipped.journal", &bytes);
     bench.refuses("replay flipped.journal", &["flipped.journal", "checksum"]);
     bench.write("short.journal", b"CATH");
-    bench.refuses("replay short.journal", &["no journal"]);
-    bench.refuses("replay sine.toml", &["no journal"]);
+    bench.refuses("replay short.journal", &["no replay log"]);
+    bench.refuses("replay sine.toml", &["no replay log"]);
 
-    // A journal with the right checksum and another code in one tick does not come out as recorded.
-    let mut journal = Journal::read(&bench.path("run.journal")).expect("a journal");
+    // A replay log with the right checksum and another code in one tick does not come out as recorded.
+    let mut replay_log = ReplayLog::read(&bench.path("run.journal")).expect("a replay log");
     let mut ticks = 0;
-    for event in &mut journal.events {
+    for event in &mut replay_log.events {
         if let Event::Tick(tick) = event {
             if ticks == 1500 {
                 tick.pressure_code = 0;
@@ -145,7 +145,7 @@ fn a_journal_that_was_changed_is_found_out() {
             ticks += 1;
         }
     }
-    journal.write(&bench.path("forged.journal")).expect("a file");
+    replay_log.write(&bench.path("forged.journal")).expect("a file");
     let said = bench.run("replay forged.journal --json forged.json");
     assert_eq!(said.code, 1, "{}", said.stdout);
     let first = bench.json("forged.json")["replay"]["first_difference"]["tick"].as_u64();

@@ -60,7 +60,7 @@ pub struct Feature {
 }
 
 /// A continuous, piecewise straight curve: `offset + slope * p + sum_k bends_k * max(p - bend_points_k, 0)`, the superposition of
-/// one-sided dead zones of the modified Prandtl-Ishlinskii model (K. Kuhnen, European Journal of Control 9, 2003).
+/// one-sided dead zones of the modified Prandtl-Ishlinskii model (K. Kuhnen, European Replay log of Control 9, 2003).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Curve {
     /// Value at `p = 0` of the part below the first bend.

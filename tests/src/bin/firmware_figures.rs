@@ -21,7 +21,9 @@ fn main() -> ExitCode {
             ("--image", 1..) => image = arguments.next(),
             ("--stack", 1..) => reserved_bytes = arguments.next().and_then(|bytes| bytes.parse().ok()).unwrap_or(0),
             _ => {
-                eprintln!("error: {argument}: only `--json FILE`, `--image FILE`, `--stack BYTES`, `--counts-only` and `--bless` are understood");
+                eprintln!(
+                    "error: {argument}: only `--json FILE`, `--image FILE`, `--stack BYTES`, `--counts-only` and `--bless` are understood"
+                );
                 return ExitCode::FAILURE;
             }
         }

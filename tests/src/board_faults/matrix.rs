@@ -147,12 +147,7 @@ const DISABLE_TICK: &[u16] = &[0x20e0, 0x0400, 0x30e1, 0x0200, 0x3080, 0x2104, 0
 
 /// The matrix.
 pub const ROWS: &[Row] = &[
-    row(
-        "hse-absent",
-        "wrong time base, wrong slew",
-        Injection::Start("hse stops", None),
-        Expected::StaysVented(Fault::ClockFailed),
-    ),
+    row("hse-absent", "wrong time base, wrong slew", Injection::Start("hse stops", None), Expected::StaysVented(Fault::ClockFailed)),
     row(
         "hse-12-mhz",
         "wrong time base, overclocked",

@@ -107,7 +107,11 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
         Curve { offset: of_any_size(noise, 2), slope: of_any_size(noise, 2), bend_points: points.into_iter().collect(), bends }
     });
     let features = 0..count(noise, u32::try_from(MAX_FEATURES).expect("a few"));
-    let features = features.map(|_| Feature { source: source(noise, &thresholds, creeps), offset: of_any_size(noise, 2), gain: of_any_size(noise, 3) });
+    let features = features.map(|_| Feature {
+        source: source(noise, &thresholds, creeps),
+        offset: of_any_size(noise, 2),
+        gain: of_any_size(noise, 3),
+    });
     let features: heapless::Vec<Feature, MAX_FEATURES> = features.collect();
     // Half of them of one input.
     let inputs = if noise.below(2) == 0 { 1 } else { 1 + count(noise, u32::try_from(MAX_INPUTS - 1).expect("a few")) };

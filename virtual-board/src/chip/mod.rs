@@ -18,11 +18,11 @@
 pub mod beside;
 pub mod bus;
 pub mod capture;
-pub mod oscillators;
 pub mod dac;
 pub mod flash;
 pub mod held;
 pub mod lines;
+pub mod oscillators;
 pub mod part;
 pub mod pins;
 pub mod sampling;

@@ -26,11 +26,11 @@ use crate::line::FarEnd;
 use super::beside::{Beside, With};
 use super::bus::{self, PORTS, TIMERS, TRANSFERS};
 use super::capture::{Capture, Rates};
-use super::oscillators::Oscillators;
 use super::dac::Dac;
 use super::flash::{Flash, Speed};
 use super::held::{Held, pulse_on_pin};
 use super::lines::{Lines, MonitorOutput};
+use super::oscillators::Oscillators;
 use super::pins::{Pins, SUPPLY_MV};
 use super::sampling::{InjectedGroup, TriggerOutput};
 use crate::boards::stm32f405::wiring::{self, DRIVE, PULSE, Wiring};
@@ -167,7 +167,7 @@ impl Stm32f405 {
     /// Puts what is on the pins on a part fresh out of reset.
     fn fit(&mut self, at: VirtualNanos) {
         let pins = self.pins;
-        self.clocks.model.attach_hses(pins.hse_hz, 0);
+        self.clocks.model.attach_crystals(pins.hse_hz, 0);
         self.clocks.model.calibrate_lsi(pins.watchdog_hz);
         self.converter.model.set_backup_battery(pins.supply_mv);
         self.set_supply(pins.supply_mv, at);
@@ -262,7 +262,7 @@ impl Stm32f405 {
     /// Another HSE.
     pub fn set_hse_hz(&mut self, hz: u64) {
         self.pins.hse_hz = hz;
-        self.clocks.model.attach_hses(hz, 0);
+        self.clocks.model.attach_crystals(hz, 0);
     }
 
     /// Whether the phase-locked loop locks from now on.

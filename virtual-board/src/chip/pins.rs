@@ -1,7 +1,7 @@
 //! What is on the part's pins, and what of it is broken.
 
-use super::oscillators::Oscillators;
 use super::flash::Speed;
+use super::oscillators::Oscillators;
 use crate::boards::stm32f405::wiring::Wiring;
 
 /// The supply as it should be, mV.

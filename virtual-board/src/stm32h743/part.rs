@@ -196,7 +196,7 @@ impl Stm32h743 {
 
     /// Puts what is on the pins on a part fresh out of reset.
     fn fit(&mut self, at: VirtualNanos) {
-        self.clocks.attach_hses(u64::from(self.pins.wiring.hse_hz), 0);
+        self.clocks.attach_crystals(u64::from(self.pins.wiring.hse_hz), 0);
         let slot = self.slot(Model::Supply);
         let registers = self.bus.slot_mut(slot).registers_mut();
         self.supply.set_supply(SUPPLY_MV, registers);

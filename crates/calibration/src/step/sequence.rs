@@ -87,7 +87,7 @@ impl Step {
             ),
             Kind::Response => format!(
                 "Measures fill and vent times, and the delay from command to laser. THE RIG JUMPS {STEPS} times between {:.2} and {:.2} bar; keep \
-                 hands away.",
+                 away.",
                 self.low_bar(),
                 self.high_bar()
             ),

@@ -205,7 +205,10 @@ mod tests {
         let [of_right, of_wrong, of_sensitivities] = [&right, &wrong, &with_sensitivities].map(|model| screened(model, &session));
         assert!(of_wrong > 2.0 * of_right, "{of_wrong} is no more than {of_right}");
         // Not all: weights that may not be negative give way to one side only.
-        assert!(of_wrong - of_sensitivities > 0.5 * (of_wrong - of_right), "{of_wrong} to {of_sensitivities}, and {of_right} with the right one");
+        assert!(
+            of_wrong - of_sensitivities > 0.5 * (of_wrong - of_right),
+            "{of_wrong} to {of_sensitivities}, and {of_right} with the right one"
+        );
         // They have no say in what it predicts.
         let run = &session.runs[0];
         assert_eq!(with_sensitivities.predict(run), wrong.predict(run));

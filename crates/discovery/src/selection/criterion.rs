@@ -79,7 +79,7 @@ fn sources(session: &Session) -> Vec<usize> {
 }
 
 /// The session once for each fold: what is predicted has the role to select. One recording has its two roles changed; few recordings are left out one by
-/// one; of more, those dealt to the same of [`FOLDS`] hands, the ones that move most first. The first of many is always fitted: what the material went
+/// one; of more, those dealt to the same of [`FOLDS`] folds, the ones that move most first. The first of many is always fitted: what the material went
 /// through before the session shows in it alone, and who has not seen it cannot foretell it.
 fn folds(session: &Session) -> Vec<Session> {
     let sources = sources(session);

@@ -39,7 +39,7 @@ const FAR_FROM_BEST: f64 = 2.0;
 const REPLACEMENTS: usize = 2;
 
 /// The best pairs on top of `base`, best first. `tried` are the first effects as the round left them, `firsts` the best of them, polished.
-/// The search ends as soon as a pair leaves nothing by the judgement of `leaves_something`.
+/// The search ends as soon as a pair leaves nothing by `leaves_something`.
 pub fn search(
     bench: &Bench<'_>,
     base: &Model,

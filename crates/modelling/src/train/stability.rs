@@ -61,7 +61,7 @@ fn close_forget_gates(layer: &mut Layer, inputs: &[f64], real: RealLayer, most: 
 }
 
 /// Magnitudes of a matrix's weights once they are integers: half a step of their row larger at most, by rounding to the nearest. Rounding that
-/// hands its errors on to the next weights knows no such bound, so the export falls back to the nearest where the other loses the certificate.
+/// passes its errors on to the next weights knows no such bound, so the export falls back to the nearest where the other loses the certificate.
 fn rounded_up(weights: &[f32], columns: usize) -> Vec<f64> {
     let row = |row: &[f32]| {
         let largest = row.iter().fold(0.0f32, |largest, weight| largest.max(weight.abs()));

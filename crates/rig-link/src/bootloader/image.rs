@@ -13,7 +13,7 @@ pub const PROGRAM_BYTES: u32 = 512 * 1024;
 const SECTORS_KIB: [u32; 8] = [16, 16, 16, 16, 64, 128, 128, 128];
 /// Product identifier of the STM32F405 (AN2606).
 const CHIP: u16 = 0x413;
-/// Sections that the seal covers, in its order: `cargo xtask firmware` makes it.
+/// Sections that the CRC covers, in its order: `cargo xtask firmware` makes it.
 const SEALED: [&str; 4] = [".vector_table", ".text", ".rodata", ".data"];
 
 /// Why an image is refused.
@@ -25,7 +25,7 @@ pub enum ImageError {
     /// It lies elsewhere.
     #[error("does not lie where the program of this board lies, {FLASH_BASE:#010x} and {PROGRAM_BYTES} bytes on")]
     Place,
-    /// Nobody sealed it.
+    /// It has no CRC.
     #[error("is not sealed: it is straight from the compiler; `cargo xtask firmware` makes a sealed one")]
     NotSealed,
     /// Its checksum is wrong.
@@ -33,7 +33,7 @@ pub enum ImageError {
     Damaged {
         /// Of the bytes.
         found: u32,
-        /// In the seal.
+        /// In the image.
         sealed: u32,
     },
     /// Its first two words are no stack and no start.
@@ -131,7 +131,7 @@ impl ProgramImage {
     }
 }
 
-/// Checks the seal and gives it.
+/// Checks the CRC and gives it.
 fn sealed(header: &FileHeader32<LittleEndian>, file: &[u8]) -> Result<u32, ImageError> {
     let sections = header.sections(LittleEndian, file).map_err(|_| ImageError::NotAnImage)?;
     let contents = |name: &str| {
@@ -165,7 +165,7 @@ pub mod tests_support {
         bytes
     }
 
-    /// A sealed ELF file of it, after `change` of the parts: vector table, code, constants, initial data, seal.
+    /// A sealed ELF file of it, after `change` of the parts: vector table, code, constants, initial data, CRC.
     pub fn elf(program: &[u8], change: impl FnOnce(&mut [Vec<u8>; 5])) -> Vec<u8> {
         let cuts = [0, 392, 30_000, 45_000, program.len() - 8, program.len()];
         let mut parts: [Vec<u8>; 5] = std::array::from_fn(|part| program[cuts[part]..cuts[part + 1]].to_vec());

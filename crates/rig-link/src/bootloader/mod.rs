@@ -6,7 +6,7 @@
 //!
 //! # Order
 //!
-//! 1. The image is checked before anything is erased: its seal, where it lies, which board and which chip it is for.
+//! 1. The image is checked before anything is erased: its CRC, where it lies, which board and which chip it is for.
 //! 2. Sector 0 is erased first: from then on the chip starts nothing, and the dump valve stays released. The others follow.
 //! 3. Everything but the first two words is written and read back.
 //! 4. Those two, the reset vector behind the other, are written last: a chip that starts the new program has all of it.

@@ -2,7 +2,7 @@
 //!
 //! The program `virtual-board` runs the image; `virtual-board/src/protocol.rs` says what is exchanged. The chip keeps its own time, its own
 //! watchdog and its own resets: what comes out are its pins, as a logic analyser would see them. So there is no record of every tick from
-//! here: a journal is asked for over the link, as of a board.
+//! here: a replay log is asked for over the link, as of a board.
 
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};

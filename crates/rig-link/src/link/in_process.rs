@@ -3,12 +3,12 @@
 use firmware::background::ModelPlace;
 use firmware::calibration::ConverterConfig;
 use firmware::control::Compensator;
+use firmware::crash_record::CrashRecord;
 use firmware::device::exchange::{DeviceOutputs, InjectedFault};
 use firmware::device::{Device, DeviceConfig, DeviceInputs};
 use firmware::estimator::Portable;
 use firmware::history::RamHistory;
 use firmware::model::{ModelFacts, RunningModel};
-use firmware::retain::CrashRecord;
 use firmware::tick::{Direction, ModelStep, RigFacts, TickOutputs};
 use model_export::link::fault::Fault;
 use model_export::link::state::ResetCause;

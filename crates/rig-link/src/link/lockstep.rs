@@ -63,7 +63,7 @@ pub trait Processor {
     fn read_flash(&mut self) -> Result<FlashMemory, LinkError>;
 }
 
-/// One thing that happened, for whoever keeps a journal.
+/// One thing that happened, for whoever keeps a replay log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TickRecord<'a> {
     /// The processor started.

@@ -15,7 +15,7 @@ const SPEED_OVER: Duration = Duration::from_secs(1);
 
 /// Where the link leads.
 pub enum Line {
-    /// A rig in this process that keeps no journal: a session may last for days.
+    /// A rig in this process that keeps no replay log: a session may last for days.
     Virtual(Box<Lockstep<InProcess>>),
     /// Any other.
     Other(Rig),

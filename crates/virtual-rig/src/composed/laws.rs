@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 use rand::RngExt;
 
-use super::draw::{Draw, ThresholdLaw, Moment, STEP_S, Set, Stage};
+use super::draw::{Draw, Moment, STEP_S, Set, Stage, ThresholdLaw};
 use crate::command::Excitation;
 
 /// What a law comes to.
@@ -129,7 +129,9 @@ fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
                 Drawn::Before(map(move |value| value * (1.0 + bend * (1.0 - value / span))))
             }
         }
-        "asymmetric-hysteresis" => Drawn::Muscle(ThresholdLaw { powers: Some([draw.even(1.15, 1.5), draw.even(0.75, 0.95)]), ..ThresholdLaw::default() }),
+        "asymmetric-hysteresis" => {
+            Drawn::Muscle(ThresholdLaw { powers: Some([draw.even(1.15, 1.5), draw.even(0.75, 0.95)]), ..ThresholdLaw::default() })
+        }
         "rate-dependent-hysteresis" => Drawn::Muscle(ThresholdLaw { logarithmic_rate: draw.even(0.25, 0.8), ..ThresholdLaw::default() }),
         "creep" => {
             let (size, first_s, ratio) = (draw.even(0.03, 0.09), draw.log(0.4, 1.5), draw.even(3.0, 6.0));

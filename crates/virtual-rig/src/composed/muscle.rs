@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::draw::{ThresholdLaw, STEP_S};
+use super::draw::{STEP_S, ThresholdLaw};
 
 /// The bank of play operators.
 pub(super) struct Muscle {

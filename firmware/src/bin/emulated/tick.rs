@@ -3,10 +3,10 @@
 use cortex_m_semihosting::hprintln;
 use firmware::calibration::ConverterConfig;
 use firmware::control::{Compensator, SetPoint};
+use firmware::drivers::RawSample;
 use firmware::estimator::Kernel;
 use firmware::model::RunningModel;
 use firmware::parity::Noise;
-use firmware::drivers::RawSample;
 use firmware::self_test::Report;
 use firmware::supervisor::Event;
 use firmware::tick::{Action, BootReport, Command, Direction, ModelStep, Rig, RigFacts, Tick, TickConfig, TickInputs};

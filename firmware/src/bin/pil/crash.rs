@@ -8,7 +8,7 @@ use core::panic::PanicInfo;
 use core::ptr;
 
 use cortex_m::peripheral::SCB;
-use firmware::retain::{CrashRecord, SEALED_BYTES};
+use firmware::crash_record::{CrashRecord, SEALED_BYTES};
 use model_export::link::fault::Fault;
 
 /// Neither loaded nor cleared at a reset.
@@ -25,7 +25,7 @@ pub fn crash_record() -> Option<CrashRecord> {
 /// Keeps a record across resets.
 pub fn keep(crash_record: &CrashRecord) {
     // SAFETY: one thread, no interrupts, and nobody holds a reference.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SEALED).cast::<[u8; SEALED_BYTES]>(), crash_record.seal()) };
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SEALED).cast::<[u8; SEALED_BYTES]>(), crash_record.encode()) };
 }
 
 /// Writes down what struck, and resets.

@@ -24,9 +24,9 @@ mod target {
 
     use cortex_m_rt::entry;
     use firmware::calibration::ConverterConfig;
+    use firmware::crash_record::CrashRecord;
     use firmware::device::exchange::{DeviceOutputs, FromDevice, FromHost, InjectedFault};
     use firmware::device::{Device, DeviceConfig};
-    use firmware::retain::CrashRecord;
     use firmware::tick::{RigFacts, TickOutputs};
     use model_export::link::state::ResetCause;
 
@@ -56,7 +56,13 @@ mod target {
     }
 
     #[inline(never)]
-    fn run(link: &mut Uart, hardware: &mut Hardware, crash_record: Option<CrashRecord>, reset_cause: ResetCause, line_bytes_per_tick: u16) -> ! {
+    fn run(
+        link: &mut Uart,
+        hardware: &mut Hardware,
+        crash_record: Option<CrashRecord>,
+        reset_cause: ResetCause,
+        line_bytes_per_tick: u16,
+    ) -> ! {
         let board = heapless::String::try_from("qemu").unwrap_or_default();
         let config = DeviceConfig { firmware: firmware::VERSION, board, reset_cause, crash_record, facts: FACTS, line_bytes_per_tick };
         let memory = Memory::open();

@@ -6,8 +6,8 @@ use model_export::link::fault::Fault;
 
 use crate::board::chip::registers::vent;
 use crate::board::tick_task::CrashMemory;
+use crate::crash_record::{CrashRecord, SEALED_BYTES};
 use crate::history::{HistoryMemory, HistoryWords, WORDS};
-use crate::retain::{CrashRecord, SEALED_BYTES};
 
 /// The record in memory that start-up code neither loads nor clears.
 #[unsafe(link_section = ".uninit.retained")]
@@ -105,7 +105,7 @@ pub fn vent_and_remember(crash: Fault) {
     cortex_m::interrupt::disable();
     vent();
     let record = read().map(|crash_record| crash_record.record).unwrap_or_default();
-    write(&CrashRecord { record, crash: Some(crash) }.seal());
+    write(&CrashRecord { record, crash: Some(crash) }.encode());
 }
 
 /// Vents, remembers, and starts again: the next start tells.

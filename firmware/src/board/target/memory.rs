@@ -29,7 +29,7 @@ unsafe extern "C" {
 static SEAL: [u32; 2] = [OPEN, 0];
 
 /// The CRC-32 that the image was sealed with; `None` if it was not.
-pub fn seal() -> Option<u32> {
+pub fn image_crc() -> Option<u32> {
     // SAFETY: a static of ours; volatile, because it is changed after the compiler saw it.
     let [state, crc32] = unsafe { ptr::read_volatile(&raw const SEAL) };
     (state == SEALED).then_some(crc32)

@@ -42,7 +42,8 @@ pub struct Arguments {
 
 #[derive(Serialize)]
 struct Written {
-    seal: String,
+    #[serde(rename = "seal")]
+    crc: String,
     bytes: usize,
     before: Option<String>,
     after: String,
@@ -67,7 +68,7 @@ pub fn update(arguments: &Arguments, which: &Which) -> Result<Outcome> {
         _ => bail!("only a board on a serial port has a bootloader: --backend serial:PORT"),
     };
     let before = if arguments.in_bootloader { None } else { Some(leave(Client::connect(super::open(which)?)?, &image)?) };
-    say!("{} bytes with the seal {:08x} go onto the board; do not switch it off", image.bytes().len(), image.seal());
+    say!("{} bytes with the CRC {:08x} go onto the board; do not switch it off", image.bytes().len(), image.crc());
     let line = Serial::open_bootloader(port)?;
     let mut bootloader = Bootloader::connect(line)?;
     let bar = indicatif::ProgressBar::new(image.bytes().len() as u64);
@@ -80,7 +81,7 @@ pub fn update(arguments: &Arguments, which: &Which) -> Result<Outcome> {
         Client::meet(super::open(which)?).context("the program is written and verified, but does not answer; power-cycle the board")?;
     let after = version(rig.hello().firmware);
     say!("written and verified; the board answers with firmware {after}");
-    which.write(&Written { seal: format!("{:08x}", image.seal()), bytes: image.bytes().len(), before, after })?;
+    which.write(&Written { crc: format!("{:08x}", image.crc()), bytes: image.bytes().len(), before, after })?;
     Ok(Outcome::Success)
 }
 

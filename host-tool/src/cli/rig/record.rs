@@ -23,15 +23,15 @@ pub struct Arguments {
     /// The excitation to play.
     #[arg(long, value_name = "FILE")]
     excitation: PathBuf,
-    /// The recording. Beside it lies the journal, `.journal` instead of `.csv`, for `catheter replay`.
+    /// The recording. Beside it lies the replay log, `.journal` instead of `.csv`, for `catheter replay`.
     #[arg(long, value_name = "FILE", value_parser = output::file_argument(".csv"))]
     out: PathBuf,
-    /// The model that a board runs, for its journal: the device gives none out.
+    /// The model that a board runs, for its replay log: the device gives none out.
     #[arg(long, value_name = "FILE.blob")]
     model: Option<PathBuf>,
-    /// Leave no journal. A board begins again, as after a start, to tell one over the link.
-    #[arg(long, conflicts_with = "model")]
-    no_journal: bool,
+    /// Leave no replay log. A board begins again, as after a start, to tell one over the link.
+    #[arg(long = "no-journal", conflicts_with = "model")]
+    no_replay_log: bool,
     /// Refuse an excitation above this, in bar; never above the device's own ceiling.
     #[arg(long, default_value_t = Limits::default().maximum_bar, value_name = "BAR")]
     maximum_pressure_bar: f64,
@@ -43,7 +43,8 @@ pub struct Arguments {
 #[derive(Serialize)]
 struct Written<'a> {
     recording: &'a Path,
-    journal: Option<&'a Path>,
+    #[serde(rename = "journal")]
+    replay_log: Option<&'a Path>,
     samples: usize,
     points: usize,
     gaps: usize,
@@ -55,11 +56,11 @@ struct Written<'a> {
 impl Arguments {
     /// Checks everything that can be checked without a rig.
     pub fn check(&self, which: &Which) -> Result<()> {
-        let journal = self.out.with_extension("journal");
-        let outputs: Vec<&Path> = [self.out.as_path(), &journal].into_iter().chain(which.json.as_deref()).collect();
+        let replay_log = self.out.with_extension("journal");
+        let outputs: Vec<&Path> = [self.out.as_path(), &replay_log].into_iter().chain(which.json.as_deref()).collect();
         let inputs: Vec<PathBuf> = std::iter::once(&self.excitation).chain(&self.model).cloned().collect();
         output::refuse_overwriting(&inputs, &outputs)?;
-        if !self.no_journal {
+        if !self.no_replay_log {
             output::refuse_any(&self.out.with_extension("journal"))?;
         }
         excitation::read(&self.excitation)?.sample_within(&self.limits()).with_context(|| self.excitation.display().to_string())?;
@@ -77,18 +78,19 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
     let excitation = excitation::read(&arguments.excitation)?;
     let read = |path: &PathBuf| output::read(path).with_context(|| format!("cannot read {}", path.display()));
     let blob = arguments.model.as_ref().map(read).transpose()?;
-    let traced_as = rig.transport().traced_as().filter(|_| !arguments.no_journal);
+    let traced_as = rig.transport().traced_as().filter(|_| !arguments.no_replay_log);
     let wanted = traced_as.map(|backend| OverTheLink { backend, blob: blob.as_deref() });
     let outcome = experiment::record(rig, &excitation, &arguments.limits(), wanted)?;
     let recording = outcome.recording(&arguments.out)?;
     recording::write(&arguments.out, &recording)?;
-    let journal = arguments.out.with_extension("journal");
-    let from_simulation = rig.transport().journal().filter(|_| !arguments.no_journal);
-    let kept = outcome.journal.as_ref().or(from_simulation).map(|kept| kept.write_beside(&journal, &arguments.out)).transpose()?.is_some();
+    let replay_log = arguments.out.with_extension("journal");
+    let from_simulation = rig.transport().replay_log().filter(|_| !arguments.no_replay_log);
+    let kept =
+        outcome.replay_log.as_ref().or(from_simulation).map(|kept| kept.write_beside(&replay_log, &arguments.out)).transpose()?.is_some();
     let id = rig.hello().model_id;
     let written = Written {
         recording: &arguments.out,
-        journal: kept.then_some(journal.as_path()),
+        replay_log: kept.then_some(replay_log.as_path()),
         samples: recording.len(),
         points: outcome.points,
         gaps: recording.gaps.len(),
@@ -103,7 +105,7 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
         written.gaps
     );
     if kept {
-        say!("journal in {}; `catheter replay` runs it again", journal.display());
+        say!("replay log in {}; `catheter replay` runs it again", replay_log.display());
     }
     if let Some(record) = &written.fault {
         say!("The experiment ended early: {}", record.line());

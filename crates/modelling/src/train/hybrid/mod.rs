@@ -199,7 +199,7 @@ impl Data<'_> {
         })
     }
 
-    /// The same without the judgement by the folds, which costs a curve ten times as much.
+    /// The same without the errors of the folds, which costs a curve ten times as much.
     fn weights(&self, candidate: &Candidate) -> Result<Fit, TrainError> {
         let samples = self.samples(candidate)?;
         let straight = straight(candidate, &samples);

@@ -5,7 +5,7 @@ use core::ptr;
 use stm32f4::stm32f405::FLASH;
 
 use super::sampling::Milliseconds;
-use crate::board::exchange::SharedAtomics;
+use crate::board::shared_atomics::SharedAtomics;
 use crate::board::stm32f405::brown_out::OptionBytes;
 use crate::board::stm32f405::flash::{FlashController, control};
 use crate::board::target::protection;
@@ -14,7 +14,7 @@ use crate::board::target::protection;
 #[derive(Debug)]
 pub struct Controller {
     clock: Milliseconds,
-    exchange: &'static SharedAtomics,
+    shared: &'static SharedAtomics,
 }
 
 impl Controller {
@@ -22,8 +22,8 @@ impl Controller {
     ///
     /// # Safety
     /// All controllers must be used from one context that does not interrupt itself.
-    pub const unsafe fn new(clock: Milliseconds, exchange: &'static SharedAtomics) -> Self {
-        Self { clock, exchange }
+    pub const unsafe fn new(clock: Milliseconds, shared: &'static SharedAtomics) -> Self {
+        Self { clock, shared }
     }
 
     fn registers(&self) -> &stm32f4::stm32f405::flash::RegisterBlock {
@@ -58,7 +58,7 @@ impl FlashController for Controller {
         if bits & control::START != 0 {
             // Wait here, so that the time is booked where it passed. Only one of the lost SysTick interrupts is pending.
             while_busy(self.registers());
-            self.exchange.add_periods(self.clock.now().wrapping_sub(before_ms).saturating_sub(1));
+            self.shared.add_periods(self.clock.now().wrapping_sub(before_ms).saturating_sub(1));
         }
     }
 

@@ -6,7 +6,7 @@ use cortex_m::peripheral::SCB;
 use stm32h7::stm32h743v::FLASH;
 use stm32h7::stm32h743v::flash::BANK;
 
-use crate::board::exchange::SharedAtomics;
+use crate::board::shared_atomics::SharedAtomics;
 use crate::board::stm32h743::brown_out::OptionBytes;
 use crate::board::stm32h743::flash::{FlashController, WORDS};
 use crate::board::target::protection;
@@ -14,7 +14,7 @@ use crate::board::target::protection;
 /// The controller. Both pairs of slots have one; they run in the background only, one operation at a time.
 #[derive(Debug)]
 pub struct Controller {
-    exchange: &'static SharedAtomics,
+    shared: &'static SharedAtomics,
 }
 
 impl Controller {
@@ -22,8 +22,8 @@ impl Controller {
     ///
     /// # Safety
     /// All controllers must be used from one context that does not interrupt itself.
-    pub const unsafe fn new(exchange: &'static SharedAtomics) -> Self {
-        Self { exchange }
+    pub const unsafe fn new(shared: &'static SharedAtomics) -> Self {
+        Self { shared }
     }
 
     fn bank(&self) -> &BANK {
@@ -69,7 +69,7 @@ impl OptionBytes for &FLASH {
 impl FlashController for Controller {
     fn status(&mut self) -> u32 {
         // The processor runs on from the other bank, so ticks go on while the background waits here: it lives.
-        self.exchange.show_life();
+        self.shared.show_life();
         self.bank().sr().read().bits()
     }
 

@@ -10,10 +10,10 @@ use super::sampling::{self, Parts, Sampler};
 use super::{pac, pins, serial, supply, watchdog};
 use crate::board::clock::{self, Source};
 use crate::board::contract::{Board, Started};
-use crate::board::exchange::SharedAtomics;
 use crate::board::pulse_drive::{ExpectedPulse, PulseExpectation, PulseReading};
 use crate::board::rates::Rates;
 use crate::board::selected::WIRING;
+use crate::board::shared_atomics::SharedAtomics;
 use crate::board::stm32f405::brown_out::Outcome;
 use crate::board::stm32h743::brown_out;
 use crate::board::stm32h743::facts::{self, MODEL_SECTORS, SECTOR_BYTES, SETTINGS_SECTORS};
@@ -57,7 +57,7 @@ impl Board for ThisBoard {
     type Supply = supply::Monitor;
     type Beginning = (SYST, Rates);
 
-    fn start(peripherals: Peripherals, line: &'static mut serial::Memory, exchange: &'static SharedAtomics) -> Started<Self> {
+    fn start(peripherals: Peripherals, line: &'static mut serial::Memory, shared: &'static SharedAtomics) -> Started<Self> {
         let Peripherals { device, mut core } = peripherals;
         let rcc = &device.RCC;
 
@@ -78,7 +78,7 @@ impl Board for ThisBoard {
         // Outputs, all of them at rest.
         let (dump_valve, emergency_stop) = pins::set_up(rcc);
         let analogue = AnalogueDrive::new(rcc, device.DAC);
-        let pulse = drives::pulse_drive(rcc, device.TIM3, rates, &exchange.pulse);
+        let pulse = drives::pulse_drive(rcc, device.TIM3, rates, &shared.pulse);
         let (watchdog, watchdog_lives) = watchdog::start(device.IWDG);
         let mut standing = clock.faults;
         standing.insert_if(!watchdog_lives, Fault::ClockInaccurate);
@@ -96,7 +96,7 @@ impl Board for ThisBoard {
         let (line_interrupt, line) = serial::start(rcc, device.USART3, device.DMA1, &device.DMAMUX1, rates, line);
 
         // SAFETY: both controllers go into the link, which runs in the background alone.
-        let controller = || unsafe { Controller::new(exchange) };
+        let controller = || unsafe { Controller::new(shared) };
         Started {
             reset_cause,
             crash_record,

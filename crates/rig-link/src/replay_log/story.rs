@@ -9,7 +9,7 @@ use model_export::link::message::{FaultRecord, Message, Reply, Request, RequestF
 use model_export::link::state::{ResetCause, State};
 use serde::Serialize;
 
-use super::file::Journal;
+use super::file::ReplayLog;
 use super::replay::{Replay, Step, watch};
 use crate::link::{LinkError, fault_in_words, state_name};
 
@@ -101,13 +101,13 @@ pub struct Moment {
     pub why: Vec<String>,
 }
 
-/// Runs a journal again and tells what happened; with a moment in s, what was in force then.
+/// Runs a replay log again and tells what happened; with a moment in s, what was in force then.
 ///
 /// # Errors
 /// When the device cannot be built at all.
-pub fn story(journal: &Journal, at_s: Option<f64>) -> Result<Story, LinkError> {
+pub fn story(replay_log: &ReplayLog, at_s: Option<f64>) -> Result<Story, LinkError> {
     let mut teller = Teller { at_ms: at_s.map(|at_s| (at_s.max(0.0) * 1e3).round() as u64), ..Teller::default() };
-    let replay = watch(journal, |time_ms, step| teller.see(time_ms, &step))?;
+    let replay = watch(replay_log, |time_ms, step| teller.see(time_ms, &step))?;
     let duration_s = seconds(teller.time_ms);
     let moment = teller.moment.take();
     Ok(Story { replay, turnings: teller.turnings, moment, duration_s })

@@ -1,7 +1,7 @@
-//! Traces: a journal that came over the link, and the rig that runs it again.
+//! Traces: a replay log that came over the link, and the rig that runs it again.
 //!
 //! On a board link and tick run side by side, and what comes first is chance; only what the tick took, and when, can be run again. So
-//! the tick alone runs here, with the code of the link that turns requests into its commands, and the model that the journal brought.
+//! the tick alone runs here, with the code of the link that turns requests into its commands, and the model that the replay log brought.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use model_export::link::fault::{Blocker, Fault};
 use model_export::link::settings::{INFO, Settings};
 use model_export::link::trace::{TraceCommand, TraceExtra, TraceFlags};
 
-use super::file::{Event, Header, Journal};
+use super::file::{Event, Header, ReplayLog};
 use crate::device_settings;
 use crate::link::{Client, FACTS, FlashMemory, Heap, LinkError, SlotPair, Trace, TracedTick, Transport};
 use crate::status;
@@ -20,13 +20,13 @@ use crate::status;
 /// How long venting may take; the device itself calls it a fault after a second.
 const VENTED_WITHIN: Duration = Duration::from_millis(1500);
 
-/// A journal over the link while it is being written.
+/// A replay log over the link while it is being written.
 pub struct Tracing {
     header: Header,
     origin: Origin,
 }
 
-/// Why no journal can be written over the link.
+/// Why no replay log can be written over the link.
 #[derive(Debug, thiserror::Error)]
 pub enum TracingError {
     /// The device or the line to it.
@@ -34,7 +34,7 @@ pub enum TracingError {
     Link(#[from] LinkError),
     /// The model is not at hand.
     #[error(
-        "the device runs the model {id}, and a journal without it could not be run again; name its blob with --model, or do without a journal (--no-journal)"
+        "the device runs the model {id}, and a replay log without it could not be run again; name its blob with --model, or do without a replay log (--no-journal)"
     )]
     Model {
         /// First bytes of its content hash.
@@ -72,14 +72,14 @@ impl Tracing {
         Ok(Self { header, origin })
     }
 
-    /// Ends it, whatever state the device is in; a device that does not answer any more leaves a journal of what it told.
-    pub fn end<T: Transport>(self, client: &mut Client<T>) -> Journal {
+    /// Ends it, whatever state the device is in; a device that does not answer any more leaves a replay log of what it told.
+    pub fn end<T: Transport>(self, client: &mut Client<T>) -> ReplayLog {
         let Trace { origin, ticks, cut } = client.end_trace(self.origin);
         let Origin { time_ms, late_ticks, reset_cause } = origin;
         let mut events = vec![Event::Begin { time_ms, late_ticks, reset_cause }];
         events.extend(ticks.into_iter().map(Event::Traced));
         events.extend(cut.map(Event::Cut));
-        Journal { header: self.header, events }
+        ReplayLog { header: self.header, events }
     }
 }
 
@@ -130,7 +130,7 @@ impl TracedRig {
         let mut link = Link::new(config, settings, models);
         link.take_every_session();
         let tick = TickConfig { settings: link.settings(), facts: FACTS }.build();
-        let tick = tick.map_err(|number| LinkError::Rig(format!("the journal's settings do not go together: {number:?}")))?;
+        let tick = tick.map_err(|number| LinkError::Rig(format!("the replay log's settings do not go together: {number:?}")))?;
         Ok(Self { rig: Rig::begun_again(tick, origin), link, place: Heap::default(), beat: 0 })
     }
 
@@ -174,9 +174,9 @@ impl TracedRig {
             self.place.forget();
             return Ok(());
         }
-        let blob = self.link.model_blob().ok_or_else(|| LinkError::Rig("the trace has a model and the journal has none".to_owned()))?;
+        let blob = self.link.model_blob().ok_or_else(|| LinkError::Rig("the trace has a model and the replay log has none".to_owned()))?;
         let admitted = self.place.load(blob);
-        admitted.map(|_| ()).map_err(|fault| LinkError::Rig(format!("the journal's model does not pass the self-test: {fault:?}")))
+        admitted.map(|_| ()).map_err(|fault| LinkError::Rig(format!("the replay log's model does not pass the self-test: {fault:?}")))
     }
 
     /// The command that the tick took.
@@ -195,7 +195,7 @@ impl TracedRig {
                     self.link.receive(*byte, &mut queue);
                 }
                 let command = queue.command.filter(|command| command.token == Some(token));
-                Some(command.ok_or_else(|| LinkError::Rig(format!("the journal does not have the request {token} that a tick took")))?)
+                Some(command.ok_or_else(|| LinkError::Rig(format!("the replay log does not have the request {token} that a tick took")))?)
             }
         })
     }

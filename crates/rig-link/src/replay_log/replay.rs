@@ -1,4 +1,4 @@
-//! Replay: the library runs a journal's inputs again, and every output must be the same to the bit.
+//! Replay: the library runs a replay log's inputs again, and every output must be the same to the bit.
 
 use firmware::tick::{Origin, Rig, TickOutputs};
 use model_export::link::fault::Fault;
@@ -6,7 +6,7 @@ use model_export::link::state::ResetCause;
 use model_export::link::trace::TraceRecord;
 use serde::Serialize;
 
-use super::file::{Event, Journal, Outputs};
+use super::file::{Event, Outputs, ReplayLog};
 use super::traced::TracedRig;
 use crate::link::{Cut, InProcess, LinkError, device_outputs};
 
@@ -17,14 +17,14 @@ pub struct Replay {
     pub ticks: u64,
     /// The first tick that came out otherwise.
     pub first_difference: Option<Difference>,
-    /// Why the journal does not go on, where it should.
+    /// Why the replay log does not go on, where it should.
     pub cut: Option<Cut>,
 }
 
 /// A tick that came out otherwise than recorded.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Number of the tick in the journal, from 0.
+    /// Number of the tick in the replay log, from 0.
     pub tick: u64,
     /// Time of its end, s after the beginning.
     pub time_s: f64,
@@ -73,29 +73,29 @@ pub(super) enum Step<'a> {
     Silence,
 }
 
-/// Runs a journal again.
+/// Runs a replay log again.
 ///
 /// # Errors
 /// When the device cannot be built at all.
-pub fn replay(journal: &Journal) -> Result<Replay, LinkError> {
-    watch(journal, |_, _| ())
+pub fn replay(replay_log: &ReplayLog) -> Result<Replay, LinkError> {
+    watch(replay_log, |_, _| ())
 }
 
 /// As [`replay`], showing each step with the ms since the beginning.
-pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> Result<Replay, LinkError> {
-    let mut processor = InProcess::new(journal.header.flash());
+pub(super) fn watch(replay_log: &ReplayLog, mut show: impl FnMut(u64, Step<'_>)) -> Result<Replay, LinkError> {
+    let mut processor = InProcess::new(replay_log.header.flash());
     let mut traced: Option<TracedRig> = None;
     let mut replay = Replay::default();
     let mut time_ms = 0;
     let mut to_host = Vec::new();
-    for event in &journal.events {
+    for event in &replay_log.events {
         match event {
             Event::Boot { reset_cause, line_bytes_per_tick, crash } => {
                 let crash = Fault::from_number(*crash);
                 if let Some(fault) = crash {
                     processor.crash(fault);
                 }
-                processor.start(*reset_cause, *line_bytes_per_tick, &journal.header.board)?;
+                processor.start(*reset_cause, *line_bytes_per_tick, &replay_log.header.board)?;
                 show(time_ms, Step::Boot { crash, reset_cause: *reset_cause });
             }
             Event::Silence => {
@@ -106,7 +106,7 @@ pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> R
                 time_ms += 1 + u64::from(tick.lost_ticks);
                 to_host.clear();
                 let Some(outputs) = processor.step(tick.inputs(), &tick.from_host, &mut to_host) else {
-                    return Err(LinkError::Rig("the journal has a tick before the first start".to_owned()));
+                    return Err(LinkError::Rig("the replay log has a tick before the first start".to_owned()));
                 };
                 let replayed = Outputs::new(&device_outputs(&outputs), &to_host);
                 replay.count(time_ms, Seen::Outputs(tick.outputs), Seen::Outputs(replayed));
@@ -116,13 +116,13 @@ pub(super) fn watch(journal: &Journal, mut show: impl FnMut(u64, Step<'_>)) -> R
             }
             Event::Begin { time_ms: device_ms, late_ticks, reset_cause } => {
                 let origin = Origin { time_ms: *device_ms, late_ticks: *late_ticks, reset_cause: *reset_cause };
-                traced = Some(TracedRig::new(&journal.header, origin)?);
+                traced = Some(TracedRig::new(&replay_log.header, origin)?);
                 show(time_ms, Step::Begin);
             }
             Event::Traced(tick) => {
                 time_ms += 1 + tick.record.extra.map_or(0, |extra| u64::from(extra.lost_ticks));
                 let Some(rig) = &mut traced else {
-                    return Err(LinkError::Rig("the journal has a traced tick before the trace's beginning".to_owned()));
+                    return Err(LinkError::Rig("the replay log has a traced tick before the trace's beginning".to_owned()));
                 };
                 let outputs = rig.step(tick)?;
                 replay.count(time_ms, Seen::Record(Some(tick.record)), Seen::Record(outputs.trace));

@@ -1,9 +1,9 @@
 //! Journals: everything that went into a rig, tick by tick, so that the same library can be run again on the desktop, bit for bit.
 //!
-//! Terms. A *journal* begins with what the device started from: its flash (settings and models), its name and its line's speed. Then it has
+//! Terms. A *replay log* begins with what the device started from: its flash (settings and models), its name and its line's speed. Then it has
 //! one *event* a tick: the raw codes, what the host's line brought, and what came out. A start of the processor is an event too, and so is
 //! a tick that passed without it. [`Recorder`] writes one while a simulated rig runs, from its start on and without its knowing. A board is
-//! asked for a *trace* instead ([`Tracing`]): it begins again and tells its ticks over the link, and the journal has them as they came.
+//! asked for a *trace* instead ([`Tracing`]): it begins again and tells its ticks over the link, and the replay log has them as they came.
 //! [`replay()`] runs both again.
 //!
 //! | offset | bytes | what |
@@ -19,7 +19,7 @@ mod replay;
 mod story;
 mod traced;
 
-pub use file::{Event, Header, Journal, Outputs, Recorder, Tick, VERSION};
+pub use file::{Event, Header, Outputs, Recorder, ReplayLog, Tick, VERSION};
 pub use replay::{Difference, Replay, replay};
 pub use story::{Cause, Moment, Story, Turning, story};
 pub use traced::{Tracing, TracingError};

@@ -1,4 +1,4 @@
-//! The journal itself: header, events, the file, and what writes them.
+//! The replay log itself: header, events, the file, and what writes them.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ const MAGIC: &[u8; 8] = b"CATHJRNL";
 pub const VERSION: u16 = 3;
 const HEADER_BYTES: usize = 16;
 
-/// What the device started from, and who wrote the journal.
+/// What the device started from, and who wrote the replay log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// Version of the program that wrote it.
@@ -67,7 +67,7 @@ pub enum Event {
     Traced(TracedTick),
     /// What follows did not arrive.
     Cut(Cut),
-    /// The recording that was written beside the journal; new in version 3.
+    /// The recording that was written beside the replay log; new in version 3.
     Recording {
         /// SHA-256 of its file.
         sha256: [u8; 32],
@@ -136,9 +136,9 @@ impl Tick {
     }
 }
 
-/// A whole journal.
+/// A whole replay log.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Journal {
+pub struct ReplayLog {
     /// What the device started from.
     pub header: Header,
     /// What happened, in order.
@@ -146,7 +146,7 @@ pub struct Journal {
 }
 
 impl Header {
-    /// The header of a journal that begins with this flash.
+    /// The header of a replay log that begins with this flash.
     #[must_use]
     pub fn new(backend: &str, board: &str, plant: String, flash: &FlashMemory) -> Self {
         let trimmed = |bytes: &[u8]| {
@@ -192,7 +192,7 @@ impl Header {
     }
 }
 
-impl Journal {
+impl ReplayLog {
     /// Ticks in it.
     #[must_use]
     pub fn ticks(&self) -> usize {
@@ -210,7 +210,7 @@ impl Journal {
     /// As the bytes of a file.
     ///
     /// # Errors
-    /// Never: everything in a journal can be encoded.
+    /// Never: everything in a replay log can be encoded.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let mut body = postcard::to_stdvec(&self.header)?;
         body.append(&mut self.event_bytes()?);
@@ -225,12 +225,12 @@ impl Journal {
     /// From the bytes of a file.
     ///
     /// # Errors
-    /// When they are no journal, a damaged one, or one of a later version.
+    /// When they are no replay log, a damaged one, or one of a later version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let Some((head, mut body)) = bytes.split_first_chunk::<HEADER_BYTES>() else { bail!("is no journal: it is too short") };
-        ensure!(head.starts_with(MAGIC), "is no journal; `catheter rig record` leaves one beside its CSV");
+        let Some((head, mut body)) = bytes.split_first_chunk::<HEADER_BYTES>() else { bail!("is no replay log: it is too short") };
+        ensure!(head.starts_with(MAGIC), "is no replay log; `catheter rig record` leaves one beside its CSV");
         let version = u16::from_le_bytes([head[8], head[9]]);
-        ensure!((1..=VERSION).contains(&version), "is a journal of format version {version}, this program reads up to {VERSION}");
+        ensure!((1..=VERSION).contains(&version), "is a replay log of format version {version}, this program reads up to {VERSION}");
         let checksum = u32::from_le_bytes([head[12], head[13], head[14], head[15]]);
         ensure!(crc32(0, body) == checksum, "is damaged: its checksum is wrong");
         let (header, rest) = postcard::take_from_bytes(body).context("is damaged: its header does not decode")?;
@@ -248,7 +248,7 @@ impl Journal {
     /// Reads a file.
     ///
     /// # Errors
-    /// As [`Journal::from_bytes`], with the file's name.
+    /// As [`ReplayLog::from_bytes`], with the file's name.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = output::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         Self::from_bytes(&bytes).with_context(|| path.display().to_string())
@@ -267,13 +267,13 @@ impl Journal {
     /// # Errors
     /// When the recording cannot be read or the file cannot be written.
     pub fn write_beside(&self, path: &Path, recording: &Path) -> Result<()> {
-        let mut journal = self.clone();
-        journal.events.retain(|event| !matches!(event, Event::Recording { .. }));
-        journal.events.push(Event::Recording { sha256: hash(recording)? });
-        journal.write(path)
+        let mut replay_log = self.clone();
+        replay_log.events.retain(|event| !matches!(event, Event::Recording { .. }));
+        replay_log.events.push(Event::Recording { sha256: hash(recording)? });
+        replay_log.write(path)
     }
 
-    /// Refuses a recording that the journal does not belong to; journals before version 3 know none.
+    /// Refuses a recording that the replay log does not belong to; journals before version 3 know none.
     ///
     /// # Errors
     /// When it is another one, or cannot be read.
@@ -282,7 +282,7 @@ impl Journal {
         let Some(known) = known else { return Ok(()) };
         ensure!(
             hash(recording)? == *known,
-            "the journal beside {} belongs to another recording; name the journal itself to replay it, or record again",
+            "the replay log beside {} belongs to another recording; name the replay log itself to replay it, or record again",
             recording.display()
         );
         Ok(())
@@ -296,28 +296,28 @@ fn hash(path: &Path) -> Result<[u8; 32]> {
     Ok(Sha256::digest(&bytes).into())
 }
 
-/// Writes a journal while a simulated rig runs.
+/// Writes a replay log while a simulated rig runs.
 pub struct Recorder {
-    journal: Journal,
+    replay_log: ReplayLog,
 }
 
 impl Recorder {
-    /// A journal that begins with this header.
+    /// A replay log that begins with this header.
     #[must_use]
     pub fn new(header: Header) -> Self {
-        Self { journal: Journal { header, events: Vec::new() } }
+        Self { replay_log: ReplayLog { header, events: Vec::new() } }
     }
 
-    /// The journal so far.
+    /// The replay log so far.
     #[must_use]
-    pub fn journal(&self) -> &Journal {
-        &self.journal
+    pub fn replay_log(&self) -> &ReplayLog {
+        &self.replay_log
     }
 }
 
 impl Observer for Recorder {
     fn see(&mut self, record: &TickRecord<'_>, _hardware: &Hardware) {
-        self.journal.events.push(match record {
+        self.replay_log.events.push(match record {
             TickRecord::Boot { boot: Boot { reset_cause, line_bytes_per_tick, .. }, crash } => {
                 Event::Boot { reset_cause: *reset_cause, line_bytes_per_tick: *line_bytes_per_tick, crash: crash.map_or(0, Fault::number) }
             }
