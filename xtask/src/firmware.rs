@@ -106,13 +106,12 @@ fn remapped_paths() -> Result<String> {
 
 /// Builds a program as an image of a board is built.
 fn compile(board: &Board, program: &str, link_arguments: &[&str]) -> Result<PathBuf> {
-    // Code that occurs more than once becomes a function: a fifth of the program.
     let mut build = compiler()?;
     build
         .args(["rustc", "--locked", "--profile", "flash", "--target", TARGET, "-p", "firmware"])
         .args(["--no-default-features", "--features", board.name, "--bin", program, "--"])
         // Functions that came out alike are one.
-        .args(["-C", "llvm-args=-enable-machine-outliner=always", "-C", "link-arg=--icf=all"])
+        .args(["-C", "link-arg=--icf=all"])
         .args(link_arguments)
         // Start, states and faults: what the bring-up reads. Without a level only errors are compiled in.
         .env("DEFMT_LOG", "info")
