@@ -160,9 +160,12 @@ impl Bench {
         };
         want(peak_bar <= CEILING_BAR + SLEW_STEP_BAR, "pressure above the ceiling");
         match expected {
-            Expected::Vents(wanted, within_ms) => {
+            Expected::Vents(wanted, within_ms) | Expected::VentsInVain(wanted, within_ms) => {
                 want(detected_ms.is_some_and(|ms| ms <= within_ms), "outputs not safe in time");
-                want(gone, "pressure not gone a second later");
+                let in_vain = matches!(expected, Expected::VentsInVain(..));
+                want(gone != in_vain, "pressure not gone a second later, or gone where it cannot go");
+                let after = safe.map_or(&[][..], |safe| &moments[safe..]);
+                want(after.iter().all(|moment| !moment.energised && moment.valve_share == 0), "outputs not safe for good");
                 let all = status.map(|status| status.faults);
                 want(fault == wanted.number() || all.is_some_and(|faults| faults.contains(wanted)), "another fault, or none");
             }
@@ -366,6 +369,16 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
                 Injection::AroundWide(_) => bench.watch_from(from, wide_swing),
                 _ => bench.watch_from(from, at_rest),
             }
+            bench.measure(from, row.expected)
+        }
+        Injection::ValveOpenAtSupply(supply_bar) => {
+            let mut bench = Bench::start_on(board.clone(), &flash, None);
+            let supply = host_tool::link::Injection { breakage: Breakage::SupplyBar(supply_bar), from_ms: 0, until_ms: None };
+            bench.rig.transport().hardware().inject(&[supply]);
+            bench.run_up();
+            let from = bench.watch.len();
+            bench.rig.transport().hardware().set_breakage(Some(Breakage::ValveFullyOpen));
+            bench.watch_from(from, at_rest);
             bench.measure(from, row.expected)
         }
         Injection::AroundFor(breakage, milliseconds) => {

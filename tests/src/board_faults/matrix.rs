@@ -47,6 +47,8 @@ pub enum Injection {
     PressureDrifts(f64),
     /// While there is pressure, in the hardware around it, for so many ms.
     AroundFor(Breakage, u32),
+    /// The valve sticks fully open, with the supply regulator at this pressure, bar: two faults.
+    ValveOpenAtSupply(f64),
     /// The drive's pin keeps the code it has while the set-point moves.
     DriveKeepsItsCode,
     /// The upper half of the active settings' slot is erased before a start.
@@ -82,6 +84,8 @@ pub enum Expected {
     Restarts(u32),
     /// It cannot be armed, and names this fault.
     StaysVented(Fault),
+    /// As [`Expected::Vents`], but the air stays where it is: the drive is at zero, the dump valve without current, and the fault named.
+    VentsInVain(Fault, u32),
     /// It goes on, or vents; at no time does it leave its limits.
     Bounded,
     /// It goes on, and the true pressure is what was asked for within 1 %, from `CORRECTED_WITHIN_MS` on.
@@ -216,6 +220,43 @@ pub const ROWS: &[Row] = &[
         injection: Injection::Around(Breakage::DumpValveStuckClosed),
         expected: Expected::Bounded,
         residual: "found when it is needed: the drive is at zero then, and the pressure stays until somebody bleeds the line",
+    },
+    Row {
+        name: "valve-fully-open-at-6-bar",
+        hazard: "twice the ceiling",
+        injection: Injection::ValveOpenAtSupply(6.0),
+        expected: Expected::Vents(Fault::PressureRate, SAFE_WITHIN_MS),
+        residual: "two faults; a valve that opens slowly enough passes the ceiling before it is noticed",
+    },
+    row("supply-at-6-bar", "full supply pressure", Injection::Around(Breakage::SupplyBar(6.0)), Expected::Holds),
+    row("supply-at-1-bar", "no pressure", Injection::Around(Breakage::SupplyBar(1.0)), Expected::Vents(Fault::PressureMismatch, 1000)),
+    row("line-leaks-half", "air in the body", Injection::Around(Breakage::LineLeaks(0.5)), Expected::Vents(Fault::PressureMismatch, 1000)),
+    Row {
+        name: "line-leaks-a-tenth",
+        hazard: "air in the body",
+        injection: Injection::AroundMoving(Breakage::LineLeaks(0.1)),
+        expected: Expected::Bounded,
+        residual: "a loss below 0.3 bar is not noticed; the pressure is lower than asked for",
+    },
+    Row {
+        name: "line-blocked",
+        hazard: "venting has no effect",
+        injection: Injection::AroundWide(Breakage::LineBlocked),
+        expected: Expected::VentsInVain(Fault::PressureMismatch, 1000),
+        residual: "the air beside the muscle stays until somebody opens the line",
+    },
+    vents(
+        "pressure-reads-a-third-less",
+        "limits at the wrong place",
+        Injection::Around(Breakage::PressureGain(0.67)),
+        Fault::PressureMismatch,
+    ),
+    Row {
+        name: "pressure-reads-a-tenth-more",
+        hazard: "limits at the wrong place",
+        injection: Injection::AroundMoving(Breakage::PressureGain(1.1)),
+        expected: Expected::Bounded,
+        residual: "an error below 0.3 bar is not noticed; the limits of the command hold",
     },
     row("supply-pressure-fails", "no pressure", Injection::Around(Breakage::SupplyFails), Expected::Vents(Fault::PressureMismatch, 1000)),
     row("muscle-bursts", "air in the body", Injection::Around(Breakage::MuscleBursts), Expected::Vents(Fault::PressureMismatch, 1000)),

@@ -19,6 +19,8 @@ pub enum Breakage {
     PressureFrozenWithNoise,
     /// The pressure reading jumps by this, bar.
     PressureOffsetBar(f64),
+    /// The pressure reading is multiplied by this.
+    PressureGain(f64),
     /// The emergency stop is pressed.
     EmergencyStop,
     /// Every tick takes too long.
@@ -29,6 +31,12 @@ pub enum Breakage {
     MuscleBursts,
     /// The supply fails.
     SupplyFails,
+    /// The supply regulator is at this pressure, bar.
+    SupplyBar(f64),
+    /// The line leaks: this share of the pressure that the valve puts in is lost.
+    LineLeaks(f64),
+    /// The line is blocked beside the muscle: no air enters or leaves it.
+    LineBlocked,
     /// The valve sticks fully open.
     ValveFullyOpen,
     /// The dump valve sticks closed.

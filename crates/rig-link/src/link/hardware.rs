@@ -293,6 +293,7 @@ impl Hardware {
             match breakage {
                 Breakage::LaserOffsetMm(offset) => laser_mm += offset,
                 Breakage::PressureOffsetBar(offset) => pressure_bar += offset,
+                Breakage::PressureGain(gain) => pressure_bar *= gain,
                 _ => {}
             }
         }
@@ -338,19 +339,29 @@ impl Hardware {
         let drive_bar = self.driven_bar();
         let rising_ms = self.config.regulator_ms;
         let regulator_ms = if drive_bar < self.pressure_bar { self.config.regulator_falling_ms.unwrap_or(rising_ms) } else { rising_ms };
-        let (target_bar, time_constant_ms) = if self.has(Breakage::MuscleBursts) {
+        let (mut supply_bar, mut kept_share) = (self.config.supply_bar, 1.0);
+        for breakage in self.broken() {
+            match breakage {
+                Breakage::SupplyBar(bar) => supply_bar = bar,
+                Breakage::LineLeaks(share) => kept_share = 1.0 - share,
+                _ => {}
+            }
+        }
+        let (target_bar, time_constant_ms) = if self.has(Breakage::LineBlocked) {
+            (self.pressure_bar, rising_ms)
+        } else if self.has(Breakage::MuscleBursts) {
             (0.0, 0.8 * rising_ms)
         } else if dump_open {
             (0.0, self.config.dump_ms)
         } else if self.has(Breakage::ValveFullyOpen) {
-            (self.config.supply_bar, rising_ms)
+            (supply_bar, rising_ms)
         } else if self.has(Breakage::SupplyFails) {
             (0.0, rising_ms)
         } else if !self.energised {
             // A regulator that holds its pressure when asked for zero: why there is a dump valve.
             (self.pressure_bar, rising_ms)
         } else {
-            (drive_bar.min(self.config.supply_bar), regulator_ms)
+            (kept_share * drive_bar.min(supply_bar), regulator_ms)
         };
         self.pressure_bar += (target_bar - self.pressure_bar) / time_constant_ms;
         self.peak_bar = self.peak_bar.max(self.pressure_bar);
