@@ -10,12 +10,12 @@ use super::aliens::Alien;
 use super::command::{AMPLITUDE_BAR, Excitation};
 use super::muscle::{Muscle, ThresholdLaw};
 use super::stages::{
-    Bladder, ChokedFlow, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber, Stage, Supply,
-    Tube, Volume, WarmUp,
+    Bladder, ChokedFlow, Converter, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber,
+    ShutAtTurns, Stage, Supply, Tube, Volume, WarmUp,
 };
 
 /// Effects that the rig can hide, by the catalogue's names.
-pub const EFFECTS: [&str; 21] = [
+pub const EFFECTS: [&str; 23] = [
     "dead-time",
     "pneumatic-lag",
     "fill-vent-asymmetry",
@@ -37,6 +37,8 @@ pub const EFFECTS: [&str; 21] = [
     "clock-skew",
     "outliers",
     "leakage",
+    "sample-and-hold",
+    "hold-after-reversal",
 ];
 
 /// Effects that no catalogue entry describes.
@@ -307,6 +309,18 @@ fn add(
             let time_s = if generator.random_bool(0.5) { generator.random_range(4.0..12.0) } else { generator.random_range(12.0..40.0) };
             values.push(("time_constant_s", time_s));
             chain.before.push(Box::new(Hole { time_s, last_bar: 0.0, level: 0.0 }));
+        }
+        "sample-and-hold" => {
+            let period_s = log_uniform(generator, 0.08, 0.5);
+            values.push(("period_s", period_s));
+            let left_s = period_s * generator.random::<f64>();
+            chain.before.push(Box::new(Converter { period_s, first_s: left_s, left_s, recording: 0, held_bar: 0.0 }));
+        }
+        "hold-after-reversal" => {
+            let hold_s = log_uniform(generator, 0.1, 0.4);
+            values.push(("hold_s", hold_s));
+            let flow_bar = log_uniform(generator, 8.0, 40.0);
+            chain.before.push(Box::new(ShutAtTurns { hold_s, flow_bar, left_s: 0.0, top_bar: 0.0, sign: 1.0, level: 0.0 }));
         }
         alien => {
             sensor = true;

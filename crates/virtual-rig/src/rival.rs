@@ -253,6 +253,30 @@ impl Rival {
                     *value = state;
                 }
             }
+            "sample-and-hold" => {
+                let (period, first) = (between(a, 80.0, 500.0) as usize, b);
+                self.tell("sample-and-hold", "period_s", period as f64 * STEP_S);
+                let begin = (first * period as f64) as usize;
+                for step in (begin..path.len()).step_by(period) {
+                    let held = path[step];
+                    path[step..].iter_mut().take(period).for_each(|value| *value = held);
+                }
+            }
+            "hold-after-reversal" => {
+                let hold = between(a, 100.0, 400.0) as usize;
+                self.tell("hold-after-reversal", "hold_s", hold as f64 * STEP_S);
+                let wanted = path.to_vec();
+                let (mut from, mut way) = (0, 0.0);
+                for step in 1..path.len() {
+                    let moved = wanted[step] - wanted[step - 1];
+                    if moved * way < 0.0 && (from == 0 || step > from + hold) {
+                        from = step;
+                    }
+                    way = if moved == 0.0 { way } else { moved };
+                    // It jumps when it opens.
+                    path[step] = if from > 0 && step <= from + hold { path[step - 1] } else { wanted[step] };
+                }
+            }
             _ => {}
         }
     }

@@ -88,6 +88,72 @@ impl Stage for Orifices {
     }
 }
 
+/// A converter that reads its command once in a period, on a clock that the recording's program starts.
+pub struct Converter {
+    /// Period, s.
+    pub period_s: f64,
+    /// Time of the first reading after the program has started, s.
+    pub first_s: f64,
+    /// Time to the next reading, s.
+    pub left_s: f64,
+    /// Number of the recording.
+    pub recording: usize,
+    /// What it read last, bar.
+    pub held_bar: f64,
+}
+
+impl Stage for Converter {
+    fn step(&mut self, input: f64, moment: &Moment) -> f64 {
+        if moment.recording != self.recording {
+            (self.recording, self.left_s) = (moment.recording, self.first_s);
+        }
+        self.left_s -= STEP_S;
+        if self.left_s <= 0.0 {
+            self.left_s += self.period_s;
+            self.held_bar = input;
+        }
+        self.held_bar
+    }
+}
+
+/// A regulator that shuts for a time when its command turns, and then passes a flow that grows with the root of the difference.
+pub struct ShutAtTurns {
+    /// How long it stays shut, s.
+    pub hold_s: f64,
+    /// Rate of the pressure at a difference of one bar, bar/s.
+    pub flow_bar: f64,
+    /// How long it stays shut yet, s.
+    pub left_s: f64,
+    /// Where the command has got to since it turned, bar.
+    pub top_bar: f64,
+    /// Which way.
+    pub sign: f64,
+    /// Pressure.
+    pub level: f64,
+}
+
+impl Stage for ShutAtTurns {
+    fn step(&mut self, input: f64, _: &Moment) -> f64 {
+        self.left_s -= STEP_S;
+        let onward = self.sign * (input - self.top_bar);
+        if onward < -1e-5 {
+            self.sign = -self.sign;
+            if self.left_s <= 0.0 {
+                self.left_s = self.hold_s;
+            }
+        }
+        if !(-1e-5..=0.0).contains(&onward) {
+            self.top_bar = input;
+        }
+        if self.left_s <= 0.0 {
+            let difference = input - self.level;
+            // Laminar where hardly anything flows.
+            self.level += STEP_S * self.flow_bar * difference / (difference.abs() + 0.02).sqrt();
+        }
+        self.level
+    }
+}
+
 /// A valve whose flow saturates smoothly.
 pub struct ChokedFlow {
     /// Fastest change, bar/s.

@@ -102,6 +102,16 @@ pub(crate) fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
 }
 
+/// A grid of one parameter.
+pub(crate) fn row(values: &[f64]) -> Vec<Vec<f64>> {
+    values.iter().map(|value| vec![*value]).collect()
+}
+
+/// Every first parameter with every second one.
+pub(crate) fn grid(first: &[f64], second: &[f64]) -> Vec<Vec<f64>> {
+    first.iter().flat_map(|one| second.iter().map(move |other| vec![*one, *other])).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::{lag, shift};

@@ -284,6 +284,46 @@ pub trait Form: Sync {
     }
 }
 
+/// A form that is nothing but a law of the operators, perhaps beside a curve of the input that both branches share.
+pub struct OfOperators {
+    /// What it says of itself.
+    pub spec: Spec,
+    /// Where to begin the search.
+    pub starts: fn() -> Vec<Vec<f64>>,
+    /// Sets the law.
+    pub set: fn(&[f64], &mut OperatorLaw),
+    /// Changes the input.
+    pub curve: fn(&[f64], &mut [f64]),
+}
+
+impl OfOperators {
+    /// A law alone.
+    #[must_use]
+    pub const fn new(
+        (name, form): (&'static str, Told),
+        parameters: &'static [Parameter],
+        starts: fn() -> Vec<Vec<f64>>,
+        set: fn(&[f64], &mut OperatorLaw),
+    ) -> Self {
+        Self { spec: Spec { parameters, ..Spec::new(name, form, Place::Operators) }, starts, set, curve: |_, _| {} }
+    }
+}
+
+impl Form for OfOperators {
+    fn spec(&self) -> Spec {
+        self.spec
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        (self.starts)()
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        (self.curve)(parameters, path);
+    }
+    fn operator_law(&self, parameters: &[f64], law: &mut OperatorLaw) {
+        (self.set)(parameters, law);
+    }
+}
+
 impl dyn Form + '_ {
     /// Name of the effect.
     pub fn name(&self) -> &'static str {

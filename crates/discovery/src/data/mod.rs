@@ -8,6 +8,7 @@ pub mod frozen;
 pub mod late_steps;
 pub mod mask;
 pub mod noise;
+pub mod phasors;
 pub mod prepare;
 pub mod session;
 pub mod statistics;

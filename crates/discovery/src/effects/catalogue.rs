@@ -9,8 +9,8 @@ pub use crate::chain::columns::Columns;
 pub use crate::chain::form::{Drive, Form, LAW_PARAMETERS, OperatorLaw, Parameter, Place, Quantity, Spec, ThresholdLaw, Told};
 use crate::effects::{
     activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift,
-    leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, setup_change, slew_limit,
-    static_nonlinearity, stick_slip, supply_saturation, valve_dead_band,
+    hold_after_reversal, leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, sample_and_hold,
+    setup_change, slew_limit, static_nonlinearity, stick_slip, supply_saturation, valve_dead_band,
 };
 
 /// Forms that were added while the program runs.
@@ -44,6 +44,8 @@ fn built_in() -> Vec<&'static dyn Form> {
         fill_vent_asymmetry::FORMS,
         slew_limit::FORMS,
         valve_dead_band::FORMS,
+        sample_and_hold::FORMS,
+        hold_after_reversal::FORMS,
         supply_saturation::FORMS,
         activation_threshold::FORMS,
         static_nonlinearity::FORMS,
@@ -64,7 +66,7 @@ fn built_in() -> Vec<&'static dyn Form> {
 }
 
 /// Names of all effects, `outliers` (found by the mask, not by a fit) included.
-pub const NAMES: [&str; 21] = [
+pub const NAMES: [&str; 23] = [
     "dead-time",
     "pneumatic-lag",
     "fill-vent-asymmetry",
@@ -86,4 +88,6 @@ pub const NAMES: [&str; 21] = [
     "clock-skew",
     "outliers",
     "leakage",
+    "sample-and-hold",
+    "hold-after-reversal",
 ];

@@ -2,7 +2,7 @@
 //! command goes, with a flow that fades as what drives it does, or with one that grows with a power of the difference of pressures.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{ladder, lag_coefficients};
+use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
@@ -101,16 +101,9 @@ impl Form for TwoLags {
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let times = ladder(0.03, 0.5, 4);
-        let mut all = Vec::new();
-        for &fill in &times {
-            for &vent in &times {
-                if fill != vent {
-                    let third = if self.law == Law::Orifice { 0.75 } else { 0.5 };
-                    all.push([fill, vent, third][..self.spec().parameters.len()].to_vec());
-                }
-            }
-        }
-        all
+        let third = if self.law == Law::Orifice { 0.75 } else { 0.5 };
+        let of = |pair: Vec<f64>| [pair[0], pair[1], third][..self.spec().parameters.len()].to_vec();
+        grid(&times, &times).into_iter().filter(|pair| pair[0] != pair[1]).map(of).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let held = self.held;

@@ -3,45 +3,20 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::data::noise;
+use crate::chain::form::{Form, Place, Spec};
 use crate::data::session::{Run, Session};
-use crate::effects::session_curve::{Drifts, SessionCurve};
+use crate::effects::session_curve::{Drifts, SessionCurve, TowardsALimit, is_most};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&WarmUp, &CURVE, &Own];
-
-struct WarmUp;
+pub const FORMS: &[&dyn Form] = &[&LIMIT, &CURVE, &Own, &INSIDE];
 
 struct Own;
 
 static CURVE: SessionCurve = SessionCurve { name: "gain-drift", drifts: Drifts::Gain };
 
-impl Form for WarmUp {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }],
-            weights: 1,
-            is_between_recordings: true,
-            needs_sum: true,
-            ..Spec::new("gain-drift", ("towards-a-limit", "towards a limit"), Place::Sensor)
-        }
-    }
-    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.1, 0.3, 1.0, 5.0].into_iter().map(|share| vec![share * session.length_s]).collect()
-    }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        columns.push(true, |sample| -sum[sample] * (-run.session_s[sample] / parameters[0]).exp_m1());
-    }
-    fn tell(&self, parameters: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        // The limit of a drift that has hardly begun to bend is anybody's guess; what it did in the session is not.
-        let reached = -(-session.length_s / parameters[0]).exp_m1() * weights[0];
-        BTreeMap::from([("drift_in_the_session".to_owned(), reached)])
-    }
-}
+static LIMIT: TowardsALimit = TowardsALimit::between("gain-drift", Drifts::Gain);
 
-/// Least share of what the model leaves above the noise that must go with the recordings' own size.
-const LEAST_OF_GAINS: f64 = 0.6;
+static INSIDE: TowardsALimit = TowardsALimit::between("gain-drift", Drifts::Gain).inside();
 
 /// Least deviation of what a model says, as a share of the span, that shows a gain.
 const LEAST_MOTION: f64 = 0.02;
@@ -76,18 +51,11 @@ impl Form for Own {
         5.0
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // Whatever a model lacks goes a little with the output in each recording, beside much else; a gain leaves nothing else.
-        let worked = |run: &&Run| run.is_worked_with();
-        let (mut of_gains, mut whole, mut count) = (0.0, 0.0, 1e-30);
-        for run in session.runs.iter().filter(worked) {
-            let residual = &residual[run.index];
+        let of_gain = |run: &Run, residual: &[f64]| {
             let sum: Vec<f64> = run.output.iter().zip(residual).map(|(output, residual)| output - residual).collect();
-            of_gains += own_gain(&sum, &run.output, &run.keep).1;
-            whole += residual.iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| value * value).sum::<f64>();
-            count += run.keep.iter().filter(|keep| **keep).count() as f64;
-        }
-        let of_noise = count * noise::floor(session, residual).powi(2);
-        if of_gains > LEAST_OF_GAINS * (whole - of_noise) { vec![vec![]] } else { Vec::new() }
+            own_gain(&sum, &run.output, &run.keep).1
+        };
+        if is_most(session, residual, of_gain) { vec![vec![]] } else { Vec::new() }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Where there is no measured output (a simulation) the gain stays where it is.

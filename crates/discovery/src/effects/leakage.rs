@@ -4,30 +4,36 @@
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{ladder, lag_coefficients};
+use crate::chain::filters::{grid, ladder, lag_coefficients, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&HOLE, &Refilled, &Turbulent, &Filling, &EITHER_WAY];
+pub const FORMS: &[&dyn Form] = &[&HOLE, &REFILLED, &Turbulent, &Filling, &EITHER_WAY];
 
 struct Hole {
     form: Told,
+    /// The time constant, and the share of the command that a regulator keeps, where there is one.
+    parameters: &'static [Parameter],
     /// Whether the pressure may fall below that of the room, as far as the input tells it.
     below_zero: bool,
 }
-
-struct Refilled;
 
 struct Turbulent;
 
 struct Filling;
 
-static HOLE: Hole = Hole { form: ("linear", "held pressure decays"), below_zero: false };
+static HOLE: Hole = Hole { form: ("linear", "held pressure decays"), parameters: &[TIME], below_zero: false };
 
 /// Where zero of the input is not the room's pressure: air comes back through the hole when a stroke ends below where the leak has led.
-static EITHER_WAY: Hole = Hole { form: ("linear-both-ways", "held pressure decays, and comes back from below"), below_zero: true };
+static EITHER_WAY: Hole = Hole { form: ("linear-both-ways", "held pressure decays, and comes back from below"), below_zero: true, ..HOLE };
+
+static REFILLED: Hole = Hole {
+    form: ("refilled", "held pressure decays to a share of the command"),
+    parameters: &[TIME, Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false }],
+    below_zero: false,
+};
 
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.5, high: 500.0, logarithmic: true };
 
@@ -51,29 +57,14 @@ fn leak(path: &mut [f64], time_s: f64, kept: f64, period_s: f64, floor: f64) {
 
 impl Form for Hole {
     fn spec(&self) -> Spec {
-        Spec { parameters: &[TIME], ..Spec::new("leakage", self.form, Place::Tube) }
+        Spec { parameters: self.parameters, ..Spec::new("leakage", self.form, Place::Tube) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(2.0, 100.0, 7).into_iter().map(|value| vec![value]).collect()
+        if self.parameters.len() > 1 { grid(&ladder(2.0, 30.0, 4), &[0.15, 0.5]) } else { row(&ladder(2.0, 100.0, 7)) }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let floor = if self.below_zero { f64::MIN } else { lowest(run) };
-        leak(path, parameters[0], 0.0, run.period_s, floor);
-    }
-}
-
-impl Form for Refilled {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[TIME, Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false }],
-            ..Spec::new("leakage", ("refilled", "held pressure decays to a share of the command"), Place::Tube)
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(2.0, 30.0, 4).into_iter().flat_map(|value| [vec![value, 0.15], vec![value, 0.5]]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        leak(path, parameters[0], parameters[1], run.period_s, lowest(run));
+        leak(path, parameters[0], parameters.get(1).copied().unwrap_or(0.0), run.period_s, floor);
     }
 }
 
@@ -134,7 +125,7 @@ impl Form for Filling {
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.03, 0.4, 3).into_iter().flat_map(|time_s| [vec![time_s, 0.04], vec![time_s, 0.15]]).collect()
+        grid(&ladder(0.03, 0.4, 3), &[0.04, 0.15])
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         Filled::new(parameters, run).run(path);

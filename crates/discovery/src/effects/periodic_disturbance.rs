@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use pulp::{Arch, Simd, WithSimd};
-
 use crate::chain::columns::Columns;
+use crate::chain::filters::row;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::data::phasors;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Beat, &Triggered, &LOOSE, &LOOSE_BEAT, &Pump];
+pub const FORMS: &[&dyn Form] = &[&RUNNING_ON, &TRIGGERED, &LOOSE, &LOOSE_BEAT, &Pump];
 
 /// Harmonics that must not go with the input for a rhythm to be from outside: the higher ones are small on either side.
 const STRONG_HARMONICS: usize = 3;
@@ -18,9 +18,18 @@ const STRONG_HARMONICS: usize = 3;
 /// Harmonics of the rhythm: a heart's pulse is a tenth of its period long.
 const HARMONICS: usize = 6;
 
-struct Beat;
+/// A rhythm of one phase in all recordings.
+struct Beat {
+    form: Told,
+    /// Whether it begins with each recording, instead of running on through the session.
+    triggered: bool,
+}
 
-struct Triggered;
+static RUNNING_ON: Beat = Beat { form: ("of-the-session", "running on through the session"), triggered: false };
+
+static TRIGGERED: Beat = Beat { form: ("triggered", "beginning with each recording"), triggered: true };
+
+const NAME: &str = "periodic-disturbance";
 
 struct Pump;
 
@@ -72,65 +81,7 @@ impl<'a> Line<'a> {
 
     /// Real and imaginary part of the residual's sums at these frequencies; the phase is that of the session.
     fn transform(&self, frequencies_hz: &[f64]) -> [Vec<f64>; 2] {
-        let count = frequencies_hz.len();
-        let of = |time_s: f64| -> [Vec<f64>; 2] {
-            // Whole groups for the processor, whatever comes of the last few.
-            let angles = frequencies_hz.iter().map(|hz| (2.0 * PI * hz * time_s).sin_cos()).chain([(0.0, 1.0); GROUP]);
-            let (sine, cosine): (Vec<f64>, Vec<f64>) = angles.take(count.next_multiple_of(GROUP)).unzip();
-            [cosine, sine]
-        };
-        let turn = of(self.run.period_s);
-        let phase = of(self.run.session_s[0]);
-        let mut sums = [vec![0.0; phase[0].len()], vec![0.0; phase[0].len()]];
-        Arch::new().dispatch(Turning { values: &self.residual, phase: &phase, turn: &turn, sums: &mut sums });
-        sums.map(|mut sums| {
-            sums.truncate(count);
-            sums
-        })
-    }
-}
-
-/// Frequencies side by side: four vectors on the widest processors.
-const GROUP: usize = 32;
-
-/// Vectors of frequencies side by side.
-const VECTORS: usize = 4;
-
-/// Sums of values, each times a phasor (its real parts, then its imaginary ones) that turns from one value to the next.
-struct Turning<'a> {
-    values: &'a [f64],
-    phase: &'a [Vec<f64>; 2],
-    turn: &'a [Vec<f64>; 2],
-    sums: &'a mut [Vec<f64>; 2],
-}
-
-impl WithSimd for Turning<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let lanes = VECTORS * S::F64_LANES;
-        for first in (0..self.phase[0].len()).step_by(lanes) {
-            let group = |of: &[f64]| -> [S::f64s; VECTORS] {
-                let (vectors, _) = S::as_simd_f64s(&of[first..first + lanes]);
-                std::array::from_fn(|at| vectors[at])
-            };
-            let ([mut re, mut im], [cosine, sine]) = (self.phase.each_ref().map(|of| group(of)), self.turn.each_ref().map(|of| group(of)));
-            let mut sums = [[simd.splat_f64s(0.0); VECTORS]; 2];
-            for &value in self.values {
-                let value = simd.splat_f64s(value);
-                for at in 0..VECTORS {
-                    sums[0][at] = simd.add_f64s(sums[0][at], simd.mul_f64s(value, re[at]));
-                    sums[1][at] = simd.add_f64s(sums[1][at], simd.mul_f64s(value, im[at]));
-                    let turned = simd.sub_f64s(simd.mul_f64s(re[at], cosine[at]), simd.mul_f64s(im[at], sine[at]));
-                    im[at] = simd.add_f64s(simd.mul_f64s(re[at], sine[at]), simd.mul_f64s(im[at], cosine[at]));
-                    re[at] = turned;
-                }
-            }
-            for (all, sums) in self.sums.iter_mut().zip(sums) {
-                S::as_mut_simd_f64s(&mut all[first..first + lanes]).0.copy_from_slice(&sums);
-            }
-        }
+        phasors::transform(&self.residual, self.run.session_s[0], self.run.period_s, frequencies_hz)
     }
 }
 
@@ -151,11 +102,6 @@ fn powers(lines: &[Line<'_>], frequencies_hz: &[f64], coherent: bool) -> Vec<f64
     if coherent { sums[0].iter().zip(&sums[1]).map(|(re, im)| re.powi(2) + im.powi(2)).collect() } else { total }
 }
 
-/// Distance of the lines that a recording can resolve, with some overlap, Hz.
-fn spacing_hz(session: &Session) -> f64 {
-    0.4 / session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max)
-}
-
 /// The residual's power over that of its surroundings, at frequencies at equal distances: the residual of a poor model is all low frequencies.
 struct Spectrum {
     lowest_hz: f64,
@@ -165,7 +111,7 @@ struct Spectrum {
 
 impl Spectrum {
     fn new(session: &Session, residual: &[Vec<f64>]) -> Self {
-        let spacing_hz = spacing_hz(session);
+        let spacing_hz = phasors::spacing_hz(session);
         let lowest_hz = LOWEST_HZ.max(5.0 * spacing_hz);
         let count = ((0.45 / session.runs[0].period_s - lowest_hz) / spacing_hz).max(0.0) as usize;
         let frequencies: Vec<f64> = (0..count).map(|step| lowest_hz + step as f64 * spacing_hz).collect();
@@ -260,19 +206,19 @@ impl Form for Beat {
             weights: 2 * HARMONICS,
             cost: Some(3),
             // The comb is a fifth of what the session resolves.
-            steps: &[1e-4],
-            ..Spec::new("periodic-disturbance", ("of-the-session", "running on through the session"), Place::Sensor)
+            steps: if self.triggered { &[0.002] } else { &[1e-4] },
+            ..Spec::new(NAME, self.form, Place::Sensor)
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
         let lines = Line::all(session, residual);
-        let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| vec![found / spectrum.harmonic_of(peak) as f64]);
-        let starts = spectrum.peaks().into_iter().filter_map(of).collect();
-        apart_from_input(session, residual, starts, STRONG_HARMONICS)
+        let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| found / spectrum.harmonic_of(peak) as f64);
+        let found: Vec<f64> = if self.triggered { spectrum.bases() } else { spectrum.peaks().into_iter().filter_map(of).collect() };
+        apart_from_input(session, residual, row(&found), STRONG_HARMONICS)
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        push_harmonics(parameters[0], &run.session_s, columns);
+        push_harmonics(parameters[0], if self.triggered { &run.time_s } else { &run.session_s }, columns);
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         tell_harmonics(weights, session)
@@ -293,7 +239,7 @@ impl Form for Pump {
         Spec {
             parameters: WAVE,
             steps: &[1e-4, 0.03, 0.03],
-            ..Spec::new("periodic-disturbance", ("of-the-pressure", "of the pressure, running on through the session"), Place::Tube)
+            ..Spec::new(NAME, ("of-the-pressure", "of the pressure, running on through the session"), Place::Tube)
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
@@ -340,28 +286,6 @@ fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
     }
 }
 
-impl Form for Triggered {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: FREQUENCY,
-            weights: 2 * HARMONICS,
-            cost: Some(3),
-            steps: &[0.002],
-            ..Spec::new("periodic-disturbance", ("triggered", "beginning with each recording"), Place::Sensor)
-        }
-    }
-    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let starts = Spectrum::new(session, residual).bases().into_iter().map(|frequency| vec![frequency]).collect();
-        apart_from_input(session, residual, starts, STRONG_HARMONICS)
-    }
-    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        push_harmonics(parameters[0], &run.time_s, columns);
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        tell_harmonics(weights, session)
-    }
-}
-
 impl Form for Loose {
     fn spec(&self) -> Spec {
         Spec {
@@ -371,7 +295,7 @@ impl Form for Loose {
             steps: &[0.002],
             reads_output: true,
             needs_sum: true,
-            ..Spec::new("periodic-disturbance", self.form, Place::Sensor)
+            ..Spec::new(NAME, self.form, Place::Sensor)
         }
     }
     fn start_up_s(&self, parameters: &[f64]) -> f64 {
@@ -380,8 +304,7 @@ impl Form for Loose {
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
         let found = if self.harmonics > 1 { spectrum.bases() } else { spectrum.peaks() };
-        let starts = found.into_iter().map(|frequency| vec![frequency]).collect();
-        apart_from_input(session, residual, starts, self.harmonics.min(STRONG_HARMONICS))
+        apart_from_input(session, residual, row(&found), self.harmonics.min(STRONG_HARMONICS))
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Nothing but the recording itself knows the phase: it is read from what the model leaves of the measured output. Where there is

@@ -8,39 +8,23 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::ladder;
-use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, Spec};
+use crate::chain::filters::{grid, ladder, row};
+use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
-    &Additive,
-    &Proportional,
-    &AdditiveLinear,
-    &ProportionalLinear,
-    &AdditiveFading,
-    &ProportionalFading,
-    &Viscous,
-    &Stiffening,
+    &ADDITIVE,
+    &PROPORTIONAL,
+    &ADDITIVE_LINEAR,
+    &PROPORTIONAL_LINEAR,
+    &ADDITIVE_FADING,
+    &PROPORTIONAL_FADING,
+    &VISCOUS,
+    &STIFFENING,
     &Weights,
     &LogarithmicWeights,
 ];
-
-struct Additive;
-
-struct Proportional;
-
-struct AdditiveLinear;
-
-struct ProportionalLinear;
-
-struct AdditiveFading;
-
-struct ProportionalFading;
-
-struct Viscous;
-
-struct Stiffening;
 
 struct Weights;
 
@@ -50,179 +34,85 @@ struct LogarithmicWeights;
 /// above.
 const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
 
-impl Form for Additive {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true }, RATE],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.003, 0.1, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.extra_per_rate = parameters[0];
-        operator_law.rate_scale_per_s = parameters[1];
-    }
-}
+const OVERSTRESS: Parameter = Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true };
 
-impl Form for Proportional {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true }, RATE],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.03, 1.0, 4).into_iter().flat_map(|size| [vec![size, 0.1], vec![size, 1.0]]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.growth_per_rate = parameters[0];
-        operator_law.rate_scale_per_s = parameters[1];
-    }
-}
+const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true };
 
-impl Form for AdditiveLinear {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("overstress-linear", "every threshold grows by the same, in proportion to the rate"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.003, 0.15, 6).into_iter().map(|time| vec![time]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.extra_per_rate = parameters[0];
-    }
-}
+const VISCOUS_TIME: Parameter = Parameter { name: "viscous_time", quantity: Quantity::Time, ..OVERSTRESS };
 
-impl Form for ProportionalLinear {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter {
-                name: "growth_at_a_span_per_s",
-                quantity: Quantity::Ratio,
-                low: 1e-3,
-                high: 10.0,
-                logarithmic: true,
-            }],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("share-linear", "every threshold grows by a share of itself, in proportion to the rate"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.05, 3.0, 5).into_iter().map(|growth| vec![growth]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.growth_per_rate = parameters[0];
-    }
-}
+const GROWTH_AT_A_SPAN: Parameter = Parameter { name: "growth_at_a_span_per_s", ..GROWTH };
 
 /// Time constant of Maxwell's element.
 const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
 
-impl Form for AdditiveFading {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "viscous_time", quantity: Quantity::Time, low: 1e-4, high: 0.5, logarithmic: true }, FADING],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.01, 0.1, 3).into_iter().flat_map(|time| [vec![time, 0.02], vec![time, 0.06]]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.extra_per_rate = parameters[0];
-        operator_law.rate_memory_s = parameters[1];
-    }
-}
+const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true };
 
-impl Form for ProportionalFading {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[
-                Parameter { name: "growth_at_a_span_per_s", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true },
-                FADING,
-            ],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("share-fading", "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.08, 1.2, 3).into_iter().flat_map(|growth| [vec![growth, 0.02], vec![growth, 0.06]]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.growth_per_rate = parameters[0];
-        operator_law.rate_memory_s = parameters[1];
-    }
-}
+const NAME: &str = "rate-dependent-hysteresis";
 
-impl Form for Viscous {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true }],
-            ..Spec::new("rate-dependent-hysteresis", ("viscous", "operators follow their bounds late"), Place::Operators)
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.01, 0.4, 6).into_iter().map(|value| vec![value]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.viscous_s = parameters[0];
-    }
-}
+static ADDITIVE: OfOperators = OfOperators::new(
+    (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
+    &[OVERSTRESS, RATE],
+    || grid(&ladder(0.003, 0.1, 4), &[0.1, 1.0]),
+    |parameters, law| [law.extra_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
+);
 
-impl Form for Stiffening {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[
-                Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 5e-3, high: 10.0, logarithmic: true },
-                Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
-            ],
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("viscous-stiffening", "operators follow their bounds late, far ones faster than in proportion"),
-                Place::Operators,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.05, 0.2, 0.8].into_iter().flat_map(|time| [vec![time, 0.01], vec![time, 0.03], vec![time, 0.1]]).collect()
-    }
-    fn operator_law(&self, parameters: &[f64], operator_law: &mut OperatorLaw) {
-        operator_law.viscous_s = parameters[0];
-        operator_law.stiffening = parameters[1];
-    }
-}
+static PROPORTIONAL: OfOperators = OfOperators::new(
+    (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
+    &[GROWTH, RATE],
+    || grid(&ladder(0.03, 1.0, 4), &[0.1, 1.0]),
+    |parameters, law| [law.growth_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
+);
+
+static ADDITIVE_LINEAR: OfOperators = OfOperators::new(
+    (NAME, ("overstress-linear", "every threshold grows by the same, in proportion to the rate")),
+    &[VISCOUS_TIME],
+    || row(&ladder(0.003, 0.15, 6)),
+    |parameters, law| law.extra_per_rate = parameters[0],
+);
+
+static PROPORTIONAL_LINEAR: OfOperators = OfOperators::new(
+    (NAME, ("share-linear", "every threshold grows by a share of itself, in proportion to the rate")),
+    &[GROWTH_AT_A_SPAN],
+    || row(&ladder(0.05, 3.0, 5)),
+    |parameters, law| law.growth_per_rate = parameters[0],
+);
+
+static ADDITIVE_FADING: OfOperators = OfOperators::new(
+    (NAME, ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades")),
+    &[VISCOUS_TIME, FADING],
+    || grid(&ladder(0.01, 0.1, 3), &[0.02, 0.06]),
+    |parameters, law| [law.extra_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
+);
+
+static PROPORTIONAL_FADING: OfOperators = OfOperators::new(
+    (NAME, ("share-fading", "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades")),
+    &[GROWTH_AT_A_SPAN, FADING],
+    || grid(&ladder(0.08, 1.2, 3), &[0.02, 0.06]),
+    |parameters, law| [law.growth_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
+);
+
+static VISCOUS: OfOperators = OfOperators::new(
+    (NAME, ("viscous", "operators follow their bounds late")),
+    &[RELAXATION],
+    || row(&ladder(0.01, 0.4, 6)),
+    |parameters, law| law.viscous_s = parameters[0],
+);
+
+static STIFFENING: OfOperators = OfOperators::new(
+    (NAME, ("viscous-stiffening", "operators follow their bounds late, far ones faster than in proportion")),
+    &[
+        Parameter { low: 5e-3, high: 10.0, ..RELAXATION },
+        Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
+    ],
+    || grid(&[0.05, 0.2, 0.8], &[0.01, 0.03, 0.1]),
+    |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
+);
 
 /// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
 #[must_use]
 pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
-    let parameters = AdditiveFading.spec().parameters.iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
-    (&AdditiveFading, parameters)
+    let parameters = ADDITIVE_FADING.spec.parameters.iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
+    (&ADDITIVE_FADING, parameters)
 }
 
 /// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
@@ -232,7 +122,7 @@ impl Form for Weights {
             weights: 2,
             cost: Some(3),
             needs_sum: true,
-            ..Spec::new("rate-dependent-hysteresis", ("weights-linear", "weights change with the rate"), Place::Material)
+            ..Spec::new(NAME, ("weights-linear", "weights change with the rate"), Place::Material)
         }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
@@ -258,11 +148,7 @@ impl Form for LogarithmicWeights {
             weights: 2,
             cost: Some(4),
             needs_sum: true,
-            ..Spec::new(
-                "rate-dependent-hysteresis",
-                ("weights-logarithmic", "weights change with the logarithm of the rate"),
-                Place::Material,
-            )
+            ..Spec::new(NAME, ("weights-logarithmic", "weights change with the logarithm of the rate"), Place::Material)
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {

@@ -4,20 +4,29 @@
 use std::f64::consts::PI;
 
 use crate::chain::columns::{Columns, Filter};
-use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::filters::{grid, ladder};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
 use crate::effects::{dead_time, pneumatic_lag};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Tip, &PartOfTip, &Pressure];
+pub const FORMS: &[&dyn Form] = &[&TIP, &PartOfTip, &PRESSURE];
 
-struct Tip;
+/// Something that swings as a whole.
+struct Swinging {
+    form: Told,
+    place: Place,
+    parameters: &'static [Parameter],
+}
+
+static TIP: Swinging = Swinging { form: ("tip", "swinging tip"), place: Place::Tip, parameters: &[FREQUENCY, DAMPING] };
+
+/// Damped more than this it no longer swings, and any lag or delay would pass for it.
+static PRESSURE: Swinging =
+    Swinging { form: ("pressure", "swinging pressure"), place: Place::Tube, parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }] };
 
 struct PartOfTip;
-
-struct Pressure;
 
 const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
 
@@ -81,38 +90,8 @@ impl Filter<3> for Part {
     }
 }
 
-/// What follows a slow command hardly differently from a swing that is damped so much.
-fn nested_limits(parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-    let [frequency_hz, damping] = [parameters[0], parameters[1]];
-    if damping < HARDLY_SWINGS {
-        return Vec::new();
-    }
-    let behind_s = vec![damping / (PI * frequency_hz)];
-    vec![(dead_time::FORMS[0], behind_s.clone()), (pneumatic_lag::FORMS[0], behind_s)]
-}
-
 /// Damping ratio from which on that is tried.
 const HARDLY_SWINGS: f64 = 0.4;
-
-/// Frequencies and damping ratios to begin from.
-fn places() -> Vec<Vec<f64>> {
-    ladder(1.2, 8.0, 8).into_iter().flat_map(|frequency| [vec![frequency, 0.08], vec![frequency, 0.3]]).collect()
-}
-
-impl Form for Tip {
-    fn spec(&self) -> Spec {
-        Spec { parameters: &[FREQUENCY, DAMPING], ..Spec::new("resonance", ("tip", "swinging tip"), Place::Tip) }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        places()
-    }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        nested_limits(parameters)
-    }
-    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
-    }
-}
 
 impl Form for PartOfTip {
     fn spec(&self) -> Spec {
@@ -133,24 +112,33 @@ impl Form for PartOfTip {
     }
 }
 
-impl Form for Pressure {
+impl Form for Swinging {
     fn spec(&self) -> Spec {
-        Spec {
-            // Damped more than this it no longer swings, and any lag or delay would pass for it.
-            parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }],
-            ..Spec::new("resonance", ("pressure", "swinging pressure"), Place::Tube)
-        }
+        Spec { parameters: self.parameters, ..Spec::new("resonance", self.form, self.place) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        places()
+        grid(&ladder(1.2, 8.0, 8), &[0.08, 0.3])
     }
+    /// What follows a slow command hardly differently from a swing that is damped so much.
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        nested_limits(parameters)
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Swing::new(parameters[0], parameters[1], run.period_s).run(path);
+        let [frequency_hz, damping] = [parameters[0], parameters[1]];
+        let behind_s = vec![damping / (PI * frequency_hz)];
+        let limits = vec![(dead_time::FORMS[0], behind_s.clone()), (pneumatic_lag::FORMS[0], behind_s)];
+        if damping < HARDLY_SWINGS { Vec::new() } else { limits }
     }
     fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Swing::new(parameters[0], parameters[1], run.period_s));
+        if self.place < Place::Operators {
+            side_by_side::filter(runs, paths, |run| Swing::new(parameters[0], parameters[1], run.period_s));
+        }
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if self.place < Place::Operators {
+            Swing::new(parameters[0], parameters[1], run.period_s).run(path);
+        }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        if self.place > Place::Operators {
+            columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
+        }
     }
 }

@@ -1,9 +1,11 @@
-//! A smooth curve of the session's time: the form that a drifting zero and a drifting gain share.
+//! A smooth curve of the session's time, or one towards a limit: the forms that a drifting zero and a drifting gain share.
 
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::filters::row;
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::data::noise;
 use crate::data::session::{Run, Session};
 
 /// What drifts along the curve.
@@ -23,6 +25,84 @@ pub struct SessionCurve {
     pub drifts: Drifts,
 }
 
+/// A drift towards a limit.
+pub struct TowardsALimit {
+    /// The effect.
+    pub name: &'static str,
+    /// The form's description.
+    pub form: Told,
+    /// What drifts.
+    pub drifts: Drifts,
+    /// Whether it is the drift inside the only recording of a session.
+    pub inside: bool,
+}
+
+impl TowardsALimit {
+    /// The drift between recordings.
+    pub const fn between(name: &'static str, drifts: Drifts) -> Self {
+        Self { name, form: ("towards-a-limit", "towards a limit"), drifts, inside: false }
+    }
+
+    /// The same inside the only recording, which needs no other one to be seen.
+    pub const fn inside(self) -> Self {
+        Self { form: ("inside-a-recording", "towards a limit, inside the only recording"), inside: true, ..self }
+    }
+}
+
+/// Least share of what a model leaves above the noise that must be in values that recordings have of their own.
+const LEAST_OF_OWN: f64 = 0.6;
+
+/// Whether what a value of its own explains in each recording is most of what the model leaves: whatever a model lacks leaves a little of that, beside much
+/// else.
+pub fn is_most(session: &Session, residual: &[Vec<f64>], explained: impl Fn(&Run, &[f64]) -> f64) -> bool {
+    let (mut of_own, mut whole, mut count) = (0.0, 0.0, 1e-30);
+    for run in session.worked() {
+        let residual = &residual[run.index];
+        of_own += explained(run, residual);
+        whole += residual.iter().zip(&run.keep).filter(|(_, keep)| **keep).map(|(value, _)| value * value).sum::<f64>();
+        count += run.keep.iter().filter(|keep| **keep).count() as f64;
+    }
+    of_own > LEAST_OF_OWN * (whole - count * noise::floor(session, residual).powi(2))
+}
+
+impl Drifts {
+    /// What the curve is multiplied by.
+    fn of(self, sum: &[f64], sample: usize) -> f64 {
+        if self == Self::Gain { sum[sample] } else { 1.0 }
+    }
+
+    /// How far it drifted in the session.
+    fn tell(self, reached: f64, session: &Session) -> BTreeMap<String, f64> {
+        BTreeMap::from([match self {
+            Self::Offset => (format!("drift_in_the_session_{}", session.output_unit), reached * session.output_scale),
+            Self::Gain => ("drift_in_the_session".to_owned(), reached),
+        }])
+    }
+}
+
+impl Form for TowardsALimit {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }],
+            weights: 1,
+            is_between_recordings: !self.inside,
+            needs_sum: self.drifts == Drifts::Gain,
+            ..Spec::new(self.name, self.form, Place::Sensor)
+        }
+    }
+    fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let is_only_one = session.worked().all(|run| run.source.0 == 0);
+        if self.inside == is_only_one { row(&[0.1, 0.3, 1.0, 5.0].map(|share| share * session.length_s)) } else { Vec::new() }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        columns.push(true, |sample| -self.drifts.of(sum, sample) * (-run.session_s[sample] / parameters[0]).exp_m1());
+    }
+    fn tell(&self, parameters: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        // The limit of a drift that has hardly begun to bend is anybody's guess; what it did in the session is not.
+        self.drifts.tell(-(-session.length_s / parameters[0]).exp_m1() * weights[0], session)
+    }
+}
+
 impl Form for SessionCurve {
     fn spec(&self) -> Spec {
         Spec {
@@ -40,17 +120,13 @@ impl Form for SessionCurve {
         vec![vec![worked_until_s(session)]]
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let of_what = |sample: usize| if self.drifts == Drifts::Gain { sum[sample] } else { 1.0 };
         for part in 0..KNOTS - 1 {
-            columns.push(true, |sample| of_what(sample) * spline(run.session_s[sample] / parameters[0])[part]);
+            columns.push(true, |sample| self.drifts.of(sum, sample) * spline(run.session_s[sample] / parameters[0])[part]);
         }
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
         let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
-        BTreeMap::from([match self.drifts {
-            Drifts::Offset => (format!("drift_in_the_session_{}", session.output_unit), reached * session.output_scale),
-            Drifts::Gain => ("drift_in_the_session".to_owned(), reached),
-        }])
+        self.drifts.tell(reached, session)
     }
 }
 

@@ -1,106 +1,127 @@
-//! `setup-change`: load, pose or sensor were changed between two recordings: zero and gain step there.
+//! `setup-change`: load, pose or sensor were changed: zero and gain step between two recordings, or inside one.
 
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Step, &Twice];
+pub const FORMS: &[&dyn Form] = &[&ONCE, &TWICE, &Inside];
 
-struct Step;
+/// Steps between recordings.
+struct Between {
+    form: Told,
+    parameters: &'static [Parameter],
+}
 
-struct Twice;
+/// A step inside a recording.
+struct Inside;
 
 const FROM: Parameter = Parameter { name: "from_recording", quantity: Quantity::Ratio, low: 0.5, high: 1e4, logarithmic: false };
 
-const AGAIN_FROM: Parameter = Parameter { name: "again_from_recording", ..FROM };
+static ONCE: Between = Between { form: ("one-step", "zero and gain step between two recordings"), parameters: &[FROM] };
 
-impl Form for Step {
+static TWICE: Between = Between {
+    form: ("two-steps", "zero and gain step between recordings twice"),
+    parameters: &[FROM, Parameter { name: "again_from_recording", ..FROM }],
+};
+
+/// Adds a zero and a gain from where `after` holds.
+fn push_step(columns: &mut Columns, sum: &[f64], after: impl Fn(usize) -> bool) {
+    let share = |sample| if after(sample) { 1.0 } else { 0.0 };
+    columns.push(true, share);
+    columns.push(true, |sample| share(sample) * sum[sample]);
+}
+
+/// Shift and gain of every step.
+fn tell(weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+    let of = |(step, of): (&[f64], &str)| {
+        [(format!("{of}shift_{}", session.output_unit), step[0] * session.output_scale), (format!("{of}gain"), 1.0 + step[1])]
+    };
+    weights.chunks_exact(2).zip(["", "second_"]).flat_map(of).collect()
+}
+
+impl Form for Between {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[FROM],
+            parameters: self.parameters,
+            weights: 2 * self.parameters.len(),
+            discrete: true,
+            is_between_recordings: true,
+            needs_sum: true,
+            ..Spec::new("setup-change", self.form, Place::Sensor)
+        }
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut sums = vec![[0.0; 6]; session.runs.len()];
+        for (run, sums) in session.runs.iter().zip(&mut sums) {
+            (0..run.input.len()).for_each(|sample| add(sums, run, &residual[run.index], sample));
+        }
+        let all = |part: &[Sums]| part.iter().fold([0.0; 6], |all, one| std::array::from_fn(|at| all[at] + one[at]));
+        // Test recordings have no say, so a change among them is put in front of the first: on which side of it they are is not known.
+        let firsts: Vec<usize> = (1..session.runs.len()).filter(|&first| session.runs[first - 1].is_worked_with()).collect();
+        let second = |&first: &usize| match self.parameters.len() {
+            1 => vec![vec![first]],
+            _ => firsts.iter().filter(|second| **second > first).map(|&second| vec![first, second]).collect(),
+        };
+        let place = |places: Vec<usize>| {
+            let ends = places.iter().copied().chain([sums.len()]);
+            let energy =
+                std::iter::once(0).chain(places.iter().copied()).zip(ends).map(|(first, end)| line_residual(&all(&sums[first..end])));
+            (energy.sum(), places.iter().map(|&first| first as f64 - 0.5).collect())
+        };
+        best(firsts.iter().flat_map(second).map(place).collect())
+    }
+    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        parameters
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        parameters.iter().for_each(|from| push_step(columns, sum, |_| run.index as f64 > *from));
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        tell(weights, session)
+    }
+}
+
+/// How far from either end of a recording a step is inside it, s.
+const INSIDE_S: f64 = 1.0;
+
+/// Samples of which the best place of a step is tried.
+const STRETCH: usize = 100;
+
+impl Form for Inside {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "at", quantity: Quantity::Time, low: 0.0, high: 1e7, logarithmic: false }],
             weights: 2,
             discrete: true,
-            is_between_recordings: true,
             needs_sum: true,
-            ..Spec::new("setup-change", ("one-step", "zero and gain step between two recordings"), Place::Sensor)
+            ..Spec::new("setup-change", ("inside-a-recording", "zero and gain step inside a recording"), Place::Sensor)
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
-        let place = |first: usize| (left(&sums[..first]) + left(&sums[first..]), vec![first as f64 - 0.5]);
-        best(told_apart(session).into_iter().map(place).collect())
-    }
-    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
-        parameters
+        let mut before = [0.0; 6];
+        let mut places: Vec<(Sums, f64)> = Vec::new();
+        for run in session.worked() {
+            let end_s = run.time_s[run.time_s.len() - 1] - INSIDE_S;
+            for sample in 0..run.input.len() {
+                add(&mut before, run, &residual[run.index], sample);
+                if run.role[sample].is_worked_with() && (INSIDE_S..end_s).contains(&run.time_s[sample]) {
+                    places.push((before, run.session_s[sample]));
+                }
+            }
+        }
+        let energy = |(first, _): &(Sums, f64)| line_residual(first) + line_residual(&std::array::from_fn(|at| before[at] - first[at]));
+        let of = |stretch: &[(Sums, f64)]| stretch.iter().map(|place| (energy(place), vec![place.1])).min_by(|x, y| x.0.total_cmp(&y.0));
+        best(places.chunks(STRETCH).filter_map(of).collect())
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let after = if run.index as f64 > parameters[0] { 1.0 } else { 0.0 };
-        columns.push(true, |_| after);
-        columns.push(true, |sample| after * sum[sample]);
+        push_step(columns, sum, |sample| run.session_s[sample] > parameters[0]);
     }
     fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([
-            (format!("shift_{}", session.output_unit), weights[0] * session.output_scale),
-            ("gain".to_owned(), 1.0 + weights[1]),
-        ])
+        tell(weights, session)
     }
-}
-
-impl Form for Twice {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[FROM, AGAIN_FROM],
-            weights: 4,
-            discrete: true,
-            is_between_recordings: true,
-            needs_sum: true,
-            ..Spec::new("setup-change", ("two-steps", "zero and gain step between recordings twice"), Place::Sensor)
-        }
-    }
-    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let sums: Vec<[f64; 6]> = session.runs.iter().map(|run| line_sums(run, &residual[run.index])).collect();
-        let firsts = told_apart(session);
-        let pairs = firsts.iter().enumerate().flat_map(|(at, &first)| firsts[at + 1..].iter().map(move |&second| (first, second)));
-        let place = |(first, second): (usize, usize)| {
-            let energy = left(&sums[..first]) + left(&sums[first..second]) + left(&sums[second..]);
-            (energy, vec![first as f64 - 0.5, second as f64 - 0.5])
-        };
-        best(pairs.map(place).collect())
-    }
-    fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
-        parameters
-    }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        for from in parameters {
-            let after = if run.index as f64 > *from { 1.0 } else { 0.0 };
-            columns.push(true, |_| after);
-            columns.push(true, |sample| after * sum[sample]);
-        }
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let unit = &session.output_unit;
-        BTreeMap::from([
-            (format!("shift_{unit}"), weights[0] * session.output_scale),
-            ("gain".to_owned(), 1.0 + weights[1]),
-            (format!("second_shift_{unit}"), weights[2] * session.output_scale),
-            ("second_gain".to_owned(), 1.0 + weights[3]),
-        ])
-    }
-}
-
-/// First recordings after a change, of all changes that the recordings worked with tell apart.
-///
-/// Test recordings have no say, so a change among them is put in front of the first: on which side of it they are is not known.
-fn told_apart(session: &Session) -> Vec<usize> {
-    (1..session.runs.len()).filter(|&first| session.runs[first - 1].is_worked_with()).collect()
-}
-
-/// What a line of the residual over the model's output leaves of these recordings.
-fn left(part: &[[f64; 6]]) -> f64 {
-    line_residual(&part.iter().fold([0.0; 6], |all, one| std::array::from_fn(|at| all[at] + one[at])))
 }
 
 /// The four places that divide the session best.
@@ -109,26 +130,60 @@ fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
     places.into_iter().take(4).map(|place| place.1).collect()
 }
 
-/// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2. Test recordings have no say.
-fn line_sums(run: &Run, residual: &[f64]) -> [f64; 6] {
-    let mut sums = [0.0; 6];
-    for ((&output, &r), (&role, &keep)) in run.output.iter().zip(residual).zip(run.role.iter().zip(&run.keep)) {
-        if keep && role.is_worked_with() {
-            let x = output - r;
-            for (sum, value) in sums.iter_mut().zip([1.0, x, x * x, r, x * r, r * r]) {
-                *sum += value;
-            }
-        }
+/// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2.
+type Sums = [f64; 6];
+
+/// Adds a sample; test recordings have no say.
+fn add(sums: &mut Sums, run: &Run, residual: &[f64], sample: usize) {
+    if run.keep[sample] && run.role[sample].is_worked_with() {
+        let r = residual[sample];
+        let x = run.output[sample] - r;
+        sums.iter_mut().zip([1.0, x, x * x, r, x * r, r * r]).for_each(|(sum, value)| *sum += value);
     }
-    sums
 }
 
 /// What the best line leaves of the residual's energy.
-fn line_residual(&[count, x, xx, r, xr, rr]: &[f64; 6]) -> f64 {
+fn line_residual(&[count, x, xx, r, xr, rr]: &Sums) -> f64 {
     if count < 1.0 {
         return 0.0;
     }
     let (spread, common) = (xx - x * x / count, xr - x * r / count);
     let slope_part = if spread > 1e-12 { common * common / spread } else { 0.0 };
     rr - r * r / count - slope_part
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn a_step_inside_a_recording_is_found_to_the_sample() {
+        let of = |number: u32| {
+            let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+            let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * ((1.0 + 0.3 * f64::from(number)) * time).cos()).collect();
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
+        };
+        for (count, at_s) in [(1, 13.37), (4, 47.11)] {
+            let recordings: Vec<Recording> = (0..count).map(|number| of(number).expect("a recording")).collect();
+            // Too few recordings to keep any out, so all but every sixth block of them is worked with.
+            let session = Session::new(&recordings, &recordings[..1]).expect("a session");
+            let step = |run: &Run| -> Vec<f64> {
+                let after = |at: usize| if run.session_s[at] > at_s { 0.05 + 0.1 * run.output[at] } else { 0.0 };
+                (0..run.input.len()).map(after).collect()
+            };
+            let residual: Vec<Vec<f64>> = session.runs.iter().map(step).collect();
+            let starts = Inside.starts(&session, &residual);
+            assert!((starts[0][0] - at_s).abs() <= 0.02, "{at_s} s: {starts:?}");
+            let run = session.runs.iter().find(|run| run.session_s.contains(&starts[0][0])).expect("its recording");
+            let mut columns = Columns::of(run.input.len());
+            Inside.output(&starts[0], run, &run.output, &mut columns);
+            let [zero, gain] = [0, 1].map(|weight| columns.column(weight));
+            for (at, time_s) in run.session_s.iter().enumerate() {
+                let after = if *time_s > starts[0][0] { 1.0 } else { 0.0 };
+                assert_eq!((zero[at], gain[at]), (after, after * run.output[at]), "at {time_s} s");
+            }
+        }
+    }
 }

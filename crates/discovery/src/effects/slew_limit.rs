@@ -1,7 +1,7 @@
 //! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or one that sets in gradually.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::ladder;
+use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::{elementary, side_by_side};
 use crate::data::session::{Run, Session};
@@ -63,15 +63,8 @@ impl Form for Limit {
             return ladder(0.05, 0.97, 9).into_iter().map(|share| vec![of_fastest(share)]).collect();
         }
         // Limits that differ little show at the fastest strokes only: pairs near each other as well as far apart.
-        let mut all = Vec::new();
-        for up in [0.15, 0.4, 0.6, 0.8] {
-            for down in [0.15, 0.4, 0.6, 0.8] {
-                if up != down {
-                    all.push(vec![of_fastest(up), of_fastest(down)]);
-                }
-            }
-        }
-        all
+        let shares = grid(&[0.15, 0.4, 0.6, 0.8], &[0.15, 0.4, 0.6, 0.8]).into_iter().filter(|pair| pair[0] != pair[1]);
+        shares.map(|pair| pair.into_iter().map(of_fastest).collect()).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let (up, down) = (parameters[0] * run.period_s, parameters[parameters.len() - 1] * run.period_s);

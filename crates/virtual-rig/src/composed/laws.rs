@@ -65,6 +65,31 @@ fn swing(frequency_hz: f64, damping: f64, hardening: f64, range: f64) -> Stage {
     })
 }
 
+/// Where a command turned last, and for how long that still counts.
+#[derive(Default)]
+struct Turn {
+    farthest: f64,
+    falls: bool,
+    left_s: f64,
+}
+
+impl Turn {
+    /// Whether the command turned within the last `hold_s`; turning back within that time changes nothing.
+    fn holds(&mut self, value: f64, hold_s: f64) -> bool {
+        self.left_s -= STEP_S;
+        let back = if self.falls { value - self.farthest } else { self.farthest - value };
+        if back <= 0.0 {
+            self.farthest = value;
+        } else if back > 1e-6 {
+            (self.farthest, self.falls) = (value, !self.falls);
+            if self.left_s <= 0.0 {
+                self.left_s = hold_s;
+            }
+        }
+        self.left_s > 0.0
+    }
+}
+
 /// Draws a law of the effect `name` from a set.
 pub fn draw(name: &str, set: Set, draw: &mut Draw<'_>) -> Drawn {
     match set {
@@ -207,6 +232,32 @@ fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             Drawn::Before(stage(move |value, _| {
                 state = (state + value - last - STEP_S * state / time_s).max(0.0);
                 last = value;
+                state
+            }))
+        }
+        "sample-and-hold" => {
+            let (period_s, first) = (draw.log(0.08, 0.5), draw.even(0.0, 1.0));
+            draw.tell("sample-and-hold.period_s", period_s);
+            let (mut held, mut left_s) = (0.0, 0.0);
+            Drawn::Before(stage(move |value, moment| {
+                left_s = if moment.begins { first * period_s } else { left_s - STEP_S };
+                if left_s < 0.5 * STEP_S {
+                    held = value;
+                    left_s += period_s;
+                }
+                held
+            }))
+        }
+        "hold-after-reversal" => {
+            // It follows its command like a volume behind a restriction, and shuts for a time when the command turns.
+            let (hold_s, flow_s) = (draw.log(0.1, 0.4), draw.log(0.02, 0.1));
+            draw.tell("hold-after-reversal.hold_s", hold_s);
+            let mut turn = Turn::default();
+            let mut state = 0.0;
+            Drawn::Before(stage(move |value, _| {
+                if !turn.holds(value, hold_s) {
+                    state += (value - state) * STEP_S / flow_s;
+                }
                 state
             }))
         }
@@ -392,6 +443,34 @@ fn reporting(name: &str, draw: &mut Draw<'_>) -> Drawn {
             Drawn::Before(stage(move |value, _| {
                 state = (state + value - last - STEP_S * state / time_s + STEP_S * (value - state) / refill_s).max(0.0);
                 last = value;
+                state
+            }))
+        }
+        "sample-and-hold" => {
+            // The converter settles in a few milliseconds.
+            let (period_s, first) = (draw.log(0.08, 0.5), draw.even(0.0, 1.0));
+            draw.tell("sample-and-hold.period_s", period_s);
+            let (mut held, mut state, mut since_s) = (0.0, 0.0, 0.0);
+            Drawn::Before(stage(move |value, moment| {
+                since_s = if moment.begins { (1.0 - first) * period_s } else { since_s + STEP_S };
+                if since_s >= period_s {
+                    held = value;
+                    since_s -= period_s;
+                }
+                state += (held - state) * STEP_S / 0.008;
+                state
+            }))
+        }
+        "hold-after-reversal" => {
+            // It catches up at a constant rate.
+            let (hold_s, rate) = (draw.log(0.1, 0.4), span * draw.log(3.0, 12.0));
+            draw.tell("hold-after-reversal.hold_s", hold_s);
+            let mut turn = Turn::default();
+            let mut state = 0.0_f64;
+            Drawn::Before(stage(move |value, _| {
+                if !turn.holds(value, hold_s) {
+                    state += (value - state).clamp(-rate * STEP_S, rate * STEP_S);
+                }
                 state
             }))
         }

@@ -1,0 +1,136 @@
+//! `hold-after-reversal`: a regulator passes no flow for a time after each reversal of the command; otherwise `T dv/dt = u - v`.
+
+use crate::chain::columns::Filter;
+use crate::chain::filters::{grid, ladder, lag_coefficients};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::side_by_side;
+use crate::data::session::{Run, Session};
+
+/// All forms.
+pub const FORMS: &[&dyn Form] = &[&Held];
+
+struct Held;
+
+/// Motion back from an extremum that counts as a reversal, spans: more than the rounding of a recorded command.
+const BACK: f64 = 1e-3;
+
+impl Form for Held {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: 5.0, logarithmic: true },
+                Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: 1e-3, high: 2.0, logarithmic: true },
+            ],
+            ..Spec::new("hold-after-reversal", ("for-a-time", "holds for a time, then catches up"), Place::Supply)
+        }
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        grid(&ladder(0.1, 1.5, 4), &[0.02, 0.15])
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        Regulator::new(parameters, run).run(path);
+    }
+    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+        side_by_side::filter(runs, paths, |run| Regulator::new(parameters, run));
+    }
+}
+
+/// What [`Held`] does to the input.
+#[derive(PartialEq)]
+struct Regulator {
+    hold_s: f64,
+    catch_up_s: f64,
+    period_s: f64,
+    /// Coefficients of the lag over a whole sample.
+    lag: (f64, f64, f64),
+}
+
+impl Regulator {
+    fn new(parameters: &[f64], run: &Run) -> Self {
+        let [hold_s, catch_up_s] = [parameters[0], parameters[1]];
+        Self { hold_s, catch_up_s, period_s: run.period_s, lag: lag_coefficients(catch_up_s, run.period_s) }
+    }
+}
+
+impl Filter<6> for Regulator {
+    fn begin(&self, first: f64) -> [f64; 6] {
+        [first, first, first, 0.0, 0.0, 0.0]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last, farthest, direction, since_s, left_s]: &mut [f64; 6], value: f64) -> f64 {
+        let onward = (value - *farthest) * *direction;
+        if onward >= 0.0 {
+            if value != *farthest && *direction == 0.0 {
+                *direction = (value - *farthest).signum();
+            }
+            (*farthest, *since_s) = (value, 0.0);
+        } else {
+            *since_s += self.period_s;
+            if onward < -BACK {
+                // What turns while it holds goes on holding.
+                *left_s = if *left_s > 0.0 { *left_s } else { self.hold_s - *since_s + self.period_s };
+                (*farthest, *direction, *since_s) = (value, -*direction, 0.0);
+            }
+        }
+        let open_s = self.period_s - left_s.clamp(0.0, self.period_s);
+        *left_s -= self.period_s;
+        if open_s > 0.0 {
+            let (keep, now, then) = if open_s < self.period_s { lag_coefficients(self.catch_up_s, open_s) } else { self.lag };
+            *state = keep * *state + now * value + then * (value - (value - *last) * open_s / self.period_s);
+        }
+        *last = value;
+        *state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn it_holds_at_a_peak_and_catches_up_exponentially() {
+        // A triangle of 4 s, turning on samples: u = 1 - (t - 2) / 2 behind its peak.
+        let (hold_s, catch_up_s, period_s) = (0.53, 0.1, 0.02);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * period_s).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 - (1.0 - (time / 2.0) % 2.0).abs()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s.clone(), input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut path = run.input.clone();
+        Held.input(&[hold_s, catch_up_s], run, &mut path);
+        // T v' = u - v: on a ramp of slope a it follows a T behind, and from any other place exponentially.
+        let slope = 0.5;
+        let top = 1.0 - slope * catch_up_s;
+        for (time, value) in time_s.iter().zip(&path).take(200) {
+            let exact = if *time <= 2.0 {
+                slope * (time - catch_up_s * (1.0 - (-time / catch_up_s).exp()))
+            } else if *time <= 2.0 + hold_s {
+                top
+            } else {
+                let open_s = time - 2.0 - hold_s;
+                let behind = 1.0 - slope * (hold_s - catch_up_s);
+                behind - slope * open_s + (top - behind) * (-open_s / catch_up_s).exp()
+            };
+            assert!((value - exact).abs() < 1e-6, "at {time} s: {value} instead of {exact}");
+        }
+        // The next reversal, at the bottom, holds again.
+        assert!(path[201..226].windows(2).all(|pair| (pair[1] - pair[0]).abs() < 1e-9), "{:?}", &path[200..230]);
+    }
+
+    #[test]
+    fn a_command_that_does_not_turn_is_only_followed() {
+        let input: Vec<f64> = (0..1000).map(|sample| f64::from(sample / 50) * 0.05).collect();
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let (mut path, mut lagging) = (run.input.clone(), run.input.clone());
+        Held.input(&[1.0, 0.1], run, &mut path);
+        crate::chain::filters::lag(&mut lagging, 0.1, run.period_s);
+        assert!(path.iter().zip(&lagging).all(|(x, y)| (x - y).abs() < 1e-12));
+    }
+}
