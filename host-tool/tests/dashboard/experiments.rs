@@ -119,7 +119,7 @@ async fn a_rig_that_errs_is_calibrated_on_the_page_from_zero_to_saved_settings()
     browser.click("calibrate-print").await;
     browser.until("the page", "return !document.getElementById('calibrate-link').hidden").await;
     browser.run("document.getElementById('calibrate-result').scrollIntoView({ block: 'end' })").await;
-    browser.picture("dashboard-calibrated.png").await;
+    browser.look("calibrated.png").await;
     let settings = served.api("/api/settings");
     for setting in settings["settings"].as_array().expect("settings") {
         assert_eq!(setting["value"], setting["saved"], "{setting}");
@@ -255,7 +255,7 @@ async fn a_recording_made_just_now_becomes_the_model_on_the_device_by_two_clicks
     play(&browser).await;
     browser.until("the residual", "return !document.getElementById('chart-residual').hidden").await;
     browser.run("document.getElementById('job-title').scrollIntoView({ block: 'center' })").await;
-    browser.picture("dashboard-learn.png").await;
+    browser.look("learn.png").await;
     let samples = served.api("/api/samples?last=10000");
     let column = |name: &str| samples[name].as_array().expect("a column").iter().map(Value::as_f64).collect::<Vec<_>>();
     let errors: Vec<f64> = column("displacement_mm")

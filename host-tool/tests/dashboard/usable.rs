@@ -9,6 +9,8 @@ const TABS: [&str; 6] = ["excitation", "reference", "learn", "calibrate", "setti
 async fn each_tab(browser: &Browser, script: &str) -> Vec<(&'static str, String)> {
     let mut found = Vec::new();
     for tab in TABS {
+        // The driver scrolls no farther than to the edge of a phone, where the button that vents lies.
+        browser.run(&format!("document.getElementById('tab-{tab}').scrollIntoView({{ block: 'center' }})")).await;
         browser.click(&format!("tab-{tab}")).await;
         let filled = format!(
             "return document.querySelectorAll('#page-{tab} button').length > 0 || document.querySelectorAll('#page-{tab} input').length > 0"
