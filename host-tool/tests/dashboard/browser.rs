@@ -83,10 +83,30 @@ impl Drop for Served {
     }
 }
 
+/// A driver with the browser that it began, until it is dropped.
+struct Driver {
+    child: Child,
+    profile: tempfile::TempDir,
+}
+
+impl Driver {
+    /// The driver, its browser and whatever that began.
+    fn processes(&self) -> Vec<Process> {
+        processes::family(self.child.id(), &self.profile.path().display().to_string())
+    }
+}
+
+impl Drop for Driver {
+    fn drop(&mut self) {
+        // A driver that is ended leaves renderers of its browser behind.
+        processes::end(|| self.processes());
+        let _ = self.child.wait();
+    }
+}
+
 /// A browser with one page.
 pub struct Browser {
-    driver: Child,
-    profile: tempfile::TempDir,
+    driver: Driver,
     pub client: Client,
 }
 
@@ -94,9 +114,10 @@ impl Browser {
     pub async fn start(look: Look) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port").port();
         let driver = Command::new("chromedriver").arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-        let driver = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
-        let profile = tempfile::tempdir().expect("a temporary folder");
-        let own = format!("--user-data-dir={}", profile.path().display());
+        let child = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
+        // From here on a panic ends what was begun.
+        let driver = Driver { child, profile: tempfile::tempdir().expect("a temporary folder") };
+        let own = format!("--user-data-dir={}", driver.profile.path().display());
         let mut options = json!({ "args": [
             "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080", own,
             "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -121,7 +142,7 @@ impl Browser {
             }
             tokio::time::sleep(Duration::from_millis(50)).await;
         };
-        Self { driver, profile, client }
+        Self { driver, client }
     }
 
     /// Opens the page and waits until it is live.
@@ -227,15 +248,6 @@ impl Browser {
 impl Browser {
     /// The driver, its browser and whatever that began.
     pub fn processes(&self) -> Vec<Process> {
-        processes::family(self.driver.id(), &self.profile.path().display().to_string())
-    }
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        // A driver that is ended leaves renderers of its browser behind.
-        let family = self.processes();
-        processes::end(&family);
-        let _ = self.driver.wait();
+        self.driver.processes()
     }
 }

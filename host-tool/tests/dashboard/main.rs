@@ -229,9 +229,9 @@ async fn another_page_in_the_same_browser_reaches_nothing() {
 }
 
 #[test]
-#[ignore = "a minute; CATHETER_WATCH_S=600 makes it the ten of the target"]
+#[ignore = "20 s; CATHETER_WATCH_S=600 makes it the ten minutes of the target"]
 fn four_watchers_get_every_sample_for_little() {
-    let seconds = std::env::var("CATHETER_WATCH_S").ok().and_then(|text| text.parse().ok()).unwrap_or(60);
+    let seconds = std::env::var("CATHETER_WATCH_S").ok().and_then(|text| text.parse().ok()).unwrap_or(20);
     let served = Served::start(&[]);
     std::thread::sleep(Duration::from_secs(1));
     let (begun, before) = (Instant::now(), watchers::processor_s(served.child.id()));
@@ -249,12 +249,17 @@ fn four_watchers_get_every_sample_for_little() {
 
 #[tokio::test]
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
-async fn a_browser_that_is_dropped_leaves_no_process() {
+async fn a_browser_whose_test_fails_leaves_no_process() {
     let served = Served::start(&[]);
     let browser = Browser::open(Look::Desk, &served.address).await;
     let family = browser.processes();
     assert!(family.len() > 3, "a driver, a browser and its renderers: {family:?}");
-    drop(browser);
+    let fails = |browser: Browser| async move {
+        browser.run("return 1").await;
+        panic!("as a test does");
+    };
+    let failed: Result<(), _> = tokio::spawn(fails(browser)).await;
+    assert!(failed.expect_err("it panics").is_panic());
     let left: Vec<_> = family.into_iter().filter(|process| process.lives()).collect();
     assert!(left.is_empty(), "{left:?}");
 }

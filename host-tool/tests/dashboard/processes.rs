@@ -1,7 +1,7 @@
 //! Processes and those that they began, by their numbers.
 
 use std::fs;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A process. Its start tells it from a later one with the same number.
@@ -50,14 +50,18 @@ pub fn family(root: u32, mark: &str) -> Vec<Process> {
     family
 }
 
-/// Ends them, and waits until they are gone.
-pub fn end(family: &[Process]) {
-    for process in family.iter().filter(|process| process.lives()) {
-        let _ = Command::new("kill").args(["-KILL", &process.number.to_string()]).status();
-    }
+/// Ends those that `find` finds, again until it finds none: a browser begins others while it is ended.
+pub fn end(find: impl Fn() -> Vec<Process>) {
     let until = Instant::now() + Duration::from_secs(5);
-    // Those of ours are gone when they were waited for, which follows.
-    while Instant::now() < until && family.iter().skip(1).any(|process| process.lives()) {
+    let mut met: Vec<Process> = Vec::new();
+    while Instant::now() < until {
+        let found = find();
+        met.extend(found.iter().filter(|process| !met.contains(process)).copied().collect::<Vec<_>>());
+        let living: Vec<String> = met.iter().filter(|process| process.lives()).map(|process| process.number.to_string()).collect();
+        if living.is_empty() {
+            return;
+        }
+        let _ = Command::new("kill").arg("-KILL").args(living).stderr(Stdio::null()).status();
         std::thread::sleep(Duration::from_millis(10));
     }
 }
