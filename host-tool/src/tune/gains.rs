@@ -87,9 +87,9 @@ pub fn longest_delay_s(fitted: &Fitted) -> f64 {
 /// Proportional, integral and derivative gains that are tried.
 fn grid() -> impl Iterator<Item = (f64, f64, f64)> {
     [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2].into_iter().flat_map(|proportional| {
-        [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0]
-            .into_iter()
-            .flat_map(move |integral_per_s| [0.0, 0.02, 0.05].into_iter().map(move |derivative_s| (proportional, integral_per_s, derivative_s)))
+        [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0].into_iter().flat_map(move |integral_per_s| {
+            [0.0, 0.02, 0.05].into_iter().map(move |derivative_s| (proportional, integral_per_s, derivative_s))
+        })
     })
 }
 

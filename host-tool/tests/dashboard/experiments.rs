@@ -179,7 +179,10 @@ async fn a_reference_is_followed_and_the_error_told() {
     browser.click("tab-reference").await;
     browser.until("the reference", "return document.getElementById('reference-verdict').textContent.includes('21.0 s')").await;
     // What is offered lies within what the tip reaches, 0.20 to 2.80 mm; what lies beyond is refused before it plays.
-    assert_eq!(browser.run("return ['low', 'high'].map((end) => document.getElementById(`reference-${end}`).value).join()").await, "0.5,2.5");
+    assert_eq!(
+        browser.run("return ['low', 'high'].map((end) => document.getElementById(`reference-${end}`).value).join()").await,
+        "0.5,2.5"
+    );
     browser.until("it can be followed", "return !document.getElementById('reference-go').disabled").await;
     browser.run("const it = document.getElementById('reference-high'); it.value = 5; it.dispatchEvent(new Event('input'))").await;
     browser.until("the reach", "return document.getElementById('reference-verdict').textContent.includes('from 0.20 to 2.80 mm')").await;

@@ -76,9 +76,13 @@ impl Reach {
     pub fn sentence(&self) -> String {
         let Self { low_mm, high_mm, up_to_bar, ceiling_bar, .. } = self;
         match self.source {
-            Source::Simulated => format!("The simulated tip goes from {low_mm:.2} to {high_mm:.2} mm below the ceiling of {ceiling_bar:.2} bar."),
+            Source::Simulated => {
+                format!("The simulated tip goes from {low_mm:.2} to {high_mm:.2} mm below the ceiling of {ceiling_bar:.2} bar.")
+            }
             Source::Measured if self.is_whole() => {
-                format!("The tip went from {low_mm:.2} to {high_mm:.2} mm, measured up to {up_to_bar:.2} bar; the ceiling is {ceiling_bar:.2} bar.")
+                format!(
+                    "The tip went from {low_mm:.2} to {high_mm:.2} mm, measured up to {up_to_bar:.2} bar; the ceiling is {ceiling_bar:.2} bar."
+                )
             }
             Source::Measured => format!(
                 "The tip went from {low_mm:.2} to {high_mm:.2} mm so far, up to {up_to_bar:.2} of {ceiling_bar:.2} bar; beyond that nothing is \
@@ -206,13 +210,15 @@ mod tests {
             displacement_mm: Some(mm as f32),
             ..Sample::default()
         });
-        samples.fold(false, |more, sample| stroke.see(&sample) || more)
+        // All of them are seen.
+        samples.filter(|sample| stroke.see(sample)).count() > 0
     }
 
     #[test]
     fn a_plant_reaches_what_its_operators_sum_up_to() {
         // Eq. (2) by hand: w (3 - r) at the ceiling, w r behind it.
-        let held: f64 = PlantConfig::default().thresholds_bar.iter().zip(PlantConfig::default().weights_mm_per_bar).map(|(r, w)| r * w).sum();
+        let held: f64 =
+            PlantConfig::default().thresholds_bar.iter().zip(PlantConfig::default().weights_mm_per_bar).map(|(r, w)| r * w).sum();
         let reach = Reach::of_plant(&plant(), 3.0, 5.0);
         assert!((reach.low_mm - 5.0 - held).abs() < 1e-9 && (reach.high_mm - 8.0 + held).abs() < 1e-9, "{reach:?}");
         let told = Reach::of_plant(&plant(), 3.0, 0.0).told();

@@ -134,9 +134,12 @@ fn a_reference_ends_vented_or_with_its_operator() {
         rig.reference(&json!({ "name": "ramp", "low_mm": 0.2, "high_mm": 1.0 })).unwrap()["points_mm"].as_array().unwrap().len(),
         100
     );
-    for wrong in
-        [json!({ "name": "ramp", "low_mm": 2.0, "high_mm": 1.0 }), json!({ "name": "ramp", "low_mm": 1.0, "high_mm": 5.0 }), json!({ "name": "stairs", "low_mm": 0.0, "high_mm": 1.0 }), json!(1)]
-    {
+    for wrong in [
+        json!({ "name": "ramp", "low_mm": 2.0, "high_mm": 1.0 }),
+        json!({ "name": "ramp", "low_mm": 1.0, "high_mm": 5.0 }),
+        json!({ "name": "stairs", "low_mm": 0.0, "high_mm": 1.0 }),
+        json!(1),
+    ] {
         assert!(rig.reference(&wrong).is_err(), "{wrong}");
         assert!(rig.act(&Action::Follow { controller: "open-loop".to_owned(), reference: wrong }).is_err());
     }
