@@ -5,6 +5,7 @@ import { curve } from "./sketch.js";
 
 const WORDS = { open: "", running: "under way", found: "waits for you", taken: "in use", failed: "failed" };
 let told = null;
+let drawn = "";
 let task = null;
 let holds = false;
 let phase = null;
@@ -112,11 +113,15 @@ export function follow(state) {
 
 export async function refresh() {
   try {
-    const answered = await request("GET", "/api/calibration");
-    revision = answered.revision;
-    told = answered;
+    const { revision: newest, ...answered } = await request("GET", "/api/calibration");
+    revision = newest;
+    // What is drawn already stays: somebody may be about to press a button of it.
+    const words = JSON.stringify(answered);
+    if (words === drawn) return;
+    [told, drawn] = [answered, words];
     show();
   } catch (problem) {
+    drawn = "";
     $("calibrate-steps").replaceChildren(make("li", {}, problem.message));
   }
 }

@@ -14,6 +14,10 @@ const NEEDS = {
 let path = null;
 let asked = 0;
 let revision = -1;
+/** Whether somebody chose the range: then it is theirs. */
+let chosen = false;
+/** Whether the rig and its operator are ready for one. */
+let ready = false;
 
 const wanted = () => ({
   name: $("reference-name").value, low_mm: Number($("reference-low").value), high_mm: Number($("reference-high").value), seed: Math.max(0, Math.round(Number($("reference-seed").value))),
@@ -29,7 +33,7 @@ async function check() {
     const answer = await request("POST", "/api/reference", wanted());
     if (turn !== asked) return;
     path = answer;
-    $("reference-verdict").textContent = `${number(path.points_mm.length * path.period_s, 1)} s, from rest; the rig is vented at its end.`;
+    $("reference-verdict").textContent = `${number(path.points_mm.length * path.period_s, 1)} s, from rest; the rig is vented at its end. ${path.note}`;
     $("reference-verdict").classList.remove("problem");
     draw();
   } catch (problem) {
@@ -38,6 +42,11 @@ async function check() {
     $("reference-verdict").textContent = problem.message;
     $("reference-verdict").classList.add("problem");
   }
+  enable();
+}
+
+function enable() {
+  $("reference-go").disabled = !ready || !path;
 }
 
 function outcome({ controller, reference, rmse_mm: rmse, worst_mm: worst, output_span_bar: span, problem, share }) {
@@ -50,15 +59,15 @@ function outcome({ controller, reference, rmse_mm: rmse, worst_mm: worst, output
 
 export async function refresh() {
   try {
-    const { controllers, references, followed } = await request("GET", "/api/controllers");
+    const { controllers, references, followed, reach } = await request("GET", "/api/controllers");
     if (!$("reference-controller").childElementCount) {
       $("reference-controller").append(...controllers.map((name) => make("option", { value: name, selected: name === "open-loop" }, NEEDS[name] ? `${name} (needs ${NEEDS[name]})` : name)));
       $("reference-name").append(...references.map((name) => make("option", { value: name }, TITLES[name] ?? name)));
     }
     $("reference-outcome").textContent = followed ? outcome(followed) : "";
     $("reference-outcome").classList.toggle("problem", Boolean(followed?.problem));
-    if (path) draw();
-    else await check();
+    if (!chosen) [$("reference-low").value, $("reference-high").value] = reach.offered_mm;
+    await check();
   } catch (problem) {
     $("reference-verdict").textContent = problem.message;
   }
@@ -67,8 +76,8 @@ export async function refresh() {
 export function follow(state) {
   const { rig } = state;
   const task = rig?.task?.kind === "follow" ? rig.task : null;
-  const holds = state.lease?.client === self.number;
-  $("reference-go").disabled = !holds || !mayOperate() || Boolean(rig?.task) || rig?.phase !== "idle" || !path;
+  ready = state.lease?.client === self.number && mayOperate() && !rig?.task && rig?.phase === "idle";
+  enable();
   $("reference-end").hidden = !task;
   $("reference-run").hidden = !task;
   if (task) {
@@ -82,12 +91,16 @@ export function follow(state) {
 }
 
 export function start() {
-  const edge = (id, label, value) => make("label", {}, label, make("input", { id, type: "number", step: "any", value, class: "short", oninput: check }));
+  const field = (id, label, value, oninput) => make("label", {}, label, make("input", { id, type: "number", step: "any", value, class: "short", oninput }));
+  const choose = () => {
+    chosen = true;
+    check();
+  };
   $("page-reference").append(
     make("div", { class: "form" },
       make("label", {}, "Controller", make("select", { id: "reference-controller" })),
       make("label", {}, "Reference", make("select", { id: "reference-name", onchange: check })),
-      edge("reference-low", "Lowest / mm", 1), edge("reference-high", "Highest / mm", 5), edge("reference-seed", "Seed", 1)),
+      field("reference-low", "Lowest / mm", null, choose), field("reference-high", "Highest / mm", null, choose), field("reference-seed", "Seed", 1, check)),
     make("canvas", { id: "reference-canvas", class: "preview", role: "img", "aria-label": "The reference over time" }),
     make("p", { id: "reference-verdict", role: "status" }),
     make("div", { class: "row" },

@@ -429,16 +429,16 @@ pub trait Rig {
     /// When no step is done.
     fn calibration_page(&mut self) -> Result<String, Problem>;
 
-    /// The controllers and references there are, and how the last reference was followed.
+    /// The controllers and references there are, how far the tip goes, and how the last reference was followed.
     ///
     /// # Errors
     /// Why not.
     fn controllers(&mut self) -> Result<Value, Problem>;
 
-    /// Where the tip would have to go: `period_s` and `points_mm` of a reference.
+    /// Where the tip would have to go: `period_s` and `points_mm` of a reference, and a `note` of how far it goes.
     ///
     /// # Errors
-    /// When there is none like this.
+    /// When there is none like this, or the tip does not get there.
     fn reference(&mut self, reference: &Value) -> Result<Value, Problem>;
 
     /// Uploads a model and activates it; takes as long as it takes, and is only called while the device is vented.

@@ -1,5 +1,7 @@
 //! What a recording's samples show by themselves: gaps, event clocks, staircases, resolution, clipping, constant stretches, units.
 
+use std::collections::HashSet;
+
 use super::row_lines::RowLines;
 use super::{Note, Recording, Signal, Subject, clock, held};
 
@@ -39,7 +41,7 @@ pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
                 count: hold.changes,
                 ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}."))
             });
-        } else if let Some(step) = resolution(values).filter(|step| *step > COARSE * clock::range(values)) {
+        } else if let Some(step) = coarse_resolution(values) {
             let text = format!("{name} has a coarse resolution: steps of {}.", with_unit(step, &signal.unit));
             notes.push(Note::new(Subject::Quantised, text));
         }
@@ -79,11 +81,23 @@ fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
     notes
 }
 
+/// As [`resolution`], where the steps are wide. Nine in ten of the gaps between levels are a step or more: many levels cannot be coarse, and most
+/// recordings show them in their first samples.
+fn coarse_resolution(values: &[f64]) -> Option<f64> {
+    let most = (1.0 / (0.9 * COARSE)) as usize + 2;
+    let mut levels = HashSet::new();
+    // A zero has one level whatever its sign.
+    if values.iter().any(|value| levels.insert((value + 0.0).to_bits()) && levels.len() > most) {
+        return None;
+    }
+    resolution(values).filter(|step| *step > COARSE * clock::range(values))
+}
+
 /// The step size of values that all lie on a grid; none when they do not, or differ too little to tell.
 #[must_use]
 pub fn resolution(values: &[f64]) -> Option<f64> {
     let mut levels = values.to_vec();
-    levels.sort_by(f64::total_cmp);
+    levels.sort_unstable_by(f64::total_cmp);
     levels.dedup();
     let steps: Vec<f64> = levels.windows(2).map(|pair| pair[1] - pair[0]).collect();
     // Fewer levels than samples: values come again, as on a grid.
@@ -163,4 +177,20 @@ pub(super) fn with_unit(value: f64, unit: &str) -> String {
 pub(super) fn short(value: f64) -> String {
     let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
     if rounded == 0.0 || (1e-4..1e6).contains(&rounded.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coarse_resolution_is_told_by_few_levels_as_by_all() {
+        for (step, digits) in [(0.5, 3.0), (0.05, 3.0), (0.01, 3.0), (0.0049, 3.0), (0.001, 3.0), (1e-9, 3.0), (0.5, 0.0)] {
+            let values: Vec<f64> = (0..20_000).map(|index| (digits * (f64::from(index) * 1e-3).sin() / step).round() * step).collect();
+            let all = resolution(&values).filter(|found| *found > COARSE * clock::range(&values));
+            assert_eq!(coarse_resolution(&values), all, "{step}");
+        }
+        let coarse: Vec<f64> = (0..20_000).map(|index| (f64::from(index) * 1e-3).sin().round()).collect();
+        assert_eq!(coarse_resolution(&coarse), None, "three levels are no grid");
+    }
 }

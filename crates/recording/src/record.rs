@@ -255,7 +255,7 @@ impl Recording {
     #[must_use]
     pub fn timing(&self) -> Timing {
         let mut steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_by(f64::total_cmp);
+        steps.sort_unstable_by(f64::total_cmp);
         let median = steps.get(steps.len() / 2).copied().unwrap_or(self.sample_period_s);
         let uneven = steps.iter().filter(|&&step| (step - median).abs() > 0.05 * median).count();
         Timing {

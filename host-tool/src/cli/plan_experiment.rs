@@ -59,9 +59,14 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         maximum_slew_bar_per_s: arguments.maximum_slew_bar_per_s,
         ..Limits::default()
     };
-    let working = output::working("plan", "both models on every excitation");
-    let plans = plan::rank(&first, &second, noise, &limits, arguments.common.seed)?;
-    drop(working);
+    let bar = output::progress(0, "plan");
+    bar.set_message("both models on every excitation");
+    let watch = |judged: usize, of: usize| {
+        bar.set_length(of as u64);
+        bar.set_position(judged as u64);
+    };
+    let plans = plan::rank(&first, &second, noise, &limits, arguments.common.seed, &watch)?;
+    bar.finish_and_clear();
     let best = &plans[0];
     output::write_atomic(
         &arguments.out,

@@ -138,7 +138,12 @@ fn simulate_set(kind: SetKind, arguments: &Arguments, limits: &Limits, plant: &P
         "{}: exists already; choose another folder, or say --force to replace its recordings",
         earlier.display()
     );
-    let working = output::working("simulate", "playing excitations");
+    let bar = output::progress(0, "simulate");
+    bar.set_message("playing excitations");
+    let watch = |played_s: f64, of_s: f64| {
+        bar.set_length(of_s as u64);
+        bar.set_position(played_s as u64);
+    };
     let config = SetConfig {
         seed: arguments.common.seed,
         amplitude_bar: arguments.amplitude_bar,
@@ -146,8 +151,9 @@ fn simulate_set(kind: SetKind, arguments: &Arguments, limits: &Limits, plant: &P
         tests_per_family: usize::from(arguments.tests),
         ..SetConfig::default()
     };
-    let set = Dataset::simulate(kind, &config, limits, plant, &arguments.out)?;
-    working.say("writing recordings");
+    let set = Dataset::simulate_watched(kind, &config, limits, plant, &arguments.out, &watch)?;
+    bar.finish_and_clear();
+    let _working = output::working("simulate", "writing recordings");
     set.write(&arguments.out, plant)?;
     Ok(set.made.into_iter().map(|made| made.recording).collect())
 }

@@ -1,5 +1,6 @@
 //! `catheter tune`.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -10,7 +11,7 @@ use serde::Serialize;
 use super::{Common, Data, Outcome};
 use crate::recording::Recording;
 use crate::track::{CONTROLLERS, SettingValues, controller};
-use crate::tune::{self, Gains, Tuned, simulate::Limits};
+use crate::tune::{self, Gains, Progress, TuneError, Tuned, simulate::Limits};
 use crate::{output, report, say, setting_words};
 
 /// Propose controllers from recordings; sends nothing.
@@ -93,9 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     outputs.extend(arguments.common.results.files());
     output::refuse_overwriting(&inputs, &outputs)?;
     let limits = Limits { ceiling_bar: arguments.ceiling_bar, slew_bar_per_s: arguments.slew_bar_per_s };
-    let working = output::working("tune", "fitting the actuator, then gains for every actuator within its intervals");
-    let tuned = tune::tune(&recordings, limits, arguments.common.seed)?;
-    drop(working);
+    let tuned = tune_and_tell(&recordings, limits, arguments.common.seed)?;
     let chosen = controller(&arguments.controller).context("no such controller")?;
     let settings = named(&tuned.settings(chosen));
     let values: BTreeMap<u16, SettingValue> = tuned.settings(chosen).into_iter().collect();
@@ -114,6 +113,28 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         recordings.iter().take(4).for_each(|recording| report::check::picture(page, recording));
     })?;
     Ok(Outcome::Success)
+}
+
+/// Tunes, and shows how far it is. The parts say nothing of each other's time, so each has a time left of its own.
+fn tune_and_tell(recordings: &[Recording], limits: Limits, seed: u64) -> Result<Tuned, TuneError> {
+    let bar = output::progress(0, "tune");
+    let shown = Cell::new(None);
+    let tuned = tune::tune(recordings, limits, seed, &|progress| {
+        let (message, done, of) = match progress {
+            Progress::Actuator { done, most } => ("part 1 of 4: the actuator (ends early as a rule)", done, most),
+            Progress::Gains { beside: false, done, of } => ("part 2 of 4: gains of the feedback alone", done, of),
+            Progress::Gains { beside: true, done, of } => ("part 3 of 4: gains beside a feed-forward", done, of),
+            Progress::Estimator => ("part 4 of 4: the estimator", 0, 1),
+        };
+        if shown.replace(Some(message)) != Some(message) {
+            bar.reset_elapsed();
+            bar.set_message(message);
+        }
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(tuned)
 }
 
 fn summary(tuned: &Tuned, controller: &str, settings: BTreeMap<&'static str, serde_json::Value>) -> Summary {

@@ -53,7 +53,7 @@ fn draw(page: &mut Page, curve: &Curve) {
             height: 180.0,
             zero: false,
         },
-        Panel { label: "measured less fitted".to_owned(), series: vec![line("", "error", &curve.residuals)], height: 80.0, zero: true },
+        Panel { label: "residual".to_owned(), series: vec![line("", "error", &curve.residuals)], height: 80.0, zero: true },
     ];
     let description =
         format!("{}: {} over {}, measured and fitted, and the difference below.", curve.title, curve.vertical, curve.horizontal);

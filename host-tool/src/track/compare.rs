@@ -185,6 +185,6 @@ fn recording(index: usize, telemetry: &[Telemetry]) -> Result<Recording, Recordi
 /// When a run or the tuning fails.
 pub fn tune_virtual_rig(rig_seed: u64, tuning_seed: u64) -> Result<(Tuned, Vec<Recording>), CompareError> {
     let recordings = record_for_tuning(rig_seed)?;
-    let tuned = tune::tune(&recordings, RIG_LIMITS, tuning_seed)?;
+    let tuned = tune::tune(&recordings, RIG_LIMITS, tuning_seed, &|_| {})?;
     Ok((tuned, recordings))
 }

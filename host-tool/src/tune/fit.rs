@@ -109,11 +109,11 @@ struct Run {
     displacement_mm: Vec<f64>,
 }
 
-/// Identifies the actuator.
+/// Identifies the actuator; `watch` hears how many steps of the descent are done, and how many there are at most.
 ///
 /// # Errors
 /// See [`FitError`].
-pub fn fit(recordings: &[Recording]) -> Result<Fitted, FitError> {
+pub fn fit(recordings: &[Recording], watch: &dyn Fn(usize, usize)) -> Result<Fitted, FitError> {
     let runs = runs(recordings)?;
     let all_bar = || runs.iter().flat_map(|run| run.pressure_bar.iter().map(|bar| f64::from(*bar)));
     let all_mm = || runs.iter().flat_map(|run| run.displacement_mm.iter().copied());
@@ -134,7 +134,7 @@ pub fn fit(recordings: &[Recording]) -> Result<Fitted, FitError> {
     values[FIRST_WEIGHT] = 0.5 * line.0.max(0.05);
     values[SINGLE..].copy_from_slice(&START);
     let free: Vec<usize> = (0..PARAMETERS).collect();
-    let (residuals, gram) = problem.descend(&mut values, &free)?;
+    let (residuals, gram) = problem.descend(&mut values, &free, &|step| watch(step, 2 * MOST_STEPS))?;
 
     let mut sizes: Vec<f64> = residuals.iter().map(|value| value.abs()).collect();
     sizes.sort_by(f64::total_cmp);
@@ -143,7 +143,7 @@ pub fn fit(recordings: &[Recording]) -> Result<Fitted, FitError> {
     let widths = widths(&gram, &residuals);
     let mut compensation = problem.compensation(&values);
     compensation.error_mm = error_mm as f32;
-    problem.add_plain_inverse(&mut compensation, &values)?;
+    problem.add_plain_inverse(&mut compensation, &values, &|step| watch(MOST_STEPS + step, 2 * MOST_STEPS))?;
     compensation.validate().map_err(|invalid| FitError::Parameters(invalid.to_string()))?;
     let parameters = SINGLES.iter().enumerate().map(|(index, name)| (*name, values[SINGLE + index], widths[SINGLE + index])).collect();
     Ok(Fitted { compensation, parameters, rmse_mm, error_mm, line, range_mm, samples })
@@ -236,14 +236,15 @@ impl Problem<'_> {
     }
 
     /// Makes the squares small over the `free` parameters; gives residuals and the Gram matrix of the Jacobian at the end.
-    fn descend(&self, values: &mut Vec<f64>, free: &[usize]) -> Result<(Vec<f64>, Vec<f64>), FitError> {
+    fn descend(&self, values: &mut Vec<f64>, free: &[usize], watch: &dyn Fn(usize)) -> Result<(Vec<f64>, Vec<f64>), FitError> {
         let impossible = || FitError::Parameters("the start is out of its domain".to_owned());
         let mut residuals = self.residuals(values).ok_or_else(impossible)?;
         let mut squares: f64 = residuals.iter().map(|value| value * value).sum();
         let mut damping = 1e-3;
         let n = free.len();
         let mut gram = vec![0.0; n * n];
-        for _ in 0..MOST_STEPS {
+        for step in 0..MOST_STEPS {
+            watch(step);
             let jacobian = self.jacobian(values, free, &residuals);
             let mut gradient = vec![0.0; n];
             for row in 0..n {
@@ -300,7 +301,7 @@ impl Problem<'_> {
     }
 
     /// Fits a plain Prandtl-Ishlinskii model behind the same lags and adds its closed-form inverse.
-    fn add_plain_inverse(&self, compensation: &mut Compensation, values: &[f64]) -> Result<(), FitError> {
+    fn add_plain_inverse(&self, compensation: &mut Compensation, values: &[f64], watch: &dyn Fn(usize)) -> Result<(), FitError> {
         let mut plain = values.to_vec();
         for name in
             ["friction_per_bar", "creep_gain_fast", "creep_gain_middle", "creep_gain_slow", "square_per_mm", "cube_per_mm2", "touch_bar"]
@@ -310,7 +311,7 @@ impl Problem<'_> {
             }
         }
         let free: Vec<usize> = (0..SINGLE).collect();
-        self.descend(&mut plain, &free)?;
+        self.descend(&mut plain, &free, watch)?;
         let plays = self.compensation(&plain).plays;
         let (thresholds, weights): (Vec<f32>, Vec<f32>) = plays.iter().map(|[threshold, weight]| (*threshold, *weight)).unzip();
         let inverse = PrandtlIshlinskii::<f32, MAX_PLAY>::new(&thresholds, &weights).and_then(|model| model.inverse());

@@ -84,6 +84,15 @@ pub fn longest_delay_s(fitted: &Fitted) -> f64 {
     plants(fitted, true).iter().map(|plant| plant.delay_s).fold(0.0, f64::max)
 }
 
+/// Proportional, integral and derivative gains that are tried.
+fn grid() -> impl Iterator<Item = (f64, f64, f64)> {
+    [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2].into_iter().flat_map(|proportional| {
+        [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0].into_iter().flat_map(move |integral_per_s| {
+            [0.0, 0.02, 0.05].into_iter().map(move |derivative_s| (proportional, integral_per_s, derivative_s))
+        })
+    })
+}
+
 /// What the loop is built of.
 pub struct Bench<'a> {
     /// The identified actuator.
@@ -113,11 +122,11 @@ impl Bench<'_> {
         }
     }
 
-    /// The best gains on top of a feed-forward.
+    /// The best gains on top of a feed-forward; `watch` hears how many are simulated, and of how many.
     ///
     /// # Errors
     /// When the actuator cannot be inverted.
-    pub fn gains(&self, feed_forward: FeedForward, seed: u64) -> Result<Gains, FitError> {
+    pub fn gains(&self, feed_forward: FeedForward, seed: u64, watch: &dyn Fn(usize, usize)) -> Result<Gains, FitError> {
         let invalid = |invalid: model_export::validate::Invalid| FitError::Parameters(invalid.to_string());
         let compensator = Compensator::new(self.fitted.compensation.clone()).map_err(invalid)?;
         let plant = Actuator::new(self.fitted.compensation.clone()).map_err(invalid)?;
@@ -129,46 +138,40 @@ impl Bench<'_> {
             FeedForward::None => 2.0 * self.reach.high_mm.abs().max(self.reach.high_mm - self.reach.low_mm),
             _ => LIMIT_SHARE * (self.reach.high_mm - self.reach.low_mm),
         };
+        let wanted = if feed_forward == FeedForward::None { &WANTED } else { &WANTED_BESIDE_FEED_FORWARD };
+        let of_gains = |(proportional, integral_per_s, derivative_s)| {
+            let gains = Gains {
+                proportional,
+                integral_per_s,
+                derivative_s,
+                derivative_filter_s: 0.04,
+                limit_mm,
+                margins: WANTED,
+                worst_margins: WANTED,
+                simulated_rmse_mm: f64::INFINITY,
+            };
+            let each: Vec<Margins> = plants.iter().map(|plant| margins(&gains.pid(), plant)).collect();
+            let worst_margins = each.iter().copied().reduce(Margins::worse).unwrap_or(WANTED);
+            worst_margins.reach(wanted).then_some(Gains { margins: each[0], worst_margins, ..gains })
+        };
+        let candidates: Vec<Gains> = grid().filter_map(of_gains).collect();
         let mut best: Option<Gains> = None;
-        for proportional in [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2] {
-            for integral_per_s in [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0] {
-                for derivative_s in [0.0, 0.02, 0.05] {
-                    let pid = PidConfig {
-                        proportional: proportional as f32,
-                        integral_per_s: integral_per_s as f32,
-                        derivative_s: derivative_s as f32,
-                        derivative_filter_s: 0.04,
-                        limit_mm: limit_mm as f32,
-                    };
-                    let each: Vec<Margins> = plants.iter().map(|plant| margins(&pid, plant)).collect();
-                    let worst = each.iter().copied().reduce(Margins::worse).unwrap_or(WANTED);
-                    if !worst.reach(if feed_forward == FeedForward::None { &WANTED } else { &WANTED_BESIDE_FEED_FORWARD }) {
-                        continue;
-                    }
-                    // On an exact model the feed-forward leaves nothing to feed back: there the fastest integral that keeps its margins
-                    // rejects disturbances best, and simulation only breaks ties.
-                    let figures = simulate(&self.law(feed_forward, pid).build(), &compensator, &plant, self.limits, &reference.points_mm);
-                    let gains = Gains {
-                        proportional,
-                        integral_per_s,
-                        derivative_s,
-                        derivative_filter_s: 0.04,
-                        limit_mm,
-                        margins: each[0],
-                        worst_margins: worst,
-                        simulated_rmse_mm: figures.rmse_mm,
-                    };
-                    let better = |than: &Gains| match feed_forward {
-                        FeedForward::None => gains.simulated_rmse_mm < than.simulated_rmse_mm,
-                        _ => {
-                            (gains.integral_per_s, -gains.proportional - gains.derivative_s)
-                                > (than.integral_per_s, -than.proportional - than.derivative_s)
-                        }
-                    };
-                    if best.as_ref().is_none_or(better) {
-                        best = Some(gains);
-                    }
+        for (index, candidate) in candidates.iter().enumerate() {
+            watch(index, candidates.len());
+            // On an exact model the feed-forward leaves nothing to feed back: there the fastest integral that keeps its margins
+            // rejects disturbances best, and simulation only breaks ties.
+            let law = self.law(feed_forward, candidate.pid()).build();
+            let figures = simulate(&law, &compensator, &plant, self.limits, &reference.points_mm);
+            let gains = Gains { simulated_rmse_mm: figures.rmse_mm, ..*candidate };
+            let better = |than: &Gains| match feed_forward {
+                FeedForward::None => gains.simulated_rmse_mm < than.simulated_rmse_mm,
+                _ => {
+                    (gains.integral_per_s, -gains.proportional - gains.derivative_s)
+                        > (than.integral_per_s, -than.proportional - than.derivative_s)
                 }
+            };
+            if best.as_ref().is_none_or(better) {
+                best = Some(gains);
             }
         }
         best.ok_or_else(|| FitError::Parameters("no gains keep the margins; the dead time may be too long for feedback".to_owned()))

@@ -60,17 +60,42 @@ pub struct Tuned {
     pub blob: Vec<u8>,
 }
 
-/// Tunes controllers to recordings of commanded pressure and displacement; gains are found on references made from `seed`.
+/// What tuning does now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// Fits the actuator: steps of the descent that are done, and how many there are at most.
+    Actuator {
+        /// Done.
+        done: usize,
+        /// At most.
+        most: usize,
+    },
+    /// Looks for gains: sets of them that are simulated, and how many there are.
+    Gains {
+        /// Whether beside a feed-forward.
+        beside: bool,
+        /// Done.
+        done: usize,
+        /// In all.
+        of: usize,
+    },
+    /// Identifies the estimator and quantises it.
+    Estimator,
+}
+
+/// Tunes controllers to recordings of commanded pressure and displacement; gains are found on references made from `seed`. `watch` hears how far
+/// it is.
 ///
 /// # Errors
 /// When the recordings do not show what is needed.
-pub fn tune(recordings: &[Recording], limits: Limits, seed: u64) -> Result<Tuned, TuneError> {
-    let fitted = fit::fit(recordings)?;
+pub fn tune(recordings: &[Recording], limits: Limits, seed: u64, watch: &dyn Fn(Progress)) -> Result<Tuned, TuneError> {
+    let fitted = fit::fit(recordings, &|done, most| watch(Progress::Actuator { done, most }))?;
     let (low, high) = fitted.range_mm;
     let reach = Reach { low_mm: low + MARGIN_SHARES.0 * (high - low), high_mm: high - MARGIN_SHARES.1 * (high - low) };
     let bench = gains::Bench { fitted: &fitted, reach, limits };
-    let alone = bench.gains(FeedForward::None, seed)?;
-    let beside = bench.gains(FeedForward::Physics, seed)?;
+    let alone = bench.gains(FeedForward::None, seed, &|done, of| watch(Progress::Gains { beside: false, done, of }))?;
+    let beside = bench.gains(FeedForward::Physics, seed, &|done, of| watch(Progress::Gains { beside: true, done, of }))?;
+    watch(Progress::Estimator);
     let config = FitConfig {
         thresholds: Thresholds::Grid(ESTIMATOR_OPERATORS),
         family: Some(Family::Play),

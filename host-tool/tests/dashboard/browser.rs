@@ -10,6 +10,8 @@ use fantoccini::{Client, ClientBuilder, Locator};
 use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
 
+use crate::processes::{self, Process};
+
 /// On a busy machine a page takes its time; what has a limit of its own is measured otherwise.
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -81,9 +83,30 @@ impl Drop for Served {
     }
 }
 
+/// A driver with the browser that it began, until it is dropped.
+struct Driver {
+    child: Child,
+    profile: tempfile::TempDir,
+}
+
+impl Driver {
+    /// The driver, its browser and whatever that began.
+    fn processes(&self) -> Vec<Process> {
+        processes::family(self.child.id(), &self.profile.path().display().to_string())
+    }
+}
+
+impl Drop for Driver {
+    fn drop(&mut self) {
+        // A driver that is ended leaves renderers of its browser behind.
+        processes::end(|| self.processes());
+        let _ = self.child.wait();
+    }
+}
+
 /// A browser with one page.
 pub struct Browser {
-    driver: Child,
+    driver: Driver,
     pub client: Client,
 }
 
@@ -91,9 +114,14 @@ impl Browser {
     pub async fn start(look: Look) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port").port();
         let driver = Command::new("chromedriver").arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-        let driver = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
-        let mut options =
-            json!({ "args": ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080"] });
+        let child = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
+        // From here on a panic ends what was begun.
+        let driver = Driver { child, profile: tempfile::tempdir().expect("a temporary folder") };
+        let own = format!("--user-data-dir={}", driver.profile.path().display());
+        let mut options = json!({ "args": [
+            "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080", own,
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        ] });
         let arguments = options["args"].as_array_mut().expect("a list");
         match look {
             Look::Desk => {}
@@ -176,7 +204,7 @@ impl Browser {
         self.until(state, &format!("return document.getElementById('now-state').textContent === '{state}'")).await;
     }
 
-    async fn said(&self) -> String {
+    pub async fn said(&self) -> String {
         let script =
             "return ['now-state', 'lease', 'why', 'banner', 'said'].map((id) => document.getElementById(id).textContent).join(' | ')";
         self.run(script).await.to_string()
@@ -191,21 +219,35 @@ impl Browser {
         std::fs::write(path, self.client.screenshot().await.expect("a picture")).expect("a file");
     }
 
-    /// The settings that a machine with other work needs: the browser may be late by more than 250 ms.
-    pub async fn be_patient(&self) {
+    /// A picture for whoever works on the page: `CATHETER_LOOK=FOLDER` gathers them.
+    pub async fn look(&self, name: &str) {
+        if let Some(folder) = std::env::var_os("CATHETER_LOOK") {
+            std::fs::write(Path::new(&folder).join(name), self.client.screenshot().await.expect("a picture")).expect("a file");
+        }
+    }
+
+    /// Changes a setting on its tab; `differ` settings differ from the saved ones then.
+    pub async fn set(&self, name: &str, value: f64, differ: u32) {
         self.click("tab-settings").await;
         self.until("the settings", "return document.querySelectorAll('#settings-rows input').length > 50").await;
-        let script = "const it = [...document.querySelectorAll('#settings-rows input')].find((it) => it.getAttribute('aria-label').startsWith('limits.host_timeout_ms'));
-                      it.value = 3000; it.dispatchEvent(new Event('change'))";
-        self.run(script).await;
-        self.until("the setting", "return document.getElementById('settings-count').textContent.includes('; 1 differ')").await;
+        let script = format!(
+            "const it = [...document.querySelectorAll('#settings-rows input')].find((it) => it.getAttribute('aria-label').startsWith('{name}'));
+             it.value = {value}; it.dispatchEvent(new Event('change'))"
+        );
+        self.run(&script).await;
+        let counted = format!("return document.getElementById('settings-count').textContent.includes('; {differ} differ')");
+        self.until("the setting", &counted).await;
+    }
+
+    /// What a machine with other work needs: the browser may be late by more than 250 ms.
+    pub async fn be_patient(&self) {
+        self.set("limits.host_timeout_ms", 3000.0, 1).await;
     }
 }
 
-impl Drop for Browser {
-    fn drop(&mut self) {
-        // The driver ends its browser.
-        let _ = Command::new("kill").arg(self.driver.id().to_string()).status();
-        let _ = self.driver.wait();
+impl Browser {
+    /// The driver, its browser and whatever that began.
+    pub fn processes(&self) -> Vec<Process> {
+        self.driver.processes()
     }
 }

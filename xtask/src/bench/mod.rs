@@ -12,6 +12,7 @@ mod files;
 mod firmware;
 mod jumps;
 mod measured;
+mod reading;
 mod table;
 mod time_to_error;
 mod training;
@@ -49,12 +50,19 @@ pub fn bench(arguments: &Arguments) -> Result<()> {
             "training_throughput",
             "--example",
             "time_to_error",
+            "--package",
+            "recording",
+            "--example",
+            "reading_rate",
         ]),
     )?;
     let mut results = Map::new();
     results.insert("machine".to_owned(), machine());
     if wanted(What::Training) {
         results.insert("training".to_owned(), training::measure()?);
+    }
+    if wanted(What::Reading) {
+        results.insert("reading".to_owned(), reading::measure()?);
     }
     if wanted(What::TimeToError) {
         results.insert("time_to_error".to_owned(), time_to_error::measure(arguments)?);

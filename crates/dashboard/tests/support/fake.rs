@@ -257,7 +257,7 @@ impl Rig for Fake {
     }
 
     fn controllers(&mut self) -> Result<Value, Problem> {
-        Ok(json!({ "controllers": ["pid"] }))
+        Ok(json!({ "controllers": ["pid"], "references": ["a"], "reach": { "offered_mm": [1, 9] } }))
     }
 
     fn reference(&mut self, reference: &Value) -> Result<Value, Problem> {

@@ -111,17 +111,27 @@ pub fn library(limits: &Limits, sample_period_s: f64, seed: u64) -> Vec<(String,
         .collect()
 }
 
-/// Judges every excitation of the [`library`], the most telling first.
+/// Judges every excitation of the [`library`], the most telling first; `watch` hears how many are judged, and of how many.
 ///
 /// # Errors
 /// When the models do not belong together or cannot be run, or nothing fits the limits.
-pub fn rank(first: &DiscoveredModel, second: &DiscoveredModel, noise: f64, limits: &Limits, seed: u64) -> Result<Vec<Plan>, PlanError> {
+pub fn rank(
+    first: &DiscoveredModel,
+    second: &DiscoveredModel,
+    noise: f64,
+    limits: &Limits,
+    seed: u64,
+    watch: &dyn Fn(usize, usize),
+) -> Result<Vec<Plan>, PlanError> {
     if (&first.input, &first.output) != (&second.input, &second.output) {
         let signals = |model: &DiscoveredModel| format!("{} to {}", model.input.column(), model.output.column());
         return Err(PlanError::Different { first: signals(first), second: signals(second) });
     }
     let mut plans = Vec::new();
-    for (name, excitation) in library(limits, first.sample_period_s, seed) {
+    let library = library(limits, first.sample_period_s, seed);
+    let count = library.len();
+    for (index, (name, excitation)) in library.into_iter().enumerate() {
+        watch(index, count);
         let Ok(samples) = excitation.sample_within(limits) else { continue };
         let one_way = left_over(first, second, &samples.time_s, &samples.pressure_bar)?;
         let other_way = left_over(second, first, &samples.time_s, &samples.pressure_bar)?;

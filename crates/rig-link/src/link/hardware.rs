@@ -224,6 +224,12 @@ impl Hardware {
         self.muscle = muscle;
     }
 
+    /// Its numbers.
+    #[must_use]
+    pub fn config(&self) -> &HardwareConfig {
+        &self.config
+    }
+
     /// What [`Self::set_breakage`] broke.
     #[must_use]
     pub fn breakage(&self) -> Option<Breakage> {

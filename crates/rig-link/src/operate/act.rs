@@ -93,6 +93,9 @@ impl OperatedRig {
         let hardware = self.client.transport().line().hardware().context("only a simulated rig has a plant of choice")?;
         hardware.set_muscle(Box::new(plant.start(0.0)));
         self.plant = Some(name.to_owned());
+        self.stroke.forget();
+        self.ask_the_plant();
+        self.wizard.revision += 1;
         Ok(())
     }
 

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::offers::Offers;
+use super::reach::Reach;
 
 /// A reference as a page asks for it.
 #[derive(Deserialize)]
@@ -37,13 +38,14 @@ fn points(offers: &Offers, reference: &Value) -> Result<(String, f64, Vec<f64>)>
     Ok((name, offers.reference_period_s, points_mm))
 }
 
-/// What a reference would ask for, mm.
+/// What a reference would ask for, mm, and what is to be told of it.
 ///
 /// # Errors
-/// When there is none of this kind.
-pub fn preview(offers: &Offers, reference: &Value) -> Result<Value> {
+/// When there is none of this kind, or the tip does not get there.
+pub fn preview(offers: &Offers, reach: &Reach, reference: &Value) -> Result<Value> {
     let (_, period_s, points_mm) = points(offers, reference)?;
-    Ok(json!({ "period_s": period_s, "points_mm": points_mm }))
+    let note = reach.check(&points_mm)?;
+    Ok(json!({ "period_s": period_s, "points_mm": points_mm, "note": note }))
 }
 
 /// A reference that is followed.
@@ -64,8 +66,9 @@ pub struct Following {
 
 impl Following {
     /// Nothing of it is followed yet.
-    pub fn new(offers: &Offers, controller: &str, reference: &Value) -> Result<Self> {
+    pub fn new(offers: &Offers, reach: &Reach, controller: &str, reference: &Value) -> Result<Self> {
         let (reference, period_s, points_mm) = points(offers, reference)?;
+        reach.check(&points_mm)?;
         Ok(Self {
             controller: controller.to_owned(),
             reference,

@@ -14,6 +14,8 @@ pub struct KnownLimits {
     pub slew_bar_per_s: f32,
     pub host_timeout_ms: u32,
     pub estimate_bound_mm: f32,
+    pub linear_mm_per_bar: f32,
+    pub linear_offset_mm: f32,
 }
 
 impl KnownLimits {
@@ -30,6 +32,8 @@ impl KnownLimits {
             slew_bar_per_s: float(rig, "limits.slew_up_bar_per_s")?.min(float(rig, "limits.slew_down_bar_per_s")?),
             host_timeout_ms,
             estimate_bound_mm: float(rig, "observer.estimate_bound_mm")?,
+            linear_mm_per_bar: float(rig, "control.linear_mm_per_bar")?,
+            linear_offset_mm: float(rig, "control.linear_offset_mm")?,
         })
     }
 }

@@ -40,6 +40,10 @@ impl OperatedRig {
                 self.supply = (told.supply_v, told.chip_celsius);
                 let ended = self.phase == Phase::Running && sample.phase == Phase::Armed && self.plays;
                 self.phase = sample.phase;
+                // What is broken on purpose tells nothing of the rig.
+                if self.injected.is_none() && self.stroke.see(&sample) {
+                    self.wizard.revision += 1;
+                }
                 into.push(sample);
                 if let Some(task) = &mut self.task
                     && let Err(error) = task.see(&told)

@@ -14,6 +14,7 @@ mod measure;
 mod offers;
 mod pace;
 mod play;
+mod reach;
 mod rig;
 mod run_task;
 mod session;

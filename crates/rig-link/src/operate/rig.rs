@@ -14,9 +14,10 @@ use super::limits::KnownLimits;
 use super::offers::Offers;
 use super::pace::{Line, Paced};
 use super::play::Play;
+use super::reach::{Reach, Stroke};
 use super::task::Task;
 use super::wizard::Wizard;
-use super::words;
+use super::{simulated, words};
 use crate::calibrate;
 use crate::experiment;
 use crate::link::{Client, LinkError, Transport};
@@ -47,6 +48,9 @@ pub struct OperatedRig {
     pub(super) loaded: Option<Play>,
     /// Settings that a task changed, with what the session had there.
     pub(super) lent: Vec<(&'static str, SettingValue)>,
+    /// How far the tip went, and how far that of a simulated rig goes.
+    pub(super) stroke: Stroke,
+    pub(super) simulated_reach: Option<Reach>,
     /// How the last reference was followed.
     pub(super) followed: Option<Value>,
     /// Something more may follow the last sign of life until then.
@@ -89,6 +93,8 @@ impl OperatedRig {
             task_plays: false,
             loaded: None,
             lent: Vec::new(),
+            stroke: Stroke::default(),
+            simulated_reach: None,
             followed: None,
             window_until: Instant::now(),
             limits,
@@ -103,6 +109,7 @@ impl OperatedRig {
         }
         rig.settings = rig.borrowed.list(&mut rig.client)?;
         rig.plan = Some(calibrate::plan(&mut rig.client, rig.wizard.choices(), None)?);
+        rig.ask_the_plant();
         rig.client.begin_account();
         Ok(rig)
     }
@@ -120,11 +127,33 @@ impl OperatedRig {
         Ok(())
     }
 
+    /// How far the tip goes, by the best that is known.
+    pub(super) fn reach(&self) -> Reach {
+        let KnownLimits { ceiling_bar, linear_mm_per_bar, linear_offset_mm, .. } = self.limits;
+        let line = Reach::of_line(linear_offset_mm.into(), linear_mm_per_bar.into(), ceiling_bar.into());
+        Reach::best(self.stroke.reach(ceiling_bar.into()), self.simulated_reach, line)
+    }
+
+    /// Has the plant of a simulated rig, which is new or has new limits, say how far its tip goes.
+    pub(super) fn ask_the_plant(&mut self) {
+        let hardware = self.client.transport().line().hardware();
+        self.simulated_reach = self.plant.as_deref().zip(hardware).and_then(|(name, hardware)| {
+            let (plant, config) = (simulated::plant(name, &self.given_plant).ok()?, hardware.config());
+            Some(Reach::of_plant(&plant, f64::from(self.limits.ceiling_bar).min(config.supply_bar), config.rest_mm))
+        });
+    }
+
     /// Reads anew what depends on the settings.
     pub(super) fn changed_settings(&mut self) -> Result<()> {
         self.limits = KnownLimits::read(&mut self.client)?;
+        self.ask_the_plant();
         self.unsaved = self.borrowed.are_unsaved(&mut self.client)?;
-        self.settings = self.borrowed.list(&mut self.client)?;
+        let before = std::mem::replace(&mut self.settings, self.borrowed.list(&mut self.client)?);
+        // What was measured by other maps of the sensors does not hold any more.
+        let measures = |setting: &Setting| setting.name.starts_with("laser.") || setting.name.starts_with("pressure.");
+        if self.settings.iter().zip(&before).any(|(now, then)| measures(now) && now.value != then.value) {
+            self.stroke.forget();
+        }
         self.plan = Some(calibrate::plan(&mut self.client, self.wizard.choices(), self.wizard.highest_command_bar())?);
         self.wizard.revision += 1;
         Ok(())

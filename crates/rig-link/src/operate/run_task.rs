@@ -92,7 +92,7 @@ impl OperatedRig {
         ensure!(self.phase == Phase::Idle, "a reference begins with a rig that is vented and idle: vent first");
         let known = self.offers.controllers.iter().find(|known| known.name == controller);
         let known = *known.with_context(|| format!("there is no controller {controller}"))?;
-        let following = Following::new(&self.offers, controller, reference)?;
+        let following = Following::new(&self.offers, &self.reach(), controller, reference)?;
         let points = following.points_mm.iter().map(|point| *point as f32).collect();
         let prepared = self
             .lend("control.feed_forward", SettingValue::Integer(known.feed_forward))

@@ -143,11 +143,11 @@ impl Rig for OperatedRig {
 
     fn controllers(&mut self) -> Result<Value, Problem> {
         let named: Vec<&str> = self.offers.controllers.iter().map(|controller| controller.name).collect();
-        Ok(json!({ "controllers": named, "references": self.offers.references, "followed": self.followed }))
+        Ok(json!({ "controllers": named, "references": self.offers.references, "followed": self.followed, "reach": self.reach().told() }))
     }
 
     fn reference(&mut self, reference: &Value) -> Result<Value, Problem> {
-        follow::preview(&self.offers, reference).map_err(problem)
+        follow::preview(&self.offers, &self.reach(), reference).map_err(problem)
     }
 
     fn close(&mut self) {

@@ -127,24 +127,30 @@ fn a_step_is_repeated_taken_and_reverted_and_leaves_no_setting_behind() {
 #[test]
 fn a_reference_ends_vented_or_with_its_operator() {
     let mut rig = rig();
-    let follow = Action::Follow { controller: "open-loop".to_owned(), reference: json!({ "name": "ramp", "low_mm": 1.0, "high_mm": 4.0 }) };
+    let follow = Action::Follow { controller: "open-loop".to_owned(), reference: json!({ "name": "ramp", "low_mm": 0.5, "high_mm": 2.5 }) };
+    let reach = rig.controllers().unwrap()["reach"].clone();
+    assert!(reach["source"] == "simulated" && reach["offered_mm"] == json!([0.5, 2.5]), "{reach}");
     assert_eq!(
-        rig.reference(&json!({ "name": "ramp", "low_mm": 0.0, "high_mm": 1.0 })).unwrap()["points_mm"].as_array().unwrap().len(),
+        rig.reference(&json!({ "name": "ramp", "low_mm": 0.2, "high_mm": 1.0 })).unwrap()["points_mm"].as_array().unwrap().len(),
         100
     );
-    for wrong in
-        [json!({ "name": "ramp", "low_mm": 4.0, "high_mm": 1.0 }), json!({ "name": "stairs", "low_mm": 0.0, "high_mm": 1.0 }), json!(1)]
-    {
+    for wrong in [
+        json!({ "name": "ramp", "low_mm": 2.0, "high_mm": 1.0 }),
+        json!({ "name": "ramp", "low_mm": 1.0, "high_mm": 5.0 }),
+        json!({ "name": "stairs", "low_mm": 0.0, "high_mm": 1.0 }),
+        json!(1),
+    ] {
         assert!(rig.reference(&wrong).is_err(), "{wrong}");
+        assert!(rig.act(&Action::Follow { controller: "open-loop".to_owned(), reference: wrong }).is_err());
     }
     rig.act(&follow).unwrap();
     let (ended, samples) = until(&mut rig, true, Duration::from_secs(10), |rig| rig.told_task().is_none());
     assert!(ended, "the end of the reference: {:?}", rig.told_task());
-    assert!(samples.iter().any(|sample| sample.phase == Phase::Running && sample.set_point > 3.9), "the reference is the set-point");
+    assert!(samples.iter().any(|sample| sample.phase == Phase::Running && sample.set_point > 2.4), "the reference is the set-point");
     let told = rig.controllers().unwrap()["followed"].clone();
-    // 1 to 4 mm at the default of 4 mm/bar, from no pressure.
+    // 0.5 to 2.5 mm at the default of 4 mm/bar, from no pressure.
     let span_bar = told["output_span_bar"].as_f64().unwrap();
-    assert!(told["problem"].is_null() && told["rmse_mm"].is_f64() && (0.7..1.05).contains(&span_bar), "{told}");
+    assert!(told["problem"].is_null() && told["rmse_mm"].is_f64() && (0.45..0.7).contains(&span_bar), "{told}");
     rig.act(&follow).unwrap();
     assert!(until(&mut rig, true, Duration::from_secs(5), |rig| rig.phase == Phase::Running).0);
     rig.abandon("the operator left").unwrap();

@@ -44,6 +44,21 @@ impl Dataset {
     /// # Errors
     /// When an excitation exceeds a limit, with its name.
     pub fn simulate(kind: SetKind, config: &SetConfig, limits: &Limits, plant: &Plant, folder: &Path) -> Result<Self> {
+        Self::simulate_watched(kind, config, limits, plant, folder, &|_, _| {})
+    }
+
+    /// As [`Self::simulate`]; `watch` hears how many seconds are played, and of how many.
+    ///
+    /// # Errors
+    /// When an excitation exceeds a limit, with its name.
+    pub fn simulate_watched(
+        kind: SetKind,
+        config: &SetConfig,
+        limits: &Limits,
+        plant: &Plant,
+        folder: &Path,
+        watch: &dyn Fn(f64, f64),
+    ) -> Result<Self> {
         let parts = match kind {
             SetKind::Paper => vec![("train", sets::paper_training(config)), ("test", sets::families(config))],
             SetKind::Rich => vec![("train", sets::rich_training(config)), ("test", sets::families(config))],
@@ -52,11 +67,15 @@ impl Dataset {
         for named in parts.iter().flat_map(|(_, set)| set) {
             named.excitation.sample_within(limits).with_context(|| named.name.clone())?;
         }
+        let length_s = |named: &Named| named.excitation.segments.iter().map(|segment| segment.duration_s).sum::<f64>();
+        let (mut played_s, all_s) = (0.0, parts.iter().flat_map(|(_, set)| set).map(length_s).sum());
         let mut made = Vec::new();
         for (part, set) in parts {
             for named in set {
                 let path = folder.join(part).join(format!("{}.csv", named.name));
                 let recording = play(&named.excitation, limits, plant, &path).with_context(|| named.name.clone())?;
+                played_s += length_s(&named);
+                watch(played_s, all_s);
                 made.push(Made { part, named, recording });
             }
         }
