@@ -81,7 +81,7 @@ fn measure(board: &Board, what: &str, died: Instant) {
 async fn a_killed_server_leaves_a_rig_that_vents_by_itself() {
     let board = Board::start();
     let mut served = Served::start(&["--backend", &format!("serial:{}", board.port)]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     run_board(&board, &browser, Work::Hold).await;
     let died = Instant::now();
     served.child.kill().expect("the server can be killed");
@@ -94,13 +94,13 @@ async fn a_killed_server_leaves_a_rig_that_vents_by_itself() {
 async fn a_killed_tab_leaves_a_rig_that_vents() {
     let board = Board::start();
     let served = Served::start(&["--backend", &format!("serial:{}", board.port)]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     run_board(&board, &browser, Work::Hold).await;
     let died = Instant::now();
     browser.client.close_window().await.expect("the tab closes");
     measure(&board, "tab closed", died);
 
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     run_board(&board, &browser, Work::Hold).await;
     let hung = hang(&browser).await;
     measure(&board, "page hangs", hung);
@@ -111,7 +111,7 @@ async fn everybody_dies_during(work: Work) {
     let board = Board::start();
     let arguments = ["--backend", &format!("serial:{}", board.port)];
     let mut served = Served::start(&arguments);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     run_board(&board, &browser, work).await;
     let hung = hang(&browser).await;
     measure(&board, &format!("page hangs, {work:?}"), hung);
@@ -124,7 +124,7 @@ async fn everybody_dies_during(work: Work) {
     assert!(served.api("/api/state")["rig"]["task"].is_null(), "the task outlives its operator");
 
     drop(browser);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     run_board(&board, &browser, work).await;
     let died = Instant::now();
     served.child.kill().expect("the server can be killed");

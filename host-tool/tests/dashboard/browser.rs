@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// What a browser pretends.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    Desk,
+    Desktop,
     Dark,
     Phone,
 }
@@ -124,7 +124,7 @@ impl Browser {
         ] });
         let arguments = options["args"].as_array_mut().expect("a list");
         match look {
-            Look::Desk => {}
+            Look::Desktop => {}
             Look::Dark => arguments.push("--blink-settings=preferredColorScheme=0".into()),
             Look::Phone => options["mobileEmulation"] = json!({ "deviceMetrics": { "width": 390, "height": 844, "pixelRatio": 2.0 } }),
         }

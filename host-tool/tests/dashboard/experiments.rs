@@ -81,7 +81,7 @@ async fn a_rig_that_errs_is_calibrated_on_the_page_from_zero_to_saved_settings()
                   [valve]\ndead_band_share = 0.05\nhysteresis_share = 0.005\ngain = 1.04\n";
     std::fs::write(&hardware, errors).expect("a file");
     let served = Served::start(&["--hardware", hardware.to_str().expect("a path")]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
     browser.click("settings-save").await;
     browser.click("tab-calibrate").await;
@@ -174,7 +174,7 @@ fn number(figures: &Value, name: &str) -> f64 {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_reference_is_followed_and_the_error_told() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
     browser.click("tab-reference").await;
     browser.until("the reference", "return document.getElementById('reference-verdict').textContent.includes('21.0 s')").await;
@@ -238,7 +238,7 @@ async fn play(browser: &Browser) {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_recording_made_just_now_becomes_the_model_on_the_device_by_two_clicks() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
     browser.click("tab-excitation").await;
     browser.until("the verdict", "return document.getElementById('excitation-verdict').textContent.startsWith('Within the limits')").await;

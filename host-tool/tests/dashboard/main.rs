@@ -33,7 +33,7 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
         std::thread::sleep(Duration::from_millis(5));
     };
     println!("first live sample after {} ms", first.as_millis());
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     assert!(
         !browser.run("return location.href").await.as_str().expect("an address").contains("token"),
         "the token stays in the address bar"
@@ -144,7 +144,7 @@ async fn an_excitation_is_drawn_checked_loaded_and_played() {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn an_injected_fault_is_explained_with_what_to_do() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
     browser.click("tab-teach").await;
     browser.click("arm").await;
@@ -171,7 +171,7 @@ async fn an_injected_fault_is_explained_with_what_to_do() {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_second_browser_watches_and_may_vent() {
     let served = Served::start(&[]);
-    let first = Browser::open(Look::Desk, &served.address).await;
+    let first = Browser::open(Look::Desktop, &served.address).await;
     first.until("the lease", "return document.getElementById('lease').textContent === 'You operate'").await;
     first.be_patient().await;
     first.click("arm").await;
@@ -207,7 +207,7 @@ async fn another_page_in_the_same_browser_reaches_nothing() {
             let _ = stream.write_all(b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<title>elsewhere</title>");
         }
     });
-    let browser = Browser::start(Look::Desk).await;
+    let browser = Browser::start(Look::Desktop).await;
     browser.client.goto(&elsewhere).await.expect("the other page");
     let (port, token) = (served.port(), served.token());
     // Even with the token.
@@ -251,7 +251,7 @@ fn four_watchers_get_every_sample_for_little() {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_browser_whose_test_fails_leaves_no_process() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     let family = browser.processes();
     assert!(family.len() > 3, "a driver, a browser and its renderers: {family:?}");
     let fails = |browser: Browser| async move {

@@ -27,7 +27,7 @@ async fn each_tab(browser: &Browser, look: &str, script: &str) -> Vec<(&'static 
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn every_control_has_a_name_and_tabs_move_by_arrows() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.until("the steps", "return document.querySelectorAll('#calibrate-steps li').length === 5").await;
     let nameless = "const named = (it) => (it.getAttribute('aria-label') ?? '').trim() || [...(it.labels ?? [])].some((label) => label.textContent.trim())
                       || it.textContent.trim() || it.getAttribute('title');
@@ -63,7 +63,7 @@ async fn text_has_the_contrast_of_aa_in_light_and_dark() {
           if ((a + 0.05) / (b + 0.05) < 4.5) bad.add(`${it.tagName}.${it.className}#${it.id} ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
         }
         return [...bad].join(' | ')";
-    for look in [Look::Desk, Look::Dark] {
+    for look in [Look::Desktop, Look::Dark] {
         let browser = Browser::open(look, &served.address).await;
         let dark = browser.run("return matchMedia('(prefers-color-scheme: dark)').matches").await;
         assert_eq!(dark, look == Look::Dark);
@@ -89,7 +89,7 @@ async fn a_phone_shows_every_part_without_scrolling_sideways() {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn any_two_channels_are_drawn_against_each_other() {
     let served = Served::start(&[]);
-    let browser = Browser::open(Look::Desk, &served.address).await;
+    let browser = Browser::open(Look::Desktop, &served.address).await;
     let channels = browser.run("return [...document.getElementById('loop-x').options].map((it) => it.value)").await;
     let channels: Vec<String> =
         channels.as_array().expect("a list").iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect();
