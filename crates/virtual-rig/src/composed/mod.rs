@@ -6,6 +6,7 @@
 mod draw;
 mod laws;
 mod muscle;
+mod reporting;
 mod session;
 
 use std::collections::BTreeMap;
@@ -48,7 +49,11 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut before, mut behind): (Vec<Stage>, Vec<Stage>) = (Vec::new(), Vec::new());
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
-        match laws::draw(name, set, &mut draw) {
+        let drawn = match set {
+            Set::Tuning => laws::tuning(name, &mut draw),
+            Set::Reporting => reporting::reporting(name, &mut draw),
+        };
+        match drawn {
             laws::Drawn::Before(stage) => before.push(stage),
             laws::Drawn::Muscle(law) => muscle.law = law,
             laws::Drawn::Behind(stage) => {
