@@ -29,7 +29,10 @@ impl Limits {
     /// # Errors
     /// With the worst pressure or the fastest change that the excitation would have reached, and when.
     pub fn check(&self, samples: &Samples, excitation: &ExcitationConfig) -> Result<(), ExcitationError> {
-        let excess = |pressure: f64| (pressure - self.maximum_bar).max(self.minimum_bar - pressure);
+        // What is no number is beyond every limit.
+        let excess = |pressure: f64| {
+            if pressure.is_nan() { f64::INFINITY } else { (pressure - self.maximum_bar).max(self.minimum_bar - pressure) }
+        };
         let worst = (0..samples.pressure_bar.len())
             .max_by(|&first, &second| excess(samples.pressure_bar[first]).total_cmp(&excess(samples.pressure_bar[second])));
         // A microbar of play: 2A computed in floating point may end just above a limit of exactly 2A.

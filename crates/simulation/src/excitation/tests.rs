@@ -250,3 +250,14 @@ fn a_signal_of_more_moves_than_samples_is_refused_before_it_fills_the_memory() {
     );
     assert!(refused(&points, 1e12, 1e6).contains("moves"));
 }
+
+#[test]
+fn a_pressure_that_is_no_number_is_beyond_the_limits_whatever_its_sign() {
+    let excitation = one(Signal::Hold { pressure_bar: 1.0 });
+    let mut samples = excitation.sample().expect("samples");
+    assert!(Limits::default().check(&samples, &excitation).is_ok());
+    for no_number in [f64::NAN, -f64::NAN] {
+        samples.pressure_bar[7] = no_number;
+        assert!(Limits::default().check(&samples, &excitation).is_err(), "{no_number}");
+    }
+}
