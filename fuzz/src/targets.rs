@@ -166,9 +166,9 @@ mod tests {
             assert!(refused.len() < files.len(), "{}: {refused:?}", target.name);
             assert!(refused.iter().all(|wrong| matches!(wrong, Wrong::Refused(_))), "{}: {refused:?}", target.name);
             for file in &files {
-                let mut mended = file.clone();
-                target.mend_crc.into_iter().for_each(|mend| mend(&mut mended));
-                assert!(mended == *file, "{}", target.name);
+                let mut changed = file.clone();
+                target.mend_crc.into_iter().for_each(|mend_crc| mend_crc(&mut changed));
+                assert!(changed == *file, "{}", target.name);
             }
         }
     }
