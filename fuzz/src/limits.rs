@@ -1,6 +1,6 @@
 //! How long and how large: of a reader, and of a run.
 
-/// Longer than this is a hang, s.
+/// More processor time than this is a hang, s.
 pub const SECONDS: u64 = 5;
 /// More memory than this is too much.
 pub const MEMORY_BYTES: u64 = 1 << 30;

@@ -4,6 +4,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+/// No parameter is larger than this in its unit: a kilometre, a million bar, eleven days. Products of the largest ones are still finite.
+pub const LARGEST_PARAMETER: f64 = 1e6;
+
 /// Parameters of the plant; effects that are absent are off.
 ///
 /// ```toml
@@ -186,13 +189,13 @@ impl PlantConfig {
     /// Naming the first field that does not.
     pub fn validate(&self) -> Result<(), PlantError> {
         let bad = |field, problem: String| Err(PlantError::Value { field, problem });
-        let positive = |field, value: f64| match value.is_finite() && value > 0.0 {
+        let positive = |field, value: f64| match value > 0.0 && value <= LARGEST_PARAMETER {
             true => Ok(()),
-            false => bad(field, format!("is {value}, a positive number is wanted")),
+            false => bad(field, format!("is {value:?}, a positive number of at most {LARGEST_PARAMETER} is wanted")),
         };
-        let not_negative = |field, value: f64| match value.is_finite() && value >= 0.0 {
+        let not_negative = |field, value: f64| match (0.0..=LARGEST_PARAMETER).contains(&value) {
             true => Ok(()),
-            false => bad(field, format!("is {value}, zero or a positive number is wanted")),
+            false => bad(field, format!("is {value:?}, a number from 0 to {LARGEST_PARAMETER} is wanted")),
         };
         if self.thresholds_bar.is_empty() {
             return bad("thresholds_bar", "is empty; give at least one play operator".to_owned());
@@ -202,8 +205,8 @@ impl PlantConfig {
             return bad("weights_mm_per_bar", format!("has {weights} values for {thresholds} thresholds; give one weight a threshold"));
         }
         self.thresholds_bar.iter().try_for_each(|&threshold| not_negative("thresholds_bar", threshold))?;
-        if let Some(weight) = self.weights_mm_per_bar.iter().find(|weight| !weight.is_finite()) {
-            return bad("weights_mm_per_bar", format!("holds {weight}, finite numbers are wanted"));
+        if let Some(weight) = self.weights_mm_per_bar.iter().find(|weight| !(-LARGEST_PARAMETER..=LARGEST_PARAMETER).contains(*weight)) {
+            return bad("weights_mm_per_bar", format!("holds {weight:?}, numbers of at most {LARGEST_PARAMETER} are wanted"));
         }
         if let Some(dead_time) = &self.dead_time {
             not_negative("dead_time.dead_time_s", dead_time.dead_time_s)?;

@@ -17,7 +17,9 @@ pub mod dataset;
 mod effects;
 mod simulate;
 
-pub use config::{Creep, DeadTime, DeadZoneAndSaturation, Lag, MeasurementNoise, PlantConfig, PlantError, RateDependence, StickSlip};
+pub use config::{
+    Creep, DeadTime, DeadZoneAndSaturation, LARGEST_PARAMETER, Lag, MeasurementNoise, PlantConfig, PlantError, RateDependence, StickSlip,
+};
 pub use simulate::{INTERNAL_STEP_S, Plant, RunningPlant};
 
 #[cfg(test)]

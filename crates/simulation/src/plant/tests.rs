@@ -163,6 +163,11 @@ fn the_file_round_trips_and_mistakes_are_named() {
         ("thresholds_bar = [-0.1]\nweights_mm_per_bar = [1.0]\n", "thresholds_bar is -0.1"),
         ("thresholds_bar = []\nweights_mm_per_bar = []\n", "thresholds_bar is empty"),
         ("thresholds_bar = [0.1]\nweights_mm_per_bar = [nan]\n", "weights_mm_per_bar holds NaN"),
+        ("thresholds_bar = [0.1]\nweights_mm_per_bar = [1e300]\n", "weights_mm_per_bar holds 1e300"),
+        (
+            "thresholds_bar = [0.1]\nweights_mm_per_bar = [1.0]\n[creep]\ntime_constants_s = [1.0]\ngains = [2e6]\n",
+            "creep.gains is 2000000.0",
+        ),
         ("thresholds_bar = [0.1]\nweights_mm_per_bar = [1.0]\n[lag]\ntime_constant_s = 0.0\n", "lag.time_constant_s is 0"),
         ("thresholds_bar = [0.1]\nweights_mm_per_bar = [1.0]\n[lagg]\n", "lagg"),
     ] {
@@ -171,6 +176,31 @@ fn the_file_round_trips_and_mistakes_are_named() {
         assert!(message.contains(wanted), "{message}");
     }
     assert!(matches!(Plant::named("nowhere.toml"), Err(PlantError::Open { .. })));
+}
+
+#[test]
+fn the_largest_parameters_that_are_accepted_give_a_displacement_that_a_recording_can_hold() {
+    let most = LARGEST_PARAMETER;
+    let config = PlantConfig {
+        thresholds_bar: vec![0.0, most],
+        weights_mm_per_bar: vec![most, -most],
+        rate_dependence: Some(RateDependence { threshold_gain_s: most }),
+        creep: Some(Creep { time_constants_s: vec![f64::MIN_POSITIVE, most], gains: vec![most, most] }),
+        measurement_noise: Some(MeasurementNoise { standard_deviation_mm: most }),
+        ..PlantConfig::default()
+    };
+    let within = |config: PlantConfig| {
+        let displacement_mm = Plant::new(config).expect("valid").simulate(&paper_pressure(), 0.02, 3);
+        assert!(displacement_mm.iter().all(|value| value.abs() <= recording::LARGEST));
+    };
+    // The smallest ones too: a saturation and a lag of next to nothing.
+    let least = f64::MIN_POSITIVE;
+    within(PlantConfig {
+        lag: Some(Lag { time_constant_s: least }),
+        dead_zone_and_saturation: Some(DeadZoneAndSaturation { dead_zone_mm: 0.0, saturation_mm: least }),
+        ..config.clone()
+    });
+    within(config);
 }
 
 #[test]
