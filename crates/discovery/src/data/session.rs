@@ -138,6 +138,17 @@ pub enum SessionError {
         /// Its value.
         value: f64,
     },
+    /// More than one input.
+    #[error(
+        "{path} has {inputs} inputs, discovery explains what one does: give it recordings in which the others rest, without their columns; \
+         `catheter fit` takes all inputs"
+    )]
+    SeveralInputs {
+        /// Which.
+        path: String,
+        /// How many it has.
+        inputs: usize,
+    },
     /// The output does not move.
     #[error("the output is the same everywhere ({value}); is the sensor connected?")]
     StillOutput {
