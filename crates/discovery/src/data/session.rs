@@ -139,10 +139,7 @@ pub enum SessionError {
         value: f64,
     },
     /// More than one input.
-    #[error(
-        "{path} has {inputs} inputs, discovery explains what one does: give it recordings in which the others rest, without their columns; \
-         `catheter fit` takes all inputs"
-    )]
+    #[error("{path} has {inputs} inputs: give recordings in which all but one rest, without their columns; `catheter fit` takes them all")]
     SeveralInputs {
         /// Which.
         path: String,
