@@ -69,6 +69,9 @@ pub fn discover_from(
     watch: &dyn Fn(&str),
 ) -> Result<Finding, SessionError> {
     watch("baseline");
+    if let Some(several) = recordings.iter().chain(kept).find(|recording| !recording.more_inputs.is_empty()) {
+        return Err(SessionError::SeveralInputs { path: several.path.display().to_string(), inputs: several.inputs().len() });
+    }
     let pressure_path = match measured_pressure(recordings) {
         Some(path) => Some(effects_of_the_pressure(&path, config)?),
         None => None,

@@ -7,7 +7,7 @@ use virtual_rig::{self as rig, Case, CaseConfig, Generator};
 use crate::data::{mask, noise};
 use crate::model::structure::Scope;
 use crate::selection::find;
-use recording::{ExtraColumn, Recording};
+use recording::{Channel, ExtraColumn, Recording, Signal};
 
 use super::*;
 
@@ -37,6 +37,16 @@ fn names_a_hidden_dead_time_with_its_delay_and_closes_the_gap() {
     assert!((delay_s / truth_s - 1.0).abs() < 0.05, "{delay_s} instead of {truth_s}");
     assert!(discovery.gap_closed > 0.97, "{}", discovery.gap_closed);
     assert!(discovery.rmse_before > 2.0 * discovery.rmse_after);
+}
+
+#[test]
+fn recordings_of_several_inputs_are_refused_with_a_way_out() {
+    let mut case = case(&[], SEED, 0.005);
+    let second = Channel { signal: Signal::pressure_bar(), values: case.kept_out[1].input.clone() };
+    case.kept_out[1] = case.kept_out[1].clone().with_more_inputs(vec![second]);
+    let name = case.kept_out[1].path.display().to_string();
+    let refusal = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).err().expect("a refusal").to_string();
+    assert!([&name, "2 inputs", "without their columns", "catheter fit"].iter().all(|part| refusal.contains(*part)), "{refusal}");
 }
 
 #[test]

@@ -67,12 +67,8 @@ pub struct OperatorLaw {
     pub growth_per_input: f64,
     /// Thresholds of the unloading branch alone grow by this more per unit of input.
     pub growth_unloading: f64,
-    /// Loading and unloading envelopes bend apart by this times `v (1 - v)`.
-    pub envelope_bend: f64,
-    /// The envelopes part by this times a power of the input, whatever the thresholds.
-    pub opening: f64,
-    /// The power of the input.
-    pub opening_power: f64,
+    /// Loading and unloading envelopes part by these times `v`, `v (1 - v)` and `v (1 - v) (1 - 2 v)`.
+    pub envelopes: [f64; 3],
     /// Thresholds grow by this times their size times the rate, or its inverse hyperbolic sine.
     pub growth_per_rate: f64,
     /// Thresholds grow by this times the rate or its inverse hyperbolic sine, whatever their size.
@@ -107,15 +103,13 @@ impl OperatorLaw {
         let own = [
             self.growth_per_input,
             self.growth_unloading,
-            self.envelope_bend,
-            self.opening,
             self.growth_per_rate,
             self.extra_per_rate,
             self.rate_memory_s,
             self.viscous_s,
             self.stiffening,
         ];
-        self.law.is_none() && own.iter().all(|value| *value == 0.0)
+        self.law.is_none() && own.iter().chain(&self.envelopes).all(|value| *value == 0.0)
     }
 
     /// What growth goes with at a rate: the rate itself, or Eyring's inverse hyperbolic sine of it.

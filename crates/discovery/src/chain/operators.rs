@@ -278,9 +278,9 @@ fn gaps(path: &[f64], operator_law: &OperatorLaw, period_s: Option<f64>, turns: 
         let factor = ((1.0 + operator_law.growth_per_input * value).max(0.0) + operator_law.growth_per_rate * rate)
             * operator_law.factor(value, rate);
         let unloading = operator_law.growth_unloading * value;
-        let opening =
-            if operator_law.opening == 0.0 { 0.0 } else { operator_law.opening * value.max(0.0).powf(operator_law.opening_power) };
-        [factor, operator_law.envelope_bend * value * (1.0 - value) + opening + operator_law.extra_per_rate * rate, unloading]
+        let [slope, bend, cubic] = operator_law.envelopes;
+        let apart = value * (slope + (1.0 - value) * (bend + cubic * (1.0 - 2.0 * value)));
+        [factor, apart + operator_law.extra_per_rate * rate, unloading]
     };
     path.iter().enumerate().map(gap).collect()
 }

@@ -138,6 +138,14 @@ pub enum SessionError {
         /// Its value.
         value: f64,
     },
+    /// More than one input.
+    #[error("{path} has {inputs} inputs: give recordings in which all but one rest, without their columns; `catheter fit` takes them all")]
+    SeveralInputs {
+        /// Which.
+        path: String,
+        /// How many it has.
+        inputs: usize,
+    },
     /// The output does not move.
     #[error("the output is the same everywhere ({value}); is the sensor connected?")]
     StillOutput {

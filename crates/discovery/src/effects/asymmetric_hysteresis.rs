@@ -1,22 +1,17 @@
 //! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
 //! bend apart, or they part the more the higher the pressure is.
 
-use crate::chain::filters::row;
-use crate::chain::form::{Form, OfOperators, Parameter, Quantity, Spec};
+use crate::chain::filters::{grid, row};
+use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&GROWS, &GROWS_UNLOADING, &GROWS_LOADING, &BENDS, &LOADING, &UNLOADING, &UNLIKE, &OPENING];
+pub const FORMS: &[&dyn Form] = &[&GROWS, &GROWS_UNLOADING, &GROWS_LOADING, &BENDS, &EACH];
 
 const BEND: &[Parameter] = &[Parameter { name: "bend", quantity: Quantity::Ratio, low: -0.6, high: 0.9, logarithmic: false }];
 
 const GROWTH: &[Parameter] = &[Parameter { name: "growth", quantity: Quantity::PerInput, low: -0.9, high: 12.0, logarithmic: false }];
 
 const NAME: &str = "asymmetric-hysteresis";
-
-/// A law beside a curve that both branches share.
-const fn curved(law: OfOperators, cost: Option<usize>, curve: fn(&[f64], &mut [f64])) -> OfOperators {
-    OfOperators { spec: Spec { cost, is_static: true, ..law.spec }, curve, ..law }
-}
 
 /// Where the search for [`GROWTH`] begins.
 fn growths() -> Vec<Vec<f64>> {
@@ -47,81 +42,34 @@ static BENDS: OfOperators = OfOperators::new(
     (NAME, ("bend-apart", "the branches bend apart")),
     BEND,
     || row(&[-0.3, -0.1, 0.08, 0.2, 0.35, 0.5]),
-    |parameters, law| law.envelope_bend = parameters[0],
+    |parameters, law| law.envelopes[1] = parameters[0],
 );
 
-static LOADING: OfOperators = curved(
-    OfOperators::new(
-        (NAME, ("loading-bends", "only the loading branch bends")),
-        BEND,
-        || row(&[-0.4, -0.15, 0.15, 0.4]),
-        |parameters, law| law.envelope_bend = -0.5 * parameters[0],
-    ),
-    None,
-    |parameters, path| both_branches(path, 0.5 * parameters[0]),
-);
-
-static UNLOADING: OfOperators = curved(
-    OfOperators::new(
-        (NAME, ("unloading-bends", "only the unloading branch bends")),
-        BEND,
-        || row(&[-0.4, -0.15, 0.15, 0.4]),
-        |parameters, law| law.envelope_bend = 0.5 * parameters[0],
-    ),
-    None,
-    |parameters, path| both_branches(path, 0.5 * parameters[0]),
-);
-
-/// What both branches do alike is a curve of the input and no asymmetry: where the plain curve does as well, it is that. Three bends of any size follow
-/// much that is neither.
-static UNLIKE: OfOperators = curved(
-    OfOperators::new(
-        (NAME, ("each-bends", "each branch bends its own way")),
-        &[
+/// Generalised play operators: each branch is a curve of its own. What both do alike is a curve of the input and no asymmetry: where the plain curve does as
+/// well, it is that. Bends of any size follow much that is neither.
+static EACH: OfOperators = OfOperators {
+    spec: Spec {
+        parameters: &[
             Parameter { name: "loading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
             Parameter { name: "unloading_bend", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
-            Parameter { name: "common_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+            Parameter { name: "loading_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+            Parameter { name: "unloading_cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+            Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.4, high: 0.8, logarithmic: false },
         ],
-        || [-0.25, 0.25].into_iter().flat_map(|loading| [vec![loading, -0.25, 0.0], vec![loading, 0.25, 0.0]]).collect(),
-        |parameters, law| law.envelope_bend = 0.5 * (parameters[1] - parameters[0]),
-    ),
-    Some(6),
-    |parameters, path| {
+        is_static: true,
+        ..Spec::new(NAME, ("each-curves", "each branch has a curve of its own"), Place::Operators)
+    },
+    starts: || {
+        grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
+    },
+    set: |of, law| law.envelopes = [0.5 * of[4], 0.5 * (of[1] - of[0]), 0.5 * (of[3] - of[2])],
+    curve: |of, path| {
         for value in path {
             let v = value.clamp(0.0, 1.0);
-            *value += v * (1.0 - v) * (0.5 * (parameters[0] + parameters[1]) + parameters[2] * (1.0 - 2.0 * v));
+            *value += 0.5 * v * (1.0 - v) * (of[0] + of[1] + (of[2] + of[3]) * (1.0 - 2.0 * v));
         }
     },
-);
-
-/// Generalised play operators: the unloading envelope rises by its own law, `v + A v^n` in place of `v`. Half of that is a curve that both
-/// branches share, half opens the loop.
-static OPENING: OfOperators = curved(
-    OfOperators::new(
-        (NAME, ("power-opening", "the branches part with a power of the input")),
-        &[
-            Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.2, high: 0.4, logarithmic: false },
-            Parameter { name: "input_power", quantity: Quantity::Ratio, low: 0.7, high: 3.0, logarithmic: true },
-            Parameter { name: "common_bend", quantity: Quantity::Ratio, low: -0.5, high: 0.5, logarithmic: false },
-        ],
-        || {
-            let of = |size: f64| [vec![size, 1.0, 0.0], vec![size, 2.0, size.abs()], vec![size, 2.0, -size.abs()]];
-            [-0.04, 0.04, 0.12].into_iter().flat_map(of).collect()
-        },
-        |parameters, law| [law.opening, law.opening_power] = [parameters[0], parameters[1]],
-    ),
-    Some(4),
-    |parameters, path| both_branches(path, parameters[2]),
-);
-
-/// Bends both branches alike by `size v (1 - v)`; with the envelopes bent apart by as much, one of them stays as it was.
-fn both_branches(path: &mut [f64], size: f64) {
-    for value in path {
-        // Outside the span the curve goes on straight.
-        let v = value.clamp(0.0, 1.0);
-        *value += size * v * (1.0 - v);
-    }
-}
+};
 
 #[cfg(test)]
 mod tests {
@@ -134,21 +82,23 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn the_branches_part_with_the_power_of_the_input() {
-        let input: Vec<f64> =
-            (0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.1 * f64::from(sample) * 0.02).cos()).collect();
+    fn each_branch_follows_its_own_curve() {
+        let input: Vec<f64> = (0..1000).map(|sample| 0.5 - 0.5 * (std::f64::consts::TAU * 0.1 * f64::from(sample) * 0.02).cos()).collect();
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
         let recording =
-            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input.clone());
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
-        let run = &session.runs[0];
-        let model = Model { thresholds: vec![0.1], base: vec![0.0; 2], ..Model::baseline(InitialState::Fresh, false) };
+        let model = Model { thresholds: vec![0.05], base: vec![0.0; 2], ..Model::baseline(InitialState::Fresh, false) };
         let mut columns = Columns::default();
-        model.with(&OPENING, vec![0.08, 2.0, 0.0]).columns(run, &mut columns);
+        let [loading, unloading] = [[0.0, 0.0], [0.2, -0.1]];
+        model.with(&EACH, vec![loading[0], unloading[0], loading[1], unloading[1], 0.1]).columns(&session.runs[0], &mut columns);
         let operator = columns.column(1);
-        // Half way up (2.5 s) and half way down (7.5 s) the envelopes are a quarter of the opening beyond the threshold.
-        assert!((operator[125] - (0.5 - 0.1 - 0.02)).abs() < 1e-9, "{}", operator[125]);
-        assert!((operator[375] - (0.5 + 0.1 + 0.02)).abs() < 1e-9, "{}", operator[375]);
+        let curve = |[bend, cubic]: [f64; 2], v: f64| v + v * (1.0 - v) * (bend + cubic * (1.0 - 2.0 * v));
+        // A quarter and three quarters of the way up, and down again. What parts the branches is told at the input that their mean has bent.
+        for (sample, envelope, gap) in [(167, loading, -0.05), (333, loading, -0.05), (667, unloading, 0.05), (833, unloading, 0.05)] {
+            let wanted = curve(envelope, input[sample]) + gap * (1.0 + input[sample]);
+            assert!((operator[sample] - wanted).abs() < 3e-3, "{} instead of {wanted} at {sample}", operator[sample]);
+        }
     }
 
     #[test]

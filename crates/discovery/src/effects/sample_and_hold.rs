@@ -27,7 +27,7 @@ impl Form for Held {
                 Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true },
                 Parameter { name: "first_look", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false },
             ],
-            discrete: true,
+            steps: &[2e-4, 0.05],
             ..Spec::new(
                 "sample-and-hold",
                 ("of-each-recording", "held for a period, counted from the start of each recording"),
@@ -41,7 +41,9 @@ impl Form for Held {
         let of = |run: &Run| -> Vec<f64> {
             let counts = |sample: usize| run.keep[sample] && run.role[sample].is_worked_with();
             let slope = |sample: usize| run.input[(sample + 1).min(run.input.len() - 1)] - run.input[sample.saturating_sub(1)];
-            let product = |sample| if counts(sample) { residual[run.index][sample] * slope(sample) } else { 0.0 };
+            // A step between two samples says nothing of a period and would outweigh all that moves.
+            let moves = |sample: usize| slope(sample).abs() <= 2.0 * run.period_s * session.fastest_per_s;
+            let product = |sample| if counts(sample) && moves(sample) { residual[run.index][sample] * slope(sample) } else { 0.0 };
             (0..run.input.len()).map(product).collect()
         };
         let products: Vec<Vec<f64>> = session.worked().map(of).collect();

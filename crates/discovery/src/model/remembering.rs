@@ -35,6 +35,11 @@ impl Model {
             .chain(InitialState::PEAKS.map(|peak| (InitialState::Carried { peak }, PEAK_PAYS)))
         {
             let other = of(initial_state);
+            // A muscle that forgets between recordings remembers nothing from before the first either.
+            let forgets = best.fit < MEMORY_PAYS * other.fit && best.select < MEMORY_PAYS * other.select;
+            if initial_state == InitialState::SESSION && forgets {
+                break;
+            }
             let pays = if best.model.initial_state.is_carried() { pays } else { MEMORY_PAYS };
             // Of peaks the best is wanted, whatever lies between it and the last.
             let pays = if best.model.initial_state.before_the_session().is_empty() { pays } else { 1.0 };

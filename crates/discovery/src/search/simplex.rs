@@ -1,4 +1,4 @@
-//! The objective of a search, and the simplex of Nelder and Mead in scaled coordinates.
+//! The objective of a search, the simplex of Nelder and Mead in scaled coordinates, and the top of a grid along its axes.
 
 use crate::data::session::Session;
 use crate::model::line::Line;
@@ -115,4 +115,47 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
 pub(crate) fn indices_of(model: &Model, slot: usize) -> Vec<usize> {
     let before: usize = model.slots[..slot].iter().map(|slot| slot.parameters.len()).sum();
     (before..before + model.slots[slot].parameters.len()).collect()
+}
+
+/// The point of a grid that `value` is greatest for, along one axis after the other until none leads any higher, from the first value of each.
+pub fn most_along<const N: usize>(axes: [&[f64]; N], value: impl Fn(&[f64; N]) -> f64) -> [f64; N] {
+    let mut best = axes.map(|axis| axis[0]);
+    let mut greatest = value(&best);
+    // Axes since the last that led higher.
+    let mut idle = 0;
+    for (axis, values) in axes.iter().enumerate().cycle() {
+        let before = best[axis];
+        for &other in values.iter().filter(|other| **other != before) {
+            let there = std::array::from_fn(|at| if at == axis { other } else { best[at] });
+            let valued = value(&there);
+            if valued > greatest {
+                (greatest, best) = (valued, there);
+            }
+        }
+        idle = if best[axis] == before { idle + 1 } else { 1 };
+        if idle >= N {
+            break;
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::most_along;
+
+    #[test]
+    fn axis_by_axis_leads_to_the_top_of_a_ridge_that_is_not_along_an_axis() {
+        let axis: Vec<f64> = (0..9).map(f64::from).collect();
+        for top in [[0.0, 8.0, 3.0], [7.0, 1.0, 4.0], [8.0, 8.0, 8.0]] {
+            let looked_at = std::cell::Cell::new(0);
+            let hill = |at: &[f64; 3]| {
+                looked_at.set(looked_at.get() + 1);
+                let off: Vec<f64> = at.iter().zip(top).map(|(at, top)| at - top).collect();
+                -off.iter().map(|off| off * off).sum::<f64>() - 0.8 * off[0] * off[2]
+            };
+            assert_eq!(most_along([&axis, &axis, &axis], hill), top);
+            assert!(looked_at.get() < 9 * 9 * 9 / 5, "{} points", looked_at.get());
+        }
+    }
 }

@@ -24,6 +24,7 @@ use crate::observers::law::{Seen, SlipLaw};
 use crate::result::Member;
 use crate::search::forms::polish;
 use crate::search::parallel::in_parallel;
+use crate::search::simplex::most_along;
 use crate::selection::settings::{FEWEST_FOR_HALVES, LEVEL, MATERIAL, MATERIAL_SHARE};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits::{with_lag, without_jumps};
@@ -38,6 +39,10 @@ const CLUSTERS: usize = 20;
 const EVALUATIONS: usize = 8;
 /// White noise that is tried, in units of the noise at rest.
 const NOISES: [f64; 7] = [1.0, 1.25, 1.6, 2.2, 3.5, 7.0, 20.0];
+/// Standard deviations of the model error that are tried, in units of what the noise does not explain.
+const SHARES: [f64; 4] = [1.0, 0.7, 0.4, 1.4];
+/// Time constants of the model error that are tried, s.
+const TIMES_S: [f64; 6] = [0.25, 0.04, 0.1, 0.6, 2.0, 10.0];
 
 /// An explanation and how well it predicts.
 #[derive(Clone, Debug)]
@@ -123,31 +128,46 @@ fn cluster(run: &Run, stretches: usize, sample: usize) -> (usize, usize) {
     (run.source.0, if stretches > 1 { run.part * stretches + sample * stretches / run.input.len() } else { 0 })
 }
 
-/// Scores one explanation: mean log density of each recording that it predicts, in the order of the recordings. What comes before `start_up_s` does
-/// not count.
-fn score(index: usize, model: &Model, folds: &[Session], floor: f64, start_up_s: f64) -> Scored {
-    let stretches = CLUSTERS.div_ceil(sources(&folds[0]).len());
-    let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
-    for session in folds {
-        let mut fitted = model.clone();
-        // Weights that slips have told are not for a fit to the output to change.
-        if !model.fixed_weights {
-            fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
-            fitted.fit(session, Scope::Fit);
-        }
-        let densities = densities(&fitted, session, floor, start_up_s);
-        for (run, densities) in session.runs.iter().zip(densities) {
-            for (sample, density) in densities.iter().enumerate().filter(|(sample, _)| run.time_s[*sample] >= start_up_s) {
-                if run.role[sample] == Role::Select && run.keep[sample] {
-                    let sum = sums.entry(cluster(run, stretches, sample)).or_insert((0.0, 0.0));
-                    sum.0 += density;
-                    sum.1 += 1.0;
-                }
+/// Sums of log densities, and numbers of samples, of recordings or stretches of them.
+type Sums = BTreeMap<(usize, usize), (f64, f64)>;
+
+/// Adds what a model, fitted to a fold, predicts of the recordings left out. What comes before `start_up_s` does not count.
+fn predict(sums: &mut Sums, model: &Model, session: &Session, floor: f64, start_up_s: f64) {
+    let stretches = CLUSTERS.div_ceil(sources(session).len());
+    let mut fitted = model.clone();
+    // Weights that slips have told are not for a fit to the output to change.
+    if !model.fixed_weights {
+        fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
+        fitted.fit(session, Scope::Fit);
+    }
+    for (run, densities) in session.runs.iter().zip(densities(&fitted, session, floor, start_up_s)) {
+        for (sample, density) in densities.iter().enumerate().filter(|(sample, _)| run.time_s[*sample] >= start_up_s) {
+            if run.role[sample] == Role::Select && run.keep[sample] {
+                let sum = sums.entry(cluster(run, stretches, sample)).or_insert((0.0, 0.0));
+                sum.0 += density;
+                sum.1 += 1.0;
             }
         }
     }
-    let densities = sums.into_values().map(|(sum, count)| sum / count).collect();
+}
+
+/// A model by its mean log density of each recording predicted so far, in the order of the recordings.
+fn scored(index: usize, model: &Model, sums: &Sums) -> Scored {
+    let densities = sums.values().map(|(sum, count)| sum / count).collect();
     Scored { index, names: names(model), cost: model.cost(), densities, p_value: 1.0 }
+}
+
+/// Those that stay in the race: not who is behind the best in every recording so far by more than anybody could care about, and in so many that chance does
+/// not do that to one of all at [`LEVEL`]. The model without effects and the best one that has an effect which the very best has not are wanted in any case.
+fn in_the_race(scored: &[Scored]) -> Vec<usize> {
+    let by_mean = |x: &&Scored, y: &&Scored| x.mean().total_cmp(&y.mean());
+    let Some(best) = scored.iter().max_by(by_mean) else { return Vec::new() };
+    let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
+    let second = scored.iter().filter(other).max_by(by_mean).map(|one| one.index);
+    let is_behind = |one: &Scored| best.densities.iter().zip(&one.densities).all(|(best, own)| best - own > MATERIAL[1]);
+    let chance = scored.len() as f64 * 0.5_f64.powi(best.densities.len() as i32);
+    let stays = |one: &&Scored| one.index == 0 || Some(one.index) == second || chance >= LEVEL || !is_behind(one);
+    scored.iter().filter(stays).map(|one| one.index).collect()
 }
 
 /// Log predictive density of every sample of every recording, by a fitted model.
@@ -158,7 +178,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
         let (law, own) = SlipLaw::of_parameters(drive, &slot.parameters);
         let smooth = with_lag(&without_jumps(model), drive, law.lag_s);
         let quasi_static = |times: f64| QuasiStatic::new(session, &smooth, own * times, slot.form.spec().feels_sensor);
-        let times = most(NOISES, |&times| quasi_static(times).fitting(&law));
+        let [times] = most_along([&NOISES], |&[times]| quasi_static(times).fitting(&law));
         return quasi_static(times).of_every_recording(|seen| jumps::observe(seen, &law).log_likelihood);
     }
     let simulated = simulate(model, session, start_up_s);
@@ -185,7 +205,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
         }
     }
     let excess = (sum / count - floor * floor).max(0.04 * floor * floor).sqrt();
-    let likelihood = |&(times, share, time_s): &(f64, f64, f64)| -> f64 {
+    let likelihood = |&[times, share, time_s]: &[f64; 3]| -> f64 {
         let screens = session.runs.iter().filter(|run| run.screens && run.role.contains(&Role::Fit));
         let of = |run: &Run| {
             let densities = smooth(run, times * floor, share * excess, time_s);
@@ -193,10 +213,7 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
         };
         screens.map(of).sum()
     };
-    let grid = NOISES.into_iter().flat_map(|times| {
-        [0.4, 0.7, 1.0, 1.4].into_iter().flat_map(move |share| [0.04, 0.1, 0.25, 0.6, 2.0, 10.0].map(|time_s| (times, share, time_s)))
-    });
-    let (times, share, time_s) = most(grid, likelihood);
+    let [times, share, time_s] = most_along([&NOISES, &SHARES, &TIMES_S], likelihood);
     session.runs.iter().map(|run| smooth(run, times * floor, share * excess, time_s)).collect()
 }
 
@@ -211,13 +228,6 @@ fn simulate(model: &Model, session: &Session, start_up_s: f64) -> Vec<Vec<f64>> 
         run.keep.iter_mut().zip(time_s).for_each(|(keep, time_s)| *keep &= *time_s < start_up_s);
     }
     model.outputs(&shown, |_| true)
-}
-
-/// The item that `value` is greatest for.
-fn most<T>(items: impl IntoIterator<Item = T>, value: impl Fn(&T) -> f64) -> T {
-    let mut valued: Vec<(f64, T)> = items.into_iter().map(|item| (value(&item), item)).collect();
-    valued.sort_by(|x, y| y.0.total_cmp(&x.0));
-    valued.swap_remove(0).1
 }
 
 /// Explanations compared.
@@ -238,9 +248,18 @@ impl Comparison {
         let folds = folds(session);
         let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
         let start_up_s = models.iter().map(Model::start_up_s).fold(0.0, f64::max);
-        let indices: Vec<usize> = (0..models.len()).collect();
-        let scored = in_parallel(&indices, threads, |&index| score(index, &models[index], &folds, floor, start_up_s));
-        Self::of(scored, seed)
+        let mut racing: Vec<(usize, Sums)> = (0..models.len()).map(|index| (index, Sums::new())).collect();
+        for fold in &folds {
+            racing = in_parallel(&racing, threads, |(index, sums)| {
+                let mut sums = sums.clone();
+                predict(&mut sums, &models[*index], fold, floor, start_up_s);
+                (*index, sums)
+            });
+            let so_far: Vec<Scored> = racing.iter().map(|(index, sums)| scored(*index, &models[*index], sums)).collect();
+            let stay = in_the_race(&so_far);
+            racing.retain(|(index, _)| stay.contains(index));
+        }
+        Self::of(racing.iter().map(|(index, sums)| scored(*index, &models[*index], sums)).collect(), seed)
     }
 
     /// From what was scored, the model without effects first.
@@ -263,10 +282,10 @@ impl Comparison {
         if self.holds_none() { 0 } else { self.set.first().map_or(0, |member| member.index) }
     }
 
-    /// How much better a model predicts than the one without effects, nats per sample.
+    /// How much better a model that is still in the race predicts than the one without effects, nats per sample.
     #[must_use]
     pub fn gain(&self, index: usize) -> f64 {
-        self.scored[index].mean() - self.scored[0].mean()
+        self.scored.iter().find(|one| one.index == index).map_or(0.0, |one| one.mean() - self.scored[0].mean())
     }
 
     /// A member of the set for the result.
@@ -282,12 +301,11 @@ impl Comparison {
     /// The best of those that have an effect which the explanation does not have, and whether the recordings tell it apart.
     #[must_use]
     pub fn second(&self) -> Option<(&Scored, bool)> {
-        let best = &self.scored[self.best()];
+        let best = self.scored.iter().find(|one| one.index == self.best())?;
         let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
-        let apart = |one: &Scored| self.set.iter().all(|member| member.index != one.index);
         let second =
             self.set.iter().find(other).or_else(|| self.scored.iter().filter(other).max_by(|x, y| x.mean().total_cmp(&y.mean())))?;
-        Some((second, apart(second)))
+        Some((second, self.set.iter().all(|member| member.index != second.index)))
     }
 
     /// Probability that an effect is part of the explanation: the share of draws of recordings, with replacement, by which the cheapest model within
@@ -421,6 +439,23 @@ mod tests {
             .count();
         // The bare model is one of four that may leave: at most a tenth of the time, two standard deviations allowed.
         assert!(alarms <= 200 / 10 + 9, "{alarms} of 200");
+    }
+
+    #[test]
+    fn who_is_behind_in_every_recording_leaves_the_race_and_who_is_ahead_in_one_or_second_does_not() {
+        let race = |recordings: usize| {
+            let level = scatter(4, 0.5, recordings);
+            let minus = |by: f64| level.iter().map(|value| value - by).collect::<Vec<f64>>();
+            let mut ahead_in_one = minus(0.9);
+            ahead_in_one[2] += 1.0;
+            let of = [(vec![], minus(2.0)), (vec!["creep"], minus(0.0)), (vec!["leakage"], minus(0.4)), (vec!["resonance"], minus(0.5))];
+            let all = of.into_iter().chain([(vec!["slew-limit"], ahead_in_one), (vec!["creep", "leakage"], minus(0.005))]);
+            let all: Vec<Scored> =
+                all.enumerate().map(|(index, (names, densities))| Scored { index, ..scored(&names, densities) }).collect();
+            in_the_race(&all)
+        };
+        assert_eq!(race(10), [0, 1, 4, 5]);
+        assert_eq!(race(4), [0, 1, 2, 3, 4, 5], "four recordings may all speak for one by chance");
     }
 
     #[test]

@@ -226,8 +226,12 @@ impl<'a> QuasiStatic<'a> {
                 begun.push(law);
             }
         }
-        let tuned: Vec<SlipLaw> = begun.into_iter().map(|law| self.tuned(law, &STEPS, false)).collect();
-        self.best(tuned, true).map_or(still, |best| best.1)
+        // Which of several leads is told by long steps on the screening recordings.
+        if begun.len() > 1 {
+            let screening = |law: &SlipLaw| self.fitted(false, |seen| jumps::observe(seen, law).log_likelihood);
+            begun.iter_mut().for_each(|law| *law = self.tuned_by(*law, &STEPS[..2], false, screening));
+        }
+        self.best(begun, true).map_or(still, |best| self.tuned(best.1, &STEPS, false))
     }
 
     /// The best of a few laws, and its log-likelihood on the fitted samples; of none when none can be seen.

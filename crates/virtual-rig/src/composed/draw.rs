@@ -72,10 +72,14 @@ impl Draw<'_> {
 pub(super) struct ThresholdLaw {
     /// Loading and unloading envelopes: powers of the input over its span, one for plain.
     pub(super) powers: Option<[f64; 2]>,
+    /// The same by `tanh(k u) / tanh(k)`: `k` of each.
+    pub(super) saturations: Option<[f64; 2]>,
     /// Thresholds grow towards one end of the range by this share.
     pub(super) taper: f64,
     /// Thresholds grow by this times the logarithm of the rate over a bar per second.
     pub(super) logarithmic_rate: f64,
+    /// Thresholds grow by this times the root of the rate over a bar per second.
+    pub(super) root_of_rate: f64,
     /// Time constant of the operators' own motion at high load, s.
     pub(super) sliding_s: f64,
 }

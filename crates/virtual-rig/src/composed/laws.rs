@@ -42,7 +42,7 @@ pub(super) fn delay(delay_s: f64) -> Stage {
 }
 
 /// A state that changes by `rate(input, state)` per second.
-pub(super) fn first_order(rate: impl Fn(f64, f64) -> f64 + 'static) -> Stage {
+pub(super) fn first_order(mut rate: impl FnMut(f64, f64) -> f64 + 'static) -> Stage {
     let mut state = 0.0;
     stage(move |value, _| {
         state += STEP_S * rate(value, state);

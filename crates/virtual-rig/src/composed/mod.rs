@@ -1,12 +1,13 @@
 //! A third virtual rig, composed at random: a bank of play operators of any density, laws from [`laws`], a random order, sampling and noise.
 //!
-//! Every effect has several laws, split into two sets. Choices about discovery look at [`Set::Tuning`] alone; [`Set::Reporting`] judges, so no
+//! Every effect has several laws, split into two sets; in that to tune on, some have a second law, for odd seeds. Choices about discovery look at [`Set::Tuning`] alone; [`Set::Reporting`] judges, so no
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
 mod draw;
 mod laws;
 mod muscle;
 mod reporting;
+mod second_laws;
 mod session;
 
 use std::collections::BTreeMap;
@@ -50,6 +51,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            Set::Tuning if config.seed % 2 == 1 => second_laws::tuning(name, &mut draw),
             Set::Tuning => laws::tuning(name, &mut draw),
             Set::Reporting => reporting::reporting(name, &mut draw),
         };

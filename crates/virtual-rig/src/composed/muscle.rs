@@ -58,8 +58,12 @@ impl Muscle {
         self.rate += 0.05 * ((input - self.last).abs() / STEP_S - self.rate);
         self.last = input;
         let share = (input / self.span_bar).clamp(0.0, 1.2);
-        let [up, down] = law.powers.map_or([input; 2], |powers| powers.map(|power| self.span_bar * share.powf(power)));
-        let wider = 1.0 + law.taper * share + law.logarithmic_rate * self.rate.ln_1p();
+        let [up, down] = match (law.powers, law.saturations) {
+            (Some(powers), _) => powers.map(|power| self.span_bar * share.powf(power)),
+            (None, Some(bends)) => bends.map(|bend| self.span_bar * (bend * share).tanh() / bend.tanh()),
+            (None, None) => [input; 2],
+        };
+        let wider = 1.0 + law.taper * share + law.logarithmic_rate * self.rate.ln_1p() + law.root_of_rate * self.rate.sqrt();
         let mut sum = 0.0;
         for ((threshold, weight), state) in self.thresholds_bar.iter().zip(&self.weights_mm_per_bar).zip(&mut self.states) {
             let gap = threshold * wider;
