@@ -43,6 +43,8 @@ enum Task {
     Licences,
     /// Check that hysteresis and model-export build with the oldest compiler they promise and as a registry would get them. 2 min.
     Publishable,
+    /// Compare the public items of hysteresis and model-export with an earlier commit. Needs cargo-semver-checks. 2 min.
+    Semver(OfRevision),
     /// Write what the firmware and the command are made of into target/sbom, as CycloneDX. 2 s.
     Sbom,
     /// Build the flashable image of a board and add its CRC. 2 min.
@@ -75,6 +77,14 @@ struct OfBook {
     /// Open it in the browser.
     #[arg(long)]
     open: bool,
+}
+
+/// What to compare with.
+#[derive(clap::Args)]
+struct OfRevision {
+    /// A commit or tag, usually that of the last release.
+    #[arg(long, value_name = "REVISION")]
+    against: String,
 }
 
 /// What to check.
@@ -121,6 +131,7 @@ fn main() -> ExitCode {
         Task::Deny(of) => book::deny(of.advisories),
         Task::Licences => licences::check(),
         Task::Publishable => publish::check(),
+        Task::Semver(of) => publish::semver(&of.against),
         Task::Sbom => publish::bill_of_materials(),
         Task::Equations { asked } if asked.is_empty() => book::equations(),
         Task::Equations { .. } => Ok(()),

@@ -3,7 +3,7 @@
 use std::collections::{BTreeSet, HashMap};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 
 use crate::process::{answer, cargo, command, root, run, target_folder};
@@ -31,6 +31,16 @@ pub fn check() -> Result<()> {
     oldest.args(["check", "--locked", "--all-features"]).args(packages.clone()).env("CARGO_TARGET_DIR", target_folder().join("oldest"));
     run("packages: the oldest compiler", &mut oldest)?;
     run("packages: as published", cargo().args(["package", "--locked", "--allow-dirty"]).args(packages))
+}
+
+/// Compares the public items of the published packages with those at a commit or tag, and says whether the version in Cargo.toml allows the
+/// change: a removed or altered item needs a new minor version before 1.0, a major one after.
+pub fn semver(against: &str) -> Result<()> {
+    if answer(cargo().args(["semver-checks", "--version"])).is_none() {
+        bail!("cargo-semver-checks is missing (some minutes, once): cargo install cargo-semver-checks --locked");
+    }
+    let packages = PUBLISHED.iter().flat_map(|package| ["-p", *package]);
+    run("packages: public items", cargo().args(["semver-checks", "--baseline-rev", against]).args(packages))
 }
 
 /// Writes what the firmware and the `catheter` command are made of, as CycloneDX 1.5: `target/sbom/NAME.cdx.json`.
