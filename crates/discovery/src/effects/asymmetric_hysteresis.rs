@@ -95,7 +95,7 @@ mod tests {
         let operator = columns.column(1);
         let curve = |[bend, cubic]: [f64; 2], v: f64| v + v * (1.0 - v) * (bend + cubic * (1.0 - 2.0 * v));
         // A quarter and three quarters of the way up, and down again. What parts the branches is told at the input that their mean has bent.
-        for (sample, envelope, gap) in [(167, loading, -0.05), (333, loading, -0.05), (667, unloading, 0.05), (833, unloading, 0.05)] {
+        for (sample, envelope, gap) in [(83, loading, -0.05), (167, loading, -0.05), (333, unloading, 0.05), (417, unloading, 0.05)] {
             let wanted = curve(envelope, input[sample]) + gap * (1.0 + input[sample]);
             assert!((operator[sample] - wanted).abs() < 3e-3, "{} instead of {wanted} at {sample}", operator[sample]);
         }
