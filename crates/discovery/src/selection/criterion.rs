@@ -39,10 +39,6 @@ const CLUSTERS: usize = 20;
 const EVALUATIONS: usize = 8;
 /// White noise that is tried, in units of the noise at rest.
 const NOISES: [f64; 7] = [1.0, 1.25, 1.6, 2.2, 3.5, 7.0, 20.0];
-/// Standard deviations of the model error that are tried, in units of what the noise does not explain.
-const SHARES: [f64; 4] = [1.0, 0.7, 0.4, 1.4];
-/// Time constants of the model error that are tried, s.
-const TIMES_S: [f64; 6] = [0.25, 0.04, 0.1, 0.6, 2.0, 10.0];
 
 /// An explanation and how well it predicts.
 #[derive(Clone, Debug)]
@@ -213,7 +209,8 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
         };
         screens.map(of).sum()
     };
-    let [times, share, time_s] = most_along([&NOISES, &SHARES, &TIMES_S], likelihood);
+    // Standard deviations of the model error in units of what the noise does not explain, and its time constants, s.
+    let [times, share, time_s] = most_along([&NOISES, &[1.0, 0.7, 0.4, 1.4], &[0.25, 0.04, 0.1, 0.6, 2.0, 10.0]], likelihood);
     session.runs.iter().map(|run| smooth(run, times * floor, share * excess, time_s)).collect()
 }
 
