@@ -151,6 +151,11 @@ pub fn read(path: &Path) -> Result<Option<Vec<DumpRow>>> {
     let rows: Result<Vec<DumpRow>, _> = reader.deserialize().collect();
     let rows = rows.with_context(|| format!("{}: is no dump of a rig's last seconds", path.display()))?;
     ensure!(!rows.is_empty(), "{}: has no rows", path.display());
+    // A single row rises whatever its time.
+    let finite = |row: &DumpRow| {
+        [row.time_s, row.pressure_bar, row.displacement_mm, row.pressure_measured_bar].iter().all(|value| value.is_finite())
+    };
+    ensure!(rows.iter().all(finite), "{}: has a value that is no finite number", path.display());
     ensure!(rows.is_sorted_by(|a, b| a.time_s < b.time_s), "{}: its times do not rise", path.display());
     Ok(Some(rows))
 }
@@ -191,4 +196,23 @@ pub fn at(rows: &[DumpRow], time_s: f64) -> Option<&DumpRow> {
 #[must_use]
 pub fn ends_in_a_fault(rows: &[DumpRow]) -> bool {
     rows.last().is_some_and(|row| row.state == state_name(State::Fault))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dump_with_a_value_that_is_no_number_is_refused() {
+        let settings = Settings::default();
+        let row = in_units(&[(0, HistoryRow::default())], &settings).expect("settings that go together").remove(0);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("dump.csv");
+        write(&path, std::slice::from_ref(&row)).expect("a dump");
+        assert_eq!(read(&path).expect("a dump").expect("of the right kind").len(), 1);
+        for wrong in [DumpRow { time_s: f64::NAN, ..row.clone() }, DumpRow { displacement_mm: f64::INFINITY, ..row }] {
+            write(&path, &[wrong]).expect("a dump");
+            assert!(read(&path).unwrap_err().to_string().contains("no finite number"));
+        }
+    }
 }
