@@ -94,7 +94,7 @@ mod tests {
         model.with(&EACH, vec![loading[0], unloading[0], loading[1], unloading[1], 0.1]).columns(&session.runs[0], &mut columns);
         let operator = columns.column(1);
         let curve = |[bend, cubic]: [f64; 2], v: f64| v + v * (1.0 - v) * (bend + cubic * (1.0 - 2.0 * v));
-        // A quarter and three quarters of the way up, and down again. What parts the branches is told at the input that their mean has bent.
+        // A quarter and three quarters of the way up, and down again. What parts the branches is a function of the input that their mean has bent.
         for (sample, envelope, gap) in [(83, loading, -0.05), (167, loading, -0.05), (333, unloading, 0.05), (417, unloading, 0.05)] {
             let wanted = curve(envelope, input[sample]) + gap * (1.0 + input[sample]);
             assert!((operator[sample] - wanted).abs() < 3e-3, "{} instead of {wanted} at {sample}", operator[sample]);

@@ -226,7 +226,7 @@ impl<'a> QuasiStatic<'a> {
                 begun.push(law);
             }
         }
-        // Which of several leads is told by long steps on the screening recordings.
+        // Long steps on the screening recordings decide between several leads.
         if begun.len() > 1 {
             let screening = |law: &SlipLaw| self.fitted(false, |seen| jumps::observe(seen, law).log_likelihood);
             begun.iter_mut().for_each(|law| *law = self.tuned_by(*law, &STEPS[..2], false, screening));
