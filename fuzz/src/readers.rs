@@ -225,7 +225,9 @@ pub fn dump(bytes: &[u8]) -> Result<(), Wrong> {
     with_file("dump.csv", bytes, |path| {
         let rows = history::read(path).map_err(refused)?.ok_or_else(|| Wrong::Refused("no dump".to_owned()))?;
         let events = history::events(&rows);
-        if rows.iter().all(|row| row.time_s.is_finite()) && events.len() <= 8 * rows.len() {
+        if !rows.iter().all(|row| row.time_s.is_finite()) {
+            Err(garbage("a time that is not finite"))
+        } else if events.len() <= 8 * rows.len() {
             Ok(())
         } else {
             Err(garbage("events of no row"))

@@ -43,7 +43,7 @@ enum Task {
     Licences,
     /// Check that hysteresis and model-export build with the oldest compiler they promise and as a registry would get them. 2 min.
     Publishable,
-    /// Compare the public items of hysteresis and model-export with an earlier commit. Needs cargo-semver-checks. 2 min.
+    /// Compare the public items of hysteresis and model-export with an earlier commit. Needs cargo-semver-checks. 1 min.
     Semver(OfRevision),
     /// Write what the firmware and the command are made of into target/sbom, as CycloneDX. 2 s.
     Sbom,
