@@ -50,7 +50,7 @@ fn recordings(seeds: std::ops::Range<u32>) -> Vec<Recording> {
 }
 
 fn trained(preset: &str, recordings: &[Recording]) -> TrainedModel {
-    let config = TrainConfig { budget_cpu_s: 20.0, ..TrainConfig::preset(preset).expect("a preset") };
+    let config = TrainConfig { budget_cpu_s: 6.0, ..TrainConfig::preset(preset).expect("a preset") };
     let plan = CheckpointPlan { path: None, resume: false, stop_after: None };
     train(recordings, &config, 3, 2, &plan, &mut |_| {}).expect("a training").0
 }
@@ -89,7 +89,7 @@ fn networks_of_two_inputs_beat_physics_and_run_as_blob_and_as_c() {
         let float = NetworkModel::new(read, &path).expect("a model");
         let found = error(&float, &test) / range;
         println!("{preset}: {found:.5} of range on recordings kept out, physics {physics:.5}");
-        // The hybrid begins with physics and must gain; the network alone has to learn all of it in twenty seconds.
+        // The hybrid begins with physics and must gain; the network alone has to learn all of it in a few seconds.
         assert!(found <= if preset == "hybrid" { physics } else { 0.02 }, "{preset}: {found} and physics {physics}");
 
         let exported = export::export(&trained, &training).expect("a blob");

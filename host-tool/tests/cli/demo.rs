@@ -1,11 +1,29 @@
 //! What `catheter demo` leaves behind.
 
-use crate::support::Bench;
+use std::sync::LazyLock;
+
+use crate::support::{Bench, Said};
+
+/// One demonstration for all tests, and what it printed.
+static DEMO: LazyLock<(Bench, Said)> = LazyLock::new(|| {
+    let bench = Bench::new();
+    let said = bench.works("demo --quick --out demo --seed 3 --threads 2");
+    (bench, said)
+});
+
+#[test]
+fn the_report_of_the_demo_needs_nothing_from_outside() {
+    let (bench, _) = &*DEMO;
+    let report = String::from_utf8(bench.read("demo/report.html")).expect("HTML is text");
+    assert!(report.contains("<svg"), "the report shows no plot");
+    for outside in ["src=\"http", "src='http", "<script src", "<link ", "@import", "url(http"] {
+        assert!(!report.contains(outside), "the report needs something from outside: {outside}");
+    }
+}
 
 #[test]
 fn the_demo_leaves_every_file_it_names_whole_and_usable() {
-    let bench = Bench::new();
-    let said = bench.works("demo --quick --out demo --seed 3 --threads 2");
+    let (bench, said) = &*DEMO;
     let demo = bench.json("demo/demo.json");
     assert_eq!((&demo["seed"], &demo["quick"], &demo["passed"]), (&3.into(), &true.into(), &true.into()));
     for stage in ["simulate", "identify", "train", "quantise", "evaluate", "report"] {
@@ -43,11 +61,10 @@ fn the_demo_leaves_every_file_it_names_whole_and_usable() {
 
 #[test]
 fn the_same_seed_gives_the_same_models() {
-    let bench = Bench::new();
-    bench.works("demo --quick --out one --seed 4 --threads 1");
-    bench.works("demo --quick --out two --seed 4 --threads 2");
+    let (bench, _) = &*DEMO;
+    bench.works("demo --quick --out again --seed 3 --threads 1");
     // Each network trains on one thread, however many train at the same time.
     for file in ["effects-hybrid.blob", "effects-lstm.safetensors", "paper-physics.toml"] {
-        assert!(bench.read(&format!("one/{file}")) == bench.read(&format!("two/{file}")), "{file} differs");
+        assert!(bench.read(&format!("demo/{file}")) == bench.read(&format!("again/{file}")), "{file} differs");
     }
 }
