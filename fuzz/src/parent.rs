@@ -123,7 +123,10 @@ fn batch(program: &Path, patience: &Patience, target: &str, seed: u64, first: u6
         let number = newest.unwrap_or(next);
         found.inputs += number + 1 - next;
         let what = hung.unwrap_or_else(|| format!("{status}: {}", said.trim()));
-        found.wrong.push(format!("target {target}, seed {seed}, number {number}: {what}"));
+        let wrong = format!("target {target}, seed {seed}, number {number}: {what}");
+        // Of a long run nobody waits for the end to mend this.
+        eprintln!("{wrong}");
+        found.wrong.push(wrong);
         next = number + 1;
     }
     Ok(())

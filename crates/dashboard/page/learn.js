@@ -34,14 +34,20 @@ export function follow(state) {
   teach(state);
 }
 
+// What there is to say of a file that no recorder ended.
+const WHY = {
+  interrupted: "Nobody ended it; its last row may be cut.",
+  foreign: "Not recorded on this page.",
+};
+
 async function list() {
   const { folder, recordings } = await request("GET", "/api/recordings");
   $("recordings-folder").textContent = `In ${folder}`;
-  $("recordings").replaceChildren(...recordings.map(({ name, about }) => make("tr", {},
+  $("recordings").replaceChildren(...recordings.map(({ name, state, about }) => make("tr", {},
     make("td", {}, make("input", { type: "checkbox", "aria-label": `Use ${name}`, checked: chosen.has(name),
       onchange: (event) => (event.target.checked ? chosen.add(name) : chosen.delete(name)) })),
-    make("td", {}, name, about?.note ? make("span", { class: "hint" }, about.note) : null),
-    make("td", { class: "number" }, about ? `${number(about.seconds, 1)} s` : "running"),
+    make("td", {}, name, about?.note || WHY[state] ? make("span", { class: "hint" }, about?.note || WHY[state]) : null),
+    make("td", { class: "number" }, about ? `${number(about.seconds, 1)} s` : state),
     make("td", { class: "number" }, about ? String(about.samples) : ""),
     make("td", {}, make("button", { type: "button", "aria-label": `Save ${name} as a file`,
       onclick: async () => download(`${name}.csv`, await request("GET", `/api/recordings/${name}`), "text/csv") }, "CSV")))));

@@ -12,6 +12,7 @@ use tokio::sync::oneshot;
 
 use crate::access::Role;
 use crate::client::Client;
+use crate::folder;
 use crate::jobs::{Wanted, recording_path};
 use crate::rig::{Action, Problem, Sample};
 use crate::session::{Answer, Order};
@@ -218,22 +219,13 @@ async fn aside<T: Send + 'static>(does: impl FnOnce() -> T + Send + 'static) -> 
 }
 
 pub(crate) async fn recordings(_: Proven, State(shared): State<Shared>) -> Answered {
-    aside(move || list(&shared)).await
-}
-
-fn list(shared: &Shared) -> Json<Value> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(shared.folder.as_path()).into_iter().flatten().flatten() {
-        let path = entry.path();
-        let (Some(name), true) = (path.file_stem().and_then(|name| name.to_str()), path.extension().is_some_and(|kind| kind == "csv"))
-        else {
-            continue;
-        };
-        let about: Option<Value> = std::fs::read(path.with_extension("json")).ok().and_then(|text| serde_json::from_slice(&text).ok());
-        found.push(json!({ "name": name, "bytes": entry.metadata().map_or(0, |about| about.len()), "about": about }));
-    }
-    found.sort_by_key(|entry| entry["about"]["begun"].as_str().unwrap_or_default().to_owned());
-    Json(json!({ "folder": shared.folder.display().to_string(), "recordings": found }))
+    let folder = shared.folder.clone();
+    // Asked before and after: one may begin or end while the folder is read.
+    let before = ask(&shared, Order::Recording).await?;
+    let mut recordings = aside(move || folder::list(&folder)).await?;
+    let after = ask(&shared, Order::Recording).await?;
+    before.iter().chain(&after).for_each(|name| folder::mark_running(&mut recordings, name));
+    Ok(Json(json!({ "folder": shared.folder.display().to_string(), "recordings": recordings })))
 }
 
 pub(crate) async fn recording(_: Proven, State(shared): State<Shared>, Path(name): Path<String>) -> Answered<Response> {

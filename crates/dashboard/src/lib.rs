@@ -16,6 +16,7 @@ mod api;
 mod assets;
 mod audit;
 mod client;
+mod folder;
 mod frame;
 mod jobs;
 mod lease;

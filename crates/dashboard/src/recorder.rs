@@ -10,6 +10,9 @@ use serde_json::json;
 use crate::audit;
 use crate::rig::{Identity, Sample};
 
+/// The columns of a recording.
+pub(crate) const HEADER: &str = "time_s,pressure_bar,displacement_mm,pressure_measured_bar,sequence";
+
 /// What a recording has so far.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Progress {
@@ -45,8 +48,8 @@ impl Recorder {
             _ => format!("{}: cannot be written ({error})", path.display()),
         })?;
         let mut file = BufWriter::new(file);
-        let header = "time_s,pressure_bar,displacement_mm,pressure_measured_bar,sequence";
-        writeln!(file, "{header}").map_err(|error| format!("{}: {error}", path.display()))?;
+        // At once, for a recording is known by it should the server die.
+        writeln!(file, "{HEADER}").and_then(|()| file.flush()).map_err(|error| format!("{}: {error}", path.display()))?;
         let progress = Progress { name: name.to_owned(), samples: 0, left_out: 0, seconds: 0.0 };
         Ok(Self { path, file, note: note.to_owned(), begun: audit::now(), first: None, progress })
     }

@@ -73,6 +73,8 @@ pub(crate) enum Order {
     Calibration(Answer<Result<Value, Problem>>),
     CalibrationPage(Answer<Result<String, Problem>>),
     State(Answer<Arc<str>>),
+    /// The name of the recording that runs.
+    Recording(Answer<Option<String>>),
     Samples(usize, Answer<Vec<Sample>>),
     Close(Answer<()>),
 }
@@ -357,6 +359,9 @@ impl Session {
                 self.ask_state();
                 self.tell_state();
                 let _ = answer.send(Arc::clone(&self.told));
+            }
+            Order::Recording(answer) => {
+                let _ = answer.send(self.recorder.as_ref().map(|recorder| recorder.progress().name.clone()));
             }
             Order::Samples(count, answer) => {
                 let skip = self.past.len().saturating_sub(count);

@@ -106,6 +106,39 @@ async fn four_watchers_get_every_sample_once_and_in_order() {
 }
 
 #[test]
+fn the_list_of_recordings_tells_those_that_run_from_those_that_nobody_ended_and_from_files_of_others() {
+    let bench = Bench::start();
+    let (_, answer) = bench.api(Role::Operate, "", "POST", "/api/lease", Value::Null);
+    let lease = answer["lease"].as_str().unwrap().to_owned();
+    let act = |action: Value| bench.api(Role::Operate, &lease, "POST", "/api/act", action).0;
+    let write = |name: &str, text: &[u8]| std::fs::write(bench.folder.path().join(name), text).unwrap();
+    let listed = || {
+        let list = bench.api(Role::Observe, "", "GET", "/api/recordings", Value::Null).1["recordings"].clone();
+        let entry = |entry: &Value| (entry["name"].as_str().unwrap().to_owned(), entry["state"].as_str().unwrap().to_owned());
+        list.as_array().unwrap().iter().map(entry).collect::<std::collections::BTreeMap<_, _>>()
+    };
+    assert_eq!(act(json!({ "do": "record", "name": "now" })), 200);
+    // What a server leaves that dies now: everything that it wrote so far, and nothing beside it.
+    let left = std::fs::read(bench.folder.path().join("now.csv")).unwrap();
+    assert!(left.starts_with(b"time_s,"), "a recording is known by its header from the first moment");
+    write("died.csv", &left);
+    write("damaged.csv", &left);
+    write("damaged.json", b"{\"samples\": 3,");
+    write("other.csv", b"t,u,y\n0,1,2\n");
+    write("other.json", b"{\"a\": 1}");
+    write("empty.csv", b"");
+    write("other.txt", b"");
+    let now = listed();
+    let state = |name: &str| now.get(name).map(String::as_str);
+    assert_eq!(["now", "died", "damaged"].map(state), [Some("running"), Some("interrupted"), Some("interrupted")], "{now:?}");
+    assert_eq!(["other", "empty"].map(state), [Some("foreign"); 2], "{now:?}");
+    assert_eq!(now.len(), 5, "{now:?}");
+    assert_eq!(act(json!({ "do": "end-record" })), 200);
+    let ended = listed();
+    assert_eq!((ended["now"].as_str(), ended["died"].as_str()), ("complete", "interrupted"), "{ended:?}");
+}
+
+#[test]
 fn recordings_are_files_that_the_other_commands_read_and_computations_run_on_them() {
     let bench = Bench::start();
     let (_, answer) = bench.api(Role::Operate, "", "POST", "/api/lease", Value::Null);

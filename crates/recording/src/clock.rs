@@ -32,25 +32,24 @@ const WHITE: f64 = 0.6;
 /// times), else the median step.
 #[must_use]
 pub fn sample_period_s(time_s: &[f64]) -> f64 {
-    let steps = steps(time_s);
-    if steps.is_empty() {
+    if time_s.len() < 2 {
         return 0.0;
     }
-    let mean = (time_s[time_s.len() - 1] - time_s[0]) / steps.len() as f64;
+    let mean = (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64;
     // A clock is even when every time lies within 5 % of a period of the straight line: then printed times are only rounded.
     let even = time_s.iter().enumerate().all(|(index, time)| (time - time_s[0] - index as f64 * mean).abs() < 0.05 * mean);
     // Nine digits: files of one clock get the same period although each file's rounding differs.
-    significant(if even { mean } else { quantile(steps, 0.5) }, 9)
+    significant(if even { mean } else { quantile(steps(time_s), 0.5) }, 9)
 }
 
 /// Index of the first sample after each gap; `channels` are the inputs and the output.
 #[must_use]
 pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
-    let steps = steps(time_s);
-    let (shortest, longest) = steps.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &step| (low.min(step), high.max(step)));
-    if steps.len() < 2 || longest <= JITTER * shortest {
+    let (shortest, longest) = extreme_steps(time_s);
+    if time_s.len() < 3 || longest <= JITTER * shortest {
         return Vec::new();
     }
+    let steps = steps(time_s);
     let candidates: Vec<usize> = (0..steps.len()).filter(|&index| steps[index] > JITTER * typical(&steps, index)).collect();
     if candidates.is_empty() {
         return Vec::new();
@@ -75,10 +74,12 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
 /// them.
 #[must_use]
 pub fn logs_events(time_s: &[f64], channels: &[&[f64]]) -> bool {
-    let steps = steps(time_s);
-    if steps.len() < 20 {
+    let (shortest, longest) = extreme_steps(time_s);
+    // Then none is longer than three medians.
+    if time_s.len() < 21 || longest <= 3.0 * shortest {
         return false;
     }
+    let steps = steps(time_s);
     let long_from = 3.0 * quantile(steps.clone(), 0.5);
     let long = steps.iter().filter(|&&step| step > long_from).count();
     if long < FEWEST_LONG {
@@ -160,6 +161,11 @@ impl Bows<'_> {
 /// The steps between times.
 pub(super) fn steps(time_s: &[f64]) -> Vec<f64> {
     time_s.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+/// The shortest and the longest step.
+fn extreme_steps(time_s: &[f64]) -> (f64, f64) {
+    time_s.windows(2).map(|pair| pair[1] - pair[0]).fold((f64::INFINITY, 0.0), |(low, high), step| (low.min(step), high.max(step)))
 }
 
 /// The value that this share of the values does not exceed; 0 of none.

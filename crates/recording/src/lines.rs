@@ -52,7 +52,12 @@ impl<R: Read> Lines<R> {
         Ok((&self.buffer[self.start..self.end], self.ended))
     }
 
-    /// Passes over the first `bytes` of the head, which hold `lines` whole lines.
+    /// What was read and not handed out yet, and the number of its first line.
+    pub(super) fn buffered(&self) -> (u64, &[u8]) {
+        (self.line + 1, &self.buffer[self.start..self.end])
+    }
+
+    /// Passes over the next `bytes`, which hold `lines` whole lines.
     pub(super) fn skip(&mut self, bytes: usize, lines: u64) {
         self.start += bytes;
         self.line += lines;

@@ -1,7 +1,7 @@
 //! Numbers in cells of text: what most loggers write in a few nanoseconds, everything else by the standard library. Both round correctly.
 
 /// Powers of ten that `f64` holds exactly.
-const EXACT_TENS: [f64; 23] =
+pub(super) const EXACT_TENS: [f64; 23] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22];
 /// Integers up to this are exact in `f64`.
 const EXACT_INTEGER: u64 = 1 << 53;

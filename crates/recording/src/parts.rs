@@ -7,8 +7,13 @@ use super::columns::OPTIONAL;
 use super::lines::{LineError, Lines};
 use super::row_lines::RowLines;
 use super::scale::Scale;
-use super::table::{self, Cells, Layout, RowError, Separator};
-use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, number, repair};
+use super::table::{self, Layout, RowError, Separator};
+use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, repair};
+
+mod plain;
+mod text;
+
+use text::TextRows;
 
 /// More columns than this are a table of another kind.
 const MOST_COLUMNS: usize = 4096;
@@ -83,76 +88,19 @@ pub(super) fn read<R: std::io::Read>(path: &Path, lines: &mut Lines<R>, map: &Co
     let known = head.utf8_chunks().next().map_or("", |chunk| chunk.valid());
     let layout = table::layout(known, |cells| cells.len() <= MOST_COLUMNS && names_columns(cells, map));
     lines.skip(layout.start + if mark { 3 } else { 0 }, layout.lines_before);
-    let mut columns: Option<Columns> = None;
-    let mut parts: Vec<Part> = Vec::new();
-    let mut decimal_commas = 0;
-    let mut values = 0;
-    let result = table::rows(lines, layout.separator, |line, cells| {
-        let Some(columns) = &columns else {
-            if cells.len() > MOST_COLUMNS {
-                return Err(RecordingError::TooManyColumns { path: path.into(), line, columns: cells.len() });
-            }
-            let headers = (0..cells.len()).map(|index| cells.text(index)).collect();
-            columns = Some(Columns::find(path, line, headers, map, Others::Refused)?);
-            return Ok(());
-        };
-        values += columns.wanted.len();
-        if values > MOST_VALUES {
-            return Err(RecordingError::TooLong { path: path.into(), line });
-        }
-        row(path, line, cells, columns, &mut parts, layout.separator != Separator::Comma, &mut decimal_commas)
-    });
-    result.map_err(|error| match error {
+    let mut rows = TextRows::new(path, map, layout.separator);
+    table::rows(lines, layout.separator, &mut rows).map_err(|error| match error {
         RowError::Row(error) => error,
         RowError::NotText(line) => RecordingError::NotText { path: path.into(), line },
         RowError::Line(LineError::TooLong(line)) => RecordingError::LongLine { path: path.into(), line },
         RowError::Line(LineError::Io(source)) => broken(source),
     })?;
-    let Some(columns) = columns else { return Err(RecordingError::Empty { path: path.into() }) };
+    let TextRows { columns: Some(columns), parts, decimal_commas, .. } = rows else {
+        return Err(RecordingError::Empty { path: path.into() });
+    };
     let mut notes = layout_notes(&layout, decimal_commas, map, parts.len());
     notes.extend(columns.conversions.iter().cloned());
     Ok(Read { columns, parts, notes })
-}
-
-/// Takes in one row.
-fn row(
-    path: &Path,
-    line: u64,
-    cells: &Cells<'_>,
-    columns: &Columns,
-    parts: &mut Vec<Part>,
-    commas_are_points: bool,
-    decimal_commas: &mut usize,
-) -> Result<(), RecordingError> {
-    if cells.len() != columns.headers.len() {
-        return Err(RecordingError::Ragged { path: path.into(), line, cells: cells.len(), columns: columns.headers.len() });
-    }
-    if parts.is_empty() || columns.recording.is_some() || columns.group.is_some() {
-        let words = |column: Option<usize>| column.map_or_else(String::new, |index| cells.text(index));
-        columns.part(parts, words(columns.recording), words(columns.group));
-    }
-    // Note(unwrap): one was made above if there was none.
-    let part = parts.last_mut().expect("a part");
-    for (wanted, values) in columns.wanted.iter().zip(&mut part.values) {
-        let cell = cells.get(wanted.index);
-        let Some(value) = number::parse(cell, commas_are_points) else {
-            let (column, text) = (columns.headers[wanted.index].clone(), cells.text(wanted.index));
-            return Err(RecordingError::NotANumber { path: path.into(), line, column, text });
-        };
-        *decimal_commas += usize::from(commas_are_points && number::is_decimal_comma(cell));
-        let value = wanted.scale.apply(value);
-        if !is_readable(value) {
-            return Err(refused(path, line, &columns.headers[wanted.index], value, cells.text(wanted.index)));
-        }
-        values.push(value);
-    }
-    part.lines.push(line);
-    let increases = columns.sequence.is_none_or(|column| increases(&part.values[column]));
-    if !increases {
-        let text = columns.sequence.map_or_else(String::new, |column| cells.text(columns.wanted[column].index));
-        return Err(RecordingError::Sequence { path: path.into(), line, text });
-    }
-    Ok(())
 }
 
 /// Whether a sensor can give this value.
@@ -266,8 +214,11 @@ fn layout_notes(layout: &Layout, decimal_commas: usize, map: &ColumnMap, parts: 
 
 /// Whether the newest sequence number is whole and above the one before.
 fn increases(numbers: &[f64]) -> bool {
-    let newest = numbers[numbers.len() - 1];
-    let previous = numbers.len().checked_sub(2).map(|index| numbers[index]);
+    numbers.split_last().is_none_or(|(&newest, before)| is_next(before.last().copied(), newest))
+}
+
+/// Whether a sequence number is whole and above the one before.
+fn is_next(previous: Option<f64>, newest: f64) -> bool {
     newest.fract() == 0.0 && newest >= 0.0 && previous.is_none_or(|previous| newest > previous)
 }
 

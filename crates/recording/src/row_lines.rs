@@ -18,6 +18,14 @@ impl RowLines {
         self.rows += 1;
     }
 
+    /// Adds so many rows on lines that follow each other, from this one on.
+    pub(super) fn extend(&mut self, line: u64, rows: usize) {
+        if rows > 0 {
+            self.push(line);
+            self.rows += rows - 1;
+        }
+    }
+
     /// Number of rows.
     pub(super) fn len(&self) -> usize {
         self.rows
@@ -50,5 +58,10 @@ mod tests {
         assert_eq!((0..lines.len()).map(|row| rows.line(row)).collect::<Vec<_>>(), lines);
         assert_eq!((rows.len(), rows.line(8)), (8, 0));
         assert_eq!((2..1_000_000).collect::<RowLines>().stretches.len(), 1);
+        let mut many: RowLines = [2, 3].into_iter().collect();
+        for (line, count) in [(4, 0), (4, 3), (9, 2), (11, 1)] {
+            many.extend(line, count);
+        }
+        assert_eq!(many, [2, 3, 4, 5, 6, 9, 10, 11].into_iter().collect());
     }
 }

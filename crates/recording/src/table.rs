@@ -29,7 +29,7 @@ impl Separator {
         }
     }
 
-    fn byte(self) -> u8 {
+    pub(super) fn byte(self) -> u8 {
         match self {
             Self::Comma => b',',
             Self::Semicolon => b';',
@@ -131,21 +131,33 @@ pub(super) enum RowError<E> {
     Row(E),
 }
 
-/// Gives every row from here on to `take`, with its line; rows of blanks and comments are passed over.
-pub(super) fn rows<R: Read, E>(
-    lines: &mut Lines<R>,
-    separator: Separator,
-    mut take: impl FnMut(u64, &Cells<'_>) -> Result<(), E>,
-) -> Result<(), RowError<E>> {
+/// Takes the rows of a text.
+pub(super) trait TakesRows {
+    /// Why a row cannot be taken.
+    type Error;
+
+    /// Takes as many rows as it can from the beginning of a text, which begins with this line: how many bytes these are, and how many lines.
+    fn plain(&mut self, line: u64, text: &[u8]) -> (usize, u64);
+
+    /// Takes the row on this line.
+    fn row(&mut self, line: u64, cells: &Cells<'_>) -> Result<(), Self::Error>;
+}
+
+/// Has every row from here on taken; rows of blanks and comments are passed over.
+pub(super) fn rows<R: Read, T: TakesRows>(lines: &mut Lines<R>, separator: Separator, taker: &mut T) -> Result<(), RowError<T::Error>> {
     let mut places: Vec<(usize, usize)> = Vec::new();
-    while let Some((number, line)) = lines.next().map_err(RowError::Line)? {
+    loop {
+        let (first, text) = lines.buffered();
+        let (bytes, count) = taker.plain(first, text);
+        lines.skip(bytes, count);
+        let Some((number, line)) = lines.next().map_err(RowError::Line)? else { return Ok(()) };
         if !line.is_ascii() && std::str::from_utf8(line).is_err() {
             return Err(RowError::NotText(number));
         }
         if separator != Separator::Spaces && begins_a_quote(line, separator.byte()) {
             let record = line.to_vec();
             let record = whole_record(lines, record)?;
-            quoted(&record, separator, &mut places, |cells| take(number, cells)).map_err(RowError::Row)?;
+            quoted(&record, separator, &mut places, |cells| taker.row(number, cells)).map_err(RowError::Row)?;
             continue;
         }
         let Some(&first) = line.iter().find(|byte| !byte.is_ascii_whitespace()) else { continue };
@@ -168,9 +180,8 @@ pub(super) fn rows<R: Read, E>(
             }
             places.push((start, line.len()));
         }
-        take(number, &Cells { bytes: line, places: &places }).map_err(RowError::Row)?;
+        taker.row(number, &Cells { bytes: line, places: &places }).map_err(RowError::Row)?;
     }
-    Ok(())
 }
 
 /// Whether a cell of a line begins with a quotation mark.
