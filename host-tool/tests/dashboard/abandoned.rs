@@ -1,9 +1,11 @@
-//! Tabs, pages and servers that die while the rig is under pressure: the board vents, measured by its own clock.
+//! Tabs, pages, networks and servers that die while the rig is under pressure: the board vents, measured by its own clock.
 
+use std::net::Ipv4Addr;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::board::Board;
 use crate::browser::{Browser, Look, Served};
+use crate::network::{Failure, Network};
 
 /// The default of `limits.host_timeout_ms`, and the margin.
 const SAFE_WITHIN: Duration = Duration::from_millis(250 + 50);
@@ -104,6 +106,25 @@ async fn a_killed_tab_leaves_a_rig_that_vents() {
     run_board(&board, &browser, Work::Hold).await;
     let hung = hang(&browser).await;
     measure(&board, "page hangs", hung);
+}
+
+#[tokio::test]
+#[ignore = "needs Chromium and its driver: cargo xtask setup"]
+async fn a_cut_network_leaves_a_rig_that_vents() {
+    let board = Board::start();
+    let port = format!("serial:{}", board.port);
+    let served =
+        Served::start(&["--backend", &port, "--listen", "127.0.0.1", "--role", "configure", "--name", "127.0.0.2", "--name", "127.0.0.3"]);
+    for (last, failure) in [(2, Failure::Silent), (3, Failure::Closed)] {
+        let between = Ipv4Addr::new(127, 0, 0, last);
+        let network = Network::before(served.port(), between);
+        let browser = Browser::open(Look::Desktop, &served.address.replace("127.0.0.1", &between.to_string())).await;
+        run_board(&board, &browser, Work::Hold).await;
+        let died = network.fail(failure);
+        measure(&board, &format!("network {failure:?}"), died);
+        browser.until("the message", "return document.getElementById('banner').textContent.includes('No connection')").await;
+    }
+    assert!(served.audit().contains("vent: the operator"), "{}", served.audit());
 }
 
 /// A killed server, a closed tab and a page that hangs, each while this runs.

@@ -6,6 +6,7 @@ mod abandoned;
 mod board;
 mod browser;
 mod experiments;
+mod network;
 mod processes;
 mod usable;
 mod watchers;
