@@ -8,7 +8,11 @@ let wait = 250;
 let holds = false;
 let beats = 0;
 let frame = null;
+let heard = 0;
 export const link = { missed: 0, open: false };
+
+// The server sends the state every 200 ms. A network that is cut closes no connection: only the silence tells.
+const SILENCE_MS = 2000;
 
 export const on = (what, does) => listeners[what].push(does);
 const tell = (what, ...values) => listeners[what].forEach((does) => does(...values));
@@ -34,16 +38,26 @@ export function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/live`, ["catheter.1", `token.${self.token}`]);
   socket.binaryType = "arraybuffer";
   socket.onmessage = (event) => {
+    heard = performance.now();
     if (typeof event.data === "string") word(JSON.parse(event.data));
     else samples(event.data);
   };
-  socket.onclose = () => {
-    link.open = holds = false;
-    self.client = null;
-    tell("closed");
-    setTimeout(connect, wait);
-    wait = Math.min(wait * 2, 4000);
-  };
+  socket.onclose = lost;
+}
+
+function lost() {
+  link.open = holds = false;
+  self.client = null;
+  tell("closed");
+  setTimeout(connect, wait);
+  wait = Math.min(wait * 2, 4000);
+}
+
+/** Gives up a connection on which nothing arrives; a close without an answer would take the browser a minute. */
+function giveUp() {
+  socket.onmessage = socket.onclose = null;
+  socket.close();
+  lost();
 }
 
 function word(value) {
@@ -74,6 +88,7 @@ function samples(data) {
 const worker = new Worker("/assets/beat.js");
 worker.onmessage = () => {
   beats += 1;
+  if (link.open && performance.now() - heard > SILENCE_MS) giveUp();
   if (holds) send("beat");
   else if (beats % 40 === 0) send("here");
 };
