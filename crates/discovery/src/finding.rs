@@ -12,6 +12,7 @@ use crate::files::file::DiscoveredModel;
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery};
+use crate::search::parallel::{Progress, Watch};
 use crate::selection::rounds::Bench;
 use crate::selection::{decision, find, verdict};
 
@@ -57,7 +58,7 @@ pub fn discover(recordings: &[Recording], kept: &[Recording], config: &DiscoverC
     discover_from(recordings, kept, None, config, &|_| {})
 }
 
-/// As [`discover`], from a given simulation model; `watch` hears of every stage as it begins.
+/// As [`discover`], from a given simulation model; `watch` hears of every stage and its parts.
 ///
 /// # Errors
 /// When there is too little to learn from.
@@ -66,9 +67,9 @@ pub fn discover_from(
     kept: &[Recording],
     start: Option<&Start>,
     config: &DiscoverConfig,
-    watch: &dyn Fn(&str),
+    watch: Watch<'_>,
 ) -> Result<Finding, SessionError> {
-    watch("baseline");
+    watch(Progress::Stage("baseline"));
     if let Some(several) = recordings.iter().chain(kept).find(|recording| !recording.more_inputs.is_empty()) {
         return Err(SessionError::SeveralInputs { path: several.path.display().to_string(), inputs: several.inputs().len() });
     }
@@ -85,7 +86,7 @@ pub fn discover_from(
     }
     let base = model.clone();
     let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
-    watch("figures");
+    watch(Progress::Stage("figures"));
     let mut found = search.model.clone();
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
     session.unmask();
@@ -166,8 +167,8 @@ fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) ->
     let before = prepare(&mut session);
     let mut forms = catalogue::forms();
     forms.retain(|form| form.place() <= Place::Tube);
-    let bench = Bench { session: &session, forms, threads: config.threads };
-    let found = find::find(&bench, before, 1, &|_| {});
+    let bench = Bench { session: &session, forms, threads: config.threads, watch: &|_| {} };
+    let found = find::find(&bench, before, 1);
     Ok(found.found.order.into_iter().map(str::to_owned).collect())
 }
 

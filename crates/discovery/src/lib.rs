@@ -32,6 +32,7 @@ pub use finding::{Finding, Start, discover, discover_from};
 pub use model::initial_state::InitialState;
 pub use model::structure::{Model, Slot};
 pub use result::{Candidate, DiscoverConfig, Discovery, Effect, Member, RunnerUp, Verdict};
+pub use search::parallel::{Progress, Watch};
 
 #[cfg(test)]
 mod tests;

@@ -32,4 +32,4 @@ pub use input::{MOST_BYTES, open, read, read_text};
 pub use lock::{Locked, lock};
 pub use manner::{Loudness, allow_replacing, loudness, may_replace, refuse_any, refuse_replacing, set_loudness};
 pub use plain::{brief, plain};
-pub use progress::{Working, progress, stages, working};
+pub use progress::{Stages, Working, progress, stages, working};

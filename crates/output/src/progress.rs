@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
@@ -15,14 +16,63 @@ pub fn progress(length: u64, label: &str) -> ProgressBar {
     bar(length, label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style())
 }
 
-/// Progress over stages whose lengths nobody knows: no time left is promised, the time so far is told. Drawn anew twice a second, so that a long
-/// stage is seen to live.
+/// Progress over stages of which nobody knows how many come: the time so far is told, and the time left of the part under way. Drawn anew twice
+/// a second, so that a long stage is seen to live. It vanishes with the value.
 #[must_use]
-pub fn stages(length: u64, label: &str) -> ProgressBar {
-    let plain = style("{prefix}: stage {human_pos} of {human_len}: {msg}, {elapsed} so far");
-    let bar = bar(length, label, "{prefix:>12} {spinner} stage {human_pos} of {human_len}: {msg}, {elapsed} so far", plain);
+pub fn stages(label: &str) -> Stages {
+    let plain = style("{prefix}: {msg}, {elapsed} so far");
+    let bar = bar(1, label, "{prefix:>12} {spinner} {msg}, {elapsed} so far", plain);
     bar.enable_steady_tick(Duration::from_millis(500));
-    bar
+    Stages { bar, under_way: Mutex::new(UnderWay { stage: String::new(), begun: Instant::now() }) }
+}
+
+/// Stages that are shown while this lives.
+#[derive(Debug)]
+pub struct Stages {
+    bar: ProgressBar,
+    under_way: Mutex<UnderWay>,
+}
+
+#[derive(Debug)]
+struct UnderWay {
+    stage: String,
+    /// When its present part began.
+    begun: Instant,
+}
+
+impl Stages {
+    /// A stage begins.
+    pub fn stage(&self, name: &str) {
+        *self.under_way.lock().unwrap_or_else(PoisonError::into_inner) = UnderWay { stage: name.to_owned(), begun: Instant::now() };
+        self.bar.set_message(name.to_owned());
+    }
+
+    /// Of the present part `done` of `all` units of about equal time are done; after the last, the next part begins.
+    pub fn part(&self, done: u64, all: u64) {
+        let mut under_way = self.under_way.lock().unwrap_or_else(PoisonError::into_inner);
+        self.bar.set_message(part_of(&under_way.stage, under_way.begun.elapsed(), done, all));
+        if done >= all {
+            under_way.begun = Instant::now();
+        }
+    }
+}
+
+impl Drop for Stages {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Least share of a part, and least time in it, that say something about its rest.
+const TELLING: (f64, Duration) = (0.1, Duration::from_secs(1));
+
+/// A stage with the time left of its present part, where that is known.
+fn part_of(stage: &str, elapsed: Duration, done: u64, all: u64) -> String {
+    let known = done as f64 >= TELLING.0 * all as f64 && elapsed >= TELLING.1 && done < all;
+    match left(elapsed, done, Some(all)).filter(|_| known) {
+        Some(left) => format!("{stage}, {} % of this part, about {} left in it", 100 * done / all, HumanDuration(left)),
+        None => stage.to_owned(),
+    }
 }
 
 /// Work in one piece; it vanishes with the value.
@@ -97,5 +147,27 @@ mod tests {
         assert_eq!(left(minutes(60), 3, Some(4)), Some(minutes(20)));
         assert_eq!(left(minutes(1), 0, Some(4)), None, "nothing is known before the first part");
         assert_eq!(left(minutes(1), 4, Some(4)), Some(Duration::ZERO));
+    }
+
+    #[test]
+    fn a_part_tells_its_time_left_when_enough_of_it_is_done() {
+        let seconds = Duration::from_secs;
+        assert_eq!(part_of("every effect", seconds(6), 30, 120), "every effect, 25 % of this part, about 18 seconds left in it");
+        assert_eq!(part_of("every effect", seconds(60), 10, 120), "every effect", "a twelfth says little");
+        assert_eq!(part_of("every effect", Duration::from_millis(900), 60, 120), "every effect", "too early");
+        assert_eq!(part_of("every effect", seconds(6), 120, 120), "every effect", "the next part begins");
+        assert_eq!(part_of("figures", seconds(6), 0, 0), "figures", "a part of nothing");
+    }
+
+    #[test]
+    fn the_time_of_a_part_counts_from_its_own_beginning() {
+        let stages = stages("discover");
+        let begun = || stages.under_way.lock().expect("nobody panics").begun;
+        stages.stage("every effect");
+        let first = begun();
+        stages.part(1, 2);
+        assert_eq!(begun(), first, "the part goes on");
+        stages.part(2, 2);
+        assert!(begun() > first, "the next part begins");
     }
 }

@@ -9,7 +9,7 @@ use crate::discover::catalogue;
 use crate::discover::effects::of_a_file::Definition;
 use crate::discover::file::DiscoveredModel;
 use crate::discover::folder::{self, Written};
-use crate::discover::{self, DiscoverConfig, Discovery, Start};
+use crate::discover::{self, DiscoverConfig, Discovery, Progress, Start};
 use crate::recording::{self, Recording};
 use crate::{model, output, report, say};
 
@@ -62,12 +62,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(threads) = arguments.common.threads {
         config.threads = threads;
     }
-    let bar = output::stages(5, "discover");
-    let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| {
-        bar.set_message(stage.to_owned());
-        bar.inc(1);
+    let stages = output::stages("discover");
+    let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|progress| match progress {
+        Progress::Stage(name) => stages.stage(name),
+        Progress::Part { done, all } => stages.part(done as u64, all as u64),
     })?;
-    bar.finish_and_clear();
+    drop(stages);
     let discovery = &finding.discovery;
     let page = crate::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
     let Written { model, for_the_board } = folder::write(&finding, &recordings, &page, &out)?;

@@ -5,6 +5,23 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::chain::form::Form;
 use crate::model::structure::Model;
 
+/// How far a discovery is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress<'a> {
+    /// A stage of this name begins. How many follow depends on what is found.
+    Stage(&'a str),
+    /// Of a part of the stage so much is done, in units of about equal time.
+    Part {
+        /// Done.
+        done: usize,
+        /// Done and to do.
+        all: usize,
+    },
+}
+
+/// Hears how far a discovery is, from any of its threads.
+pub type Watch<'a> = &'a (dyn Fn(Progress<'_>) + Sync);
+
 /// Forms that search in smaller steps than this lie in valleys narrower than their grids: those say nothing about them.
 const NARROW: f64 = 0.05;
 

@@ -8,6 +8,7 @@ use crate::effects::catalogue;
 use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use crate::model::structure::{Model, Scope, Slot};
 use crate::result::{Candidate, DiscoverConfig};
+use crate::search::parallel::{Progress, Watch};
 use crate::search::simplex::PENALTY;
 use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
@@ -25,13 +26,7 @@ const RHYTHM: &str = "periodic-disturbance";
 const CREEP: &str = "creep";
 
 /// Searches the whole catalogue, without the effects that a measured pressure has ruled out.
-pub fn effects(
-    session: &Session,
-    model: Model,
-    pressure_path: Option<&[String]>,
-    config: &DiscoverConfig,
-    watch: &dyn Fn(&str),
-) -> Outcome {
+pub fn effects(session: &Session, model: Model, pressure_path: Option<&[String]>, config: &DiscoverConfig, watch: Watch<'_>) -> Outcome {
     let mut forms = catalogue::forms();
     if let Some(named) = pressure_path {
         forms.retain(|form| !PNEUMATIC.contains(&form.name()) || named.iter().any(|name| name == form.name()));
@@ -40,27 +35,27 @@ pub fn effects(
     if session.output_step > 2.0 * noise::floor(session, &model.residuals(session)) {
         forms.retain(|form| form.name() != "stick-slip");
     }
-    let bench = Bench { session, forms, threads: config.threads };
-    let first = First::new(&bench, model.clone(), config.most_effects > 0, watch);
+    let bench = Bench { session, forms, threads: config.threads, watch };
+    let first = First::new(&bench, model.clone(), config.most_effects > 0);
     if first.wants_more(session) {
         let alone = first.outcome();
         if switching_selection::may_jump(&bench, &model, &alone) {
-            watch("what jumps");
+            watch(Progress::Stage("what jumps"));
             let outcome = switching_selection::rename(&bench, &model, alone);
             if switching_selection::explains_all(session, &model, &outcome) {
                 return outcome;
             }
         }
     }
-    let outcome = first.and_further(&bench, config.most_effects, watch);
-    watch("what jumps");
+    let outcome = first.and_further(&bench, config.most_effects);
+    watch(Progress::Stage("what jumps"));
     switching_selection::rename(&bench, &model, outcome)
 }
 
 /// Adds effects to `model` as long as they pay; those that it has already stay.
-pub fn find(bench: &Bench<'_>, model: Model, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
-    let first = First::new(bench, model, most_effects > 0, watch);
-    first.and_further(bench, most_effects, watch)
+pub fn find(bench: &Bench<'_>, model: Model, most_effects: usize) -> Outcome {
+    let first = First::new(bench, model, most_effects > 0);
+    first.and_further(bench, most_effects)
 }
 
 /// What the search knows when every effect has been tried alone.
@@ -80,10 +75,10 @@ struct First {
 }
 
 impl First {
-    fn new(bench: &Bench<'_>, mut base: Model, any: bool, watch: &dyn Fn(&str)) -> Self {
+    fn new(bench: &Bench<'_>, mut base: Model, any: bool) -> Self {
         base.fit(bench.session, Scope::Both);
         let bare = bench.judge(&base);
-        watch("every effect");
+        (bench.watch)(Progress::Stage("every effect"));
         let tried = bench.round(&base, PENALTY);
         let mut candidates: Vec<Candidate> = Vec::new();
         for one in &tried {
@@ -121,7 +116,7 @@ impl First {
     }
 
     /// Adds further effects as long as they pay.
-    fn and_further(self, bench: &Bench<'_>, most_effects: usize, watch: &dyn Fn(&str)) -> Outcome {
+    fn and_further(self, bench: &Bench<'_>, most_effects: usize) -> Outcome {
         let session = bench.session;
         let wants_more = self.wants_more(session);
         let mut standing = self.standing().clone();
@@ -130,7 +125,7 @@ impl First {
         let mut found = Found { candidates, ..Found::default() };
         let mut rivals: Vec<Judged> = if pays { firsts.clone() } else { Vec::new() };
         if most_effects > 1 && wants_more {
-            watch("a second effect");
+            (bench.watch)(Progress::Stage("a second effect"));
             let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair));
             if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &standing, pair)) {
                 // A form in a narrow valley may have found its place with the other's help, and now do without it.
@@ -142,7 +137,7 @@ impl First {
         if !rivals.is_empty() {
             let mut count = standing.model.slots.len() - owned.len();
             while count > 1 && count < most_effects && leaves(session, &standing) {
-                watch("a third effect");
+                (bench.watch)(Progress::Stage("a third effect"));
                 let least = least_further(session, &standing);
                 let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
                 let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
@@ -161,7 +156,7 @@ impl First {
             && noise::may_hold_a_rhythm(session, &standing.fine.residuals(session))
         {
             let forms = bench.forms.iter().copied().filter(|form| form.name() == RHYTHM).collect();
-            let of_rhythms = Bench { session, forms, threads: bench.threads };
+            let of_rhythms = Bench { forms, ..*bench };
             let least = least_further(session, &standing);
             let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
             if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &standing, best)) {

@@ -14,7 +14,7 @@ use crate::data::noise;
 use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
-use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
+use crate::search::parallel::{is_narrow, labour, labour_of_all};
 use crate::search::simplex::Fitted;
 use crate::selection::rounds::{Bench, FAR_BEHIND, Judged, POLISH, Tried};
 use crate::selection::settings::{BREADTH, FEW};
@@ -110,9 +110,8 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     };
     let of = |first: usize| forms.iter().copied().filter(move |form| wanted(first, form)).map(move |form| (first, form));
     let jobs: Vec<(usize, &'static dyn Form)> = (0..models.len()).flat_map(of).collect();
-    let started = in_parallel_by(
+    let started = bench.in_parallel(
         &jobs,
-        bench.threads,
         |(_, form)| labour(*form),
         |&(first, form)| forms::start_form(&with_sensitivities[first], form, order, session, &residuals[first]),
     );
@@ -140,10 +139,10 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     }
     let polish = |started: &&Started| forms::polish(&started.model, session, Scope::Screen, POLISH / 2);
     let length = |started: &&Started| labour_of_all(&started.model);
-    let mut polished = in_parallel_by(&leading, bench.threads, length, polish);
+    let mut polished = bench.in_parallel(&leading, length, polish);
     let best = polished.iter().map(|fitted| fitted.select).fold(f64::MAX, f64::min);
     others.retain(|started| started.square < FAR_FROM_GRID * best);
-    polished.extend(in_parallel_by(&others, bench.threads, length, polish));
+    polished.extend(bench.in_parallel(&others, length, polish));
     polished
 }
 
@@ -179,7 +178,7 @@ mod tests {
         let config = CaseConfig { effects, seed: 560, noise: 0.001, generator: Generator::Rival, ..CaseConfig::default() };
         let case = rig::hide(&config).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
-        let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1 };
+        let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1, watch: &|_| {} };
         let mut leak = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
         leak = forms::polish(&leak, &session, Scope::Fit, POLISH).model;
         let left = |order| {

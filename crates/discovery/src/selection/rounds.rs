@@ -1,12 +1,14 @@
 //! One round of the search: every form on top of what is there, the best few polished, and the test whether the best one pays.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use crate::chain::form::Form;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
-use crate::search::parallel::{in_parallel_by, is_narrow, labour, labour_of_all};
+use crate::search::parallel::{Progress, Watch, in_parallel_by, is_narrow, labour, labour_of_all};
 use crate::search::simplex::{Fitted, PENALTY, penalised};
 use crate::selection::settings::{BREADTH, GRID_ERROR, LIKELY};
 
@@ -66,9 +68,23 @@ pub struct Bench<'a> {
     pub forms: Vec<&'static dyn Form>,
     /// Worker threads.
     pub threads: usize,
+    /// Hears how far the search is.
+    pub watch: Watch<'a>,
 }
 
 impl Bench<'_> {
+    /// As [`in_parallel_by`]; whoever watches hears which share of the `length` is done.
+    pub fn in_parallel<T: Send, I: Sync>(&self, items: &[I], length: impl Fn(&I) -> usize + Sync, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+        let all = items.iter().map(&length).sum();
+        let done = AtomicUsize::new(0);
+        in_parallel_by(items, self.threads, &length, |item| {
+            let result = work(item);
+            let now = length(item);
+            (self.watch)(Progress::Part { done: done.fetch_add(now, Ordering::Relaxed) + now, all });
+            result
+        })
+    }
+
     /// Mean squares of the selecting blocks.
     pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
         let selects = |run: &Run| run.role.contains(&Role::Select);
@@ -85,9 +101,8 @@ impl Bench<'_> {
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
         let with_sensitivities = forms::with_sensitivities(base, self.session);
-        let started = in_parallel_by(
+        let started = self.in_parallel(
             &forms,
-            self.threads,
             |form| labour(*form),
             |form| forms::start_form(&with_sensitivities, *form, Order::Usual, self.session, &residual),
         );
@@ -97,9 +112,8 @@ impl Bench<'_> {
         let broad = |started: &&Started| !started.form.spec().discrete;
         let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
         let worth = (HOPELESS * least).max(FAR_BEHIND * most);
-        let mut tried = in_parallel_by(
+        let mut tried = self.in_parallel(
             &started,
-            self.threads,
             |started| labour(started.form),
             |started| {
                 let hopeful = is_narrow(started.form) || gain(started) > worth;
@@ -114,7 +128,7 @@ impl Bench<'_> {
 
     /// Polishes every model's parameters together and judges what comes of it; best first.
     pub fn polished(&self, models: &[Model], evaluations: usize) -> Vec<Judged> {
-        let mut polished = in_parallel_by(models, self.threads, labour_of_all, |model| {
+        let mut polished = self.in_parallel(models, labour_of_all, |model| {
             let fitted = forms::polish(model, self.session, Scope::Fit, evaluations);
             let judged = self.judge(&fitted.model);
             // What the muscle remembers of earlier recordings shows only when nothing large is missing any more.
