@@ -5,6 +5,7 @@ import { $, act, download, make, mayConfigure, mayOperate, number, request, say 
 let polling = null;
 let recording = null;
 let finished = 0;
+let mostBytes = Infinity;
 const chosen = new Set();
 
 function stamp() {
@@ -41,7 +42,8 @@ const WHY = {
 };
 
 async function list() {
-  const { folder, recordings } = await request("GET", "/api/recordings");
+  const { folder, most_bytes: most, recordings } = await request("GET", "/api/recordings");
+  mostBytes = most;
   $("recordings-folder").textContent = `In ${folder}`;
   $("recordings").replaceChildren(...recordings.map(({ name, state, about }) => make("tr", {},
     make("td", {}, make("input", { type: "checkbox", "aria-label": `Use ${name}`, checked: chosen.has(name),
@@ -107,6 +109,32 @@ async function upload(event) {
   event.target.value = "";
 }
 
+/** The name of a recording for a file: without its ending, with letters that a name has. */
+const nameOf = (file) => file.replace(/(\.(csv|tsv|dat|txt|npz|mat|mcap))?(\.gz)?$/i, "").replace(/[^A-Za-z0-9_.-]+/g, "-").replace(/^\.+/, "").slice(0, 80) || "loaded";
+
+/** Recordings that somebody has: read by the server as every command reads them, then chosen like one made just now. */
+async function load(event) {
+  const said = [];
+  let refused = false;
+  for (const file of event.target.files) {
+    const name = nameOf(file.name);
+    try {
+      if (file.size > mostBytes) throw new Error(`${file.name} has more than ${number(mostBytes / 2 ** 20, 0)} MB; put it into the folder.`);
+      const query = new URLSearchParams({ file: file.name, columns: $("load-columns").value.trim() });
+      const loaded = await request("POST", `/api/recordings/${name}?${query}`, await file.arrayBuffer());
+      chosen.add(name);
+      said.push(`${name}: ${loaded.samples} samples, ${number(loaded.seconds, 1)} s.`, ...loaded.notes);
+    } catch (problem) {
+      refused = true;
+      said.push(problem.message);
+    }
+  }
+  event.target.value = "";
+  $("load-said").textContent = said.join("\n");
+  $("load-said").classList.toggle("problem", refused);
+  await refresh();
+}
+
 export const refresh = () => Promise.all([list(), jobs()]).catch((problem) => say(problem.message, true));
 
 let taught = "";
@@ -135,6 +163,12 @@ export function start() {
     make("table", {}, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "Use"), make("th", { scope: "col" }, "Name"),
       make("th", { scope: "col", class: "number" }, "Length"), make("th", { scope: "col", class: "number" }, "Samples"), make("th", { scope: "col" }, "File"))),
     make("tbody", { id: "recordings" })),
+    make("div", { class: "form row" },
+      make("label", { class: "wide" }, "Load recordings that you have", make("input", { id: "load-file", type: "file", multiple: true, disabled: true,
+        accept: ".csv,.tsv,.dat,.txt,.gz,.npz,.mat,.mcap", onchange: load })),
+      make("label", { class: "wide" }, "Their columns, if they have other names", make("input", { id: "load-columns", maxlength: 2000,
+        placeholder: "time=t:ms,input=P:kPa,output=laser:um" }))),
+    make("p", { id: "load-said", class: "hint said-lines", role: "status" }),
     make("div", { class: "row", id: "jobs-kinds" }),
     make("div", { class: "row" }, make("span", { id: "job-title", role: "status" }),
       make("button", { id: "job-end", type: "button", hidden: true, onclick: () => request("DELETE", "/api/jobs").catch(() => null) }, "End it"),

@@ -155,6 +155,7 @@ on("hello", () => {
   asked = false;
   history.clear();
   $("model-file").disabled = !mayConfigure();
+  $("load-file").disabled = !mayOperate();
   open(Object.keys(TABS).find((name) => $(`tab-${name}`).getAttribute("aria-selected") === "true"));
 });
 on("state", follow);

@@ -106,12 +106,19 @@ impl Names {
         Self { hosts, scheme: if tls { "https" } else { "http" } }
     }
 
+    /// Why a request that names another server is not heard.
+    pub fn check_host(&self, headers: &HeaderMap) -> Result<(), &'static str> {
+        let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default().to_ascii_lowercase();
+        if self.hosts.contains(&host) {
+            Ok(())
+        } else {
+            Err("the Host is not this server's; open the address that `catheter dashboard` printed, or give the name with --name")
+        }
+    }
+
     /// Why a request that names another server or comes from another page is not heard.
     pub fn check(&self, headers: &HeaderMap) -> Result<(), &'static str> {
-        let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default().to_ascii_lowercase();
-        if !self.hosts.contains(&host) {
-            return Err("the Host is not this server's; open the address that `catheter dashboard` printed, or give the name with --name");
-        }
+        self.check_host(headers)?;
         let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
         let origin = origin.to_str().unwrap_or_default().to_ascii_lowercase();
         let ours =

@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
 use axum::extract::{ConnectInfo, FromRequestParts, Path, Query, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
@@ -14,6 +15,7 @@ use crate::access::Role;
 use crate::client::Client;
 use crate::folder;
 use crate::jobs::{Wanted, recording_path};
+use crate::load::{self, Foreign, MOST_BYTES};
 use crate::rig::{Action, Problem, Sample};
 use crate::session::{Answer, Order};
 use crate::shared::Shared;
@@ -225,7 +227,7 @@ pub(crate) async fn recordings(_: Proven, State(shared): State<Shared>) -> Answe
     let mut recordings = aside(move || folder::list(&folder)).await?;
     let after = ask(&shared, Order::Recording).await?;
     before.iter().chain(&after).for_each(|name| folder::mark_running(&mut recordings, name));
-    Ok(Json(json!({ "folder": shared.folder.display().to_string(), "recordings": recordings })))
+    Ok(Json(json!({ "folder": shared.folder.display().to_string(), "most_bytes": MOST_BYTES, "recordings": recordings })))
 }
 
 pub(crate) async fn recording(_: Proven, State(shared): State<Shared>, Path(name): Path<String>) -> Answered<Response> {
@@ -233,6 +235,43 @@ pub(crate) async fn recording(_: Proven, State(shared): State<Shared>, Path(name
     let path = recording_path(&shared.folder, name.trim_end_matches(".csv")).ok_or_else(missing)?;
     let text = aside(move || std::fs::read(path)).await?.map_err(|_| missing())?;
     Ok(([(header::CONTENT_TYPE, "text/csv")], text).into_response())
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Source {
+    /// Name of the file, for what is said of it.
+    file: Option<String>,
+    /// As `--columns`.
+    columns: Option<String>,
+}
+
+/// A recording that somebody has: read, refused or written beside the others.
+pub(crate) async fn load(
+    Proven(role): Proven,
+    State(shared): State<Shared>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    Path(name): Path<String>,
+    Query(source): Query<Source>,
+    headers: HeaderMap,
+    bytes: Result<Bytes, BytesRejection>,
+) -> Answered {
+    operates(role)?;
+    let too_large = |rejection: BytesRejection| {
+        let remedy = format!("a file of more than {} MB is not loaded; put it into {}", MOST_BYTES >> 20, shared.folder.display());
+        Refused(rejection.status(), remedy)
+    };
+    let bytes = bytes.map_err(too_large)?;
+    let who = client(&shared, &headers, role, peer).name;
+    let what = format!("load of {} bytes as {name}", bytes.len());
+    let (loader, folder) = (shared.loader, std::sync::Arc::clone(&shared.folder));
+    let read = move || {
+        let (file, columns) = (source.file.as_deref().unwrap_or(&name), source.columns.as_deref().filter(|text| !text.is_empty()));
+        load::load(loader, &folder, &name, &Foreign { name: file, bytes: &bytes, columns })
+    };
+    let loaded = aside(read).await?;
+    let outcome = loaded.as_ref().map_or_else(Clone::clone, |_| "done".to_owned());
+    let _ = shared.orders.send(Order::Note { who, what, outcome });
+    loaded.map(|loaded| Json(json!(loaded))).map_err(|problem| Refused(StatusCode::CONFLICT, problem))
 }
 
 pub(crate) async fn jobs(_: Proven, State(shared): State<Shared>) -> Answered {

@@ -21,7 +21,7 @@
 //! ```
 //! A value that is not there is NaN. Frames are numbered, so that a watcher knows what it missed.
 
-use crate::rig::Sample;
+use crate::rig::{Phase, Sample};
 
 /// Version of the layout.
 pub const VERSION: u16 = 1;
@@ -61,10 +61,43 @@ pub(crate) fn encode(number: u32, bound_mm: Option<f32>, samples: &[Sample]) -> 
     bytes
 }
 
+/// The samples of a frame that [`encode`] made.
+pub(crate) fn samples(frame: &[u8]) -> impl Iterator<Item = Sample> + '_ {
+    let (samples, _) = frame.get(HEADER_BYTES..).unwrap_or_default().as_chunks::<SAMPLE_BYTES>();
+    samples.iter().map(decode)
+}
+
+fn decode(bytes: &[u8; SAMPLE_BYTES]) -> Sample {
+    fn part<const N: usize>(bytes: &[u8; SAMPLE_BYTES], at: usize) -> [u8; N] {
+        std::array::from_fn(|index| bytes[at + index])
+    }
+    let float = |at| f32::from_le_bytes(part(bytes, at));
+    let whole = |at| u32::from_le_bytes(part(bytes, at));
+    let there = |at| Some(float(at)).filter(|value| !value.is_nan());
+    let time_ms = f64::from_le_bytes(part(bytes, 0));
+    Sample {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it was a whole number of ms")]
+        time_ms: time_ms as u64,
+        sequence: whole(8),
+        late_ticks: whole(12),
+        command_bar: float(16),
+        output_bar: float(20),
+        set_point: float(24),
+        pressure_bar: there(28),
+        displacement_mm: there(32),
+        estimate_mm: there(36),
+        notices: whole(40),
+        laser_code: u16::from_le_bytes(part(bytes, 44)),
+        pressure_code: u16::from_le_bytes(part(bytes, 46)),
+        phase: Phase::ALL.get(usize::from(bytes[48])).copied().unwrap_or_default(),
+        fault: bytes[49],
+        longest_tick_cycles: whole(52),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::Phase;
 
     #[test]
     fn every_value_stands_at_its_place() {
@@ -100,5 +133,6 @@ mod tests {
         assert_eq!(whole(at + 40), 0x8000_0001);
         assert_eq!(bytes[at + 44..at + 52], [0x34, 0x12, 0x78, 0x56, 4, 17, 0, 0]);
         assert_eq!(whole(at + 52), 61_000);
+        assert_eq!(samples(&bytes).collect::<Vec<_>>(), [Sample::default(), sample]);
     }
 }

@@ -12,6 +12,7 @@ use tokio::process::{Child, Command};
 use tokio::sync::oneshot;
 
 use crate::access::secret;
+use crate::recorder::check_name;
 
 /// Lines that are kept of a job.
 const KEPT_LINES: usize = 200;
@@ -264,7 +265,6 @@ fn boxed<T: AsyncRead + Send + Unpin + 'static>(stream: T) -> Box<dyn AsyncRead 
 
 /// The file of a recording in the folder; a name that leads elsewhere is none.
 pub(crate) fn recording_path(folder: &Path, name: &str) -> Option<PathBuf> {
-    let sound = !name.starts_with('.') && name.chars().all(|letter| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.'));
     let path = folder.join(format!("{name}.csv"));
-    (sound && path.is_file()).then_some(path)
+    (check_name(name).is_ok() && path.is_file()).then_some(path)
 }

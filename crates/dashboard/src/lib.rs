@@ -20,6 +20,7 @@ mod folder;
 mod frame;
 mod jobs;
 mod lease;
+mod load;
 mod recorder;
 mod rig;
 mod server;
@@ -27,10 +28,12 @@ mod session;
 mod shared;
 mod socket;
 mod tls;
+mod viewer;
 
 pub use access::Role;
 pub use frame::{HEADER_BYTES, SAMPLE_BYTES, VERSION};
 pub use jobs::{JobKind, Jobs};
+pub use load::{Foreign, Loaded, Loader};
 pub use rig::{
     Account, Action, Asked, Entry, Explained, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample,
     Setting, Task,

@@ -13,6 +13,15 @@ use crate::rig::{Identity, Sample};
 /// The columns of a recording.
 pub(crate) const HEADER: &str = "time_s,pressure_bar,displacement_mm,pressure_measured_bar,sequence";
 
+/// A name leads nowhere but into the folder.
+pub(crate) fn check_name(name: &str) -> Result<(), String> {
+    let sound = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
+    if name.is_empty() || name.len() > 80 || name.starts_with('.') || !name.chars().all(sound) {
+        return Err("the name of a recording has letters, digits, `-`, `_` and `.`, at most 80, and does not begin with a dot".to_owned());
+    }
+    Ok(())
+}
+
 /// What a recording has so far.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Progress {
@@ -35,12 +44,7 @@ pub(crate) struct Recorder {
 impl Recorder {
     /// Begins a recording in the folder; a file of that name must not be there.
     pub fn begin(folder: &Path, name: &str, note: &str) -> Result<Self, String> {
-        let sound = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
-        if name.is_empty() || name.len() > 80 || name.starts_with('.') || !name.chars().all(sound) {
-            return Err(
-                "the name of a recording has letters, digits, `-`, `_` and `.`, at most 80, and does not begin with a dot".to_owned()
-            );
-        }
+        check_name(name)?;
         let path = folder.join(format!("{name}.csv"));
         let file = OpenOptions::new().write(true).create_new(true).open(&path);
         let file = file.map_err(|error| match error.kind() {

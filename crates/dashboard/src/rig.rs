@@ -26,6 +26,9 @@ pub enum Phase {
 }
 
 impl Phase {
+    /// All, in the order of their numbers.
+    pub(crate) const ALL: [Self; 6] = [Self::Boot, Self::SelfTest, Self::Idle, Self::Armed, Self::Running, Self::Fault];
+
     /// Whether there can be pressure.
     #[must_use]
     pub const fn is_energised(self) -> bool {

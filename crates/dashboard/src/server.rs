@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 
 use axum::Router;
-use axum::extract::{Request, State};
+use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
@@ -16,10 +16,11 @@ use crate::access::{Names, Role, Tokens};
 use crate::audit::Audit;
 use crate::client::Clients;
 use crate::jobs::{self, Jobs};
+use crate::load::{Loader, MOST_BYTES};
 use crate::session::{Event, Opener, Order, Session};
 use crate::shared::Shared;
 use crate::tls::{self, Listener, Peer, Tls};
-use crate::{api, assets, socket};
+use crate::{api, assets, socket, viewer};
 
 /// Events that a slow watcher may lag behind: ten seconds of frames.
 const EVENTS: usize = 512;
@@ -42,6 +43,8 @@ pub struct Config {
     pub folder: PathBuf,
     /// What can be computed of recordings.
     pub jobs: Jobs,
+    /// How a recording is read that somebody has.
+    pub loader: Loader,
 }
 
 /// Why nothing is served.
@@ -120,6 +123,14 @@ impl Server {
         self.tokens.iter().rev().map(|(role, token)| (role, format!("{scheme}://{host}/?token={token}"))).collect()
     }
 
+    /// The address for viewers of robotics data; with the token of the least role.
+    #[must_use]
+    pub fn viewer_address(&self) -> Option<String> {
+        let (_, address) = self.addresses().pop()?;
+        let (page, token) = address.split_once("/?")?;
+        Some(format!("{}{}?{token}", page.replacen("http", "ws", 1), viewer::PATH))
+    }
+
     /// SHA-256 of the certificate, for people to compare.
     #[must_use]
     pub fn fingerprint(&self) -> Option<&str> {
@@ -155,6 +166,7 @@ impl Server {
             clients: Clients::default(),
             jobs: jobs::Runner::new(config.jobs, config.folder.clone()),
             folder: Arc::new(config.folder),
+            loader: config.loader,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async move {
@@ -200,6 +212,7 @@ fn routes(shared: Shared) -> Router {
         .route("/assets/{name}", get(assets::asset))
         .route("/reports/{secret}", get(api::report))
         .route("/live", any(socket::upgrade))
+        .route(viewer::PATH, any(viewer::upgrade))
         .route("/api/state", get(api::state))
         .route("/api/samples", get(api::samples))
         .route("/api/settings", get(api::settings))
@@ -213,7 +226,7 @@ fn routes(shared: Shared) -> Router {
         .route("/api/calibration/page", post(api::calibration_page))
         .route("/api/model", post(api::upload))
         .route("/api/recordings", get(api::recordings))
-        .route("/api/recordings/{name}", get(api::recording))
+        .route("/api/recordings/{name}", get(api::recording).post(api::load).layer(DefaultBodyLimit::max(MOST_BYTES)))
         .route("/api/jobs", get(api::jobs).post(api::begin_job).delete(api::end_job))
         .route("/api/jobs/{number}/use", post(api::use_result))
         .layer(middleware::from_fn_with_state(shared.clone(), guard))
@@ -222,7 +235,10 @@ fn routes(shared: Shared) -> Router {
 
 /// Refuses what names another server or comes from another page, and adds what every answer carries.
 async fn guard(State(shared): State<Shared>, request: Request, next: Next) -> Response {
-    if let Err(problem) = shared.names.check(request.headers()) {
+    // A viewer may be somebody else's page: its token stands in the address that it was given, and it can do nothing but watch.
+    let is_viewer = request.uri().path() == viewer::PATH;
+    let checked = if is_viewer { shared.names.check_host(request.headers()) } else { shared.names.check(request.headers()) };
+    if let Err(problem) = checked {
         return (StatusCode::FORBIDDEN, problem).into_response();
     }
     let mut response = next.run(request).await;

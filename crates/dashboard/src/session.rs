@@ -72,6 +72,12 @@ pub(crate) enum Order {
     Controllers(Answer<Result<Value, Problem>>),
     Calibration(Answer<Result<Value, Problem>>),
     CalibrationPage(Answer<Result<String, Problem>>),
+    /// What was done beside the session is written down all the same.
+    Note {
+        who: String,
+        what: String,
+        outcome: String,
+    },
     State(Answer<Arc<str>>),
     /// The name of the recording that runs.
     Recording(Answer<Option<String>>),
@@ -337,6 +343,7 @@ impl Session {
                 self.audit.note(&client.name, &format!("upload of {} bytes", blob.len()), &in_words(&outcome));
                 let _ = answer.send(outcome);
             }
+            Order::Note { who, what, outcome } => self.audit.note(&who, &what, &outcome),
             Order::Settings(answer) => {
                 let _ = answer.send(self.with_rig(|rig| rig.settings()));
             }

@@ -6,6 +6,7 @@ use std::sync::{Arc, mpsc};
 use crate::access::{Names, Tokens};
 use crate::client::Clients;
 use crate::jobs::Runner;
+use crate::load::Loader;
 use crate::session::Order;
 
 /// Where orders go, who may give them, and what there is to know beside the session.
@@ -17,4 +18,5 @@ pub(crate) struct Shared {
     pub clients: Clients,
     pub folder: Arc<PathBuf>,
     pub jobs: Runner,
+    pub loader: Loader,
 }

@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::io::{Read, Write};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -196,6 +197,101 @@ fn recordings_are_files_that_the_other_commands_read_and_computations_run_on_the
     assert_eq!(bench.api(Role::Configure, &lease, "POST", "/api/jobs/1/use", Value::Null).0, 200);
     let (_, settings) = bench.api(Role::Observe, "", "GET", "/api/settings", Value::Null);
     assert_eq!(settings["settings"][0]["value"], 400);
+}
+
+#[test]
+fn a_recording_that_somebody_has_is_read_or_refused_and_takes_part_like_another() {
+    let bench = Bench::start();
+    let send = |role: Role, path: &str, body: &str| {
+        let bearer = format!("Bearer {}", bench.token(role));
+        let (code, _, text) = bench.raw("POST", &format!("/api/recordings/{path}"), &[("Authorization", &bearer)], body);
+        (code, serde_json::from_str::<Value>(&text).unwrap_or(Value::String(text)))
+    };
+    let files = || std::fs::read_dir(bench.folder.path()).unwrap().count();
+    let before = files();
+    assert_eq!(send(Role::Observe, "mine", "a\n1\n").0, 403);
+    for wrong in ["..%2Fmine", ".mine", "a%20b", &"a".repeat(81)] {
+        assert_eq!(send(Role::Operate, wrong, "a\n1\n").0, 409, "{wrong}");
+    }
+    // The reader's own words, with the name that the file has; and nothing is left of it.
+    assert_eq!(send(Role::Operate, "mine?file=my%20run.csv", "a\n"), (409, json!({ "error": "my run.csv: no samples" })));
+    assert_eq!(files(), before);
+
+    let (code, told) = send(Role::Operate, "mine?file=run.csv&columns=time%3Dt%3Ams", "a\n1\n2\n");
+    assert_eq!((code, &told["samples"], &told["notes"]), (200, &json!(2), &json!(["read as time=t:ms"])));
+    let (code, told) = send(Role::Operate, "mine", "a\n1\n");
+    assert!(code == 409 && told["error"].as_str().unwrap().contains("there is a recording mine already"), "{told}");
+    let (_, text) = bench.api(Role::Observe, "", "GET", "/api/recordings/mine", Value::Null);
+    assert_eq!(text, "a\n1\n2\n");
+    let (_, list) = bench.api(Role::Observe, "", "GET", "/api/recordings", Value::Null);
+    let about = &list["recordings"][0]["about"];
+    assert_eq!((&about["note"], &about["source"]["columns"]), (&json!("loaded from run.csv"), &json!("time=t:ms")));
+    // The session writes the log; it answers after that.
+    bench.api(Role::Observe, "", "GET", "/api/state", Value::Null);
+    assert!(bench.audit().contains("load of 6 bytes as mine") && bench.audit().contains("no samples"), "{}", bench.audit());
+    assert_eq!(bench.api(Role::Operate, "", "POST", "/api/jobs", json!({ "kind": "count", "recordings": ["mine"] })).0, 200);
+
+    // One that is too large is refused by its announced length, before it is sent.
+    let most = list["most_bytes"].as_u64().unwrap();
+    let bearer = format!("Bearer {}", bench.token(Role::Operate));
+    let mut stream = std::net::TcpStream::connect(("127.0.0.1", bench.port)).unwrap();
+    let head = format!(
+        "POST /api/recordings/large HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nConnection: close\r\nAuthorization: {bearer}\r\nContent-Length: {}\r\n\r\n",
+        bench.port,
+        most + 1
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 413") && answer.contains("more than 128 MB"), "{answer}");
+    assert!(!bench.folder.path().join("large.csv").exists());
+}
+
+#[tokio::test]
+async fn a_viewer_of_robotics_data_sees_every_sample_and_can_do_nothing() {
+    let bench = Bench::start();
+    let token = bench.token(Role::Configure).to_owned();
+    for wrong in ["", "?token=", "?token=00000000000000000000000000000000"] {
+        let refused = bench.viewer(wrong, "foxglove.websocket.v1").await.err().unwrap();
+        assert!(refused.contains("401"), "{refused}");
+    }
+    for protocol in ["foxglove.websocket.v1", "foxglove.sdk.v1"] {
+        let mut viewer = bench.viewer(&format!("?token={token}"), protocol).await.unwrap();
+        let (info, channels) = (viewer.said().await, viewer.said().await);
+        assert_eq!((&info["op"], &info["capabilities"]), (&json!("serverInfo"), &json!([])));
+        let channel = &channels["channels"][0];
+        assert_eq!(
+            (&channels["op"], &channel["encoding"], &channel["schemaEncoding"]),
+            (&json!("advertise"), &json!("json"), &json!("jsonschema"))
+        );
+        let schema: Value = serde_json::from_str(channel["schema"].as_str().unwrap()).unwrap();
+        let properties = schema["properties"].as_object().unwrap();
+        // No word of a viewer moves anything.
+        for word in ["vent", "take", "beat", r#"{"op":"advertise","channels":[]}"#] {
+            viewer.say(word).await;
+        }
+        viewer.say(&json!({ "op": "subscribe", "subscriptions": [{ "id": 40, "channelId": channel["id"] }] }).to_string()).await;
+        let mut last: Option<(u64, u64)> = None;
+        for _ in 0..300 {
+            let bytes = viewer.frame().await;
+            assert_eq!((bytes[0], &bytes[1..5]), (1, &[40, 0, 0, 0][..]));
+            let time_ns = u64::from_le_bytes(bytes[5..13].try_into().unwrap());
+            let sample: Value = serde_json::from_slice(&bytes[13..]).unwrap();
+            assert!(sample.as_object().unwrap().keys().all(|name| properties.contains_key(name)), "{sample}");
+            let sequence = sample["sequence"].as_u64().unwrap();
+            assert!(last.is_none_or(|last| last == (sequence - 1, time_ns - 1_000_000)), "{last:?}, then {sequence} at {time_ns} ns");
+            assert!(sample["pressure_bar"].is_number() && sample["state"] == "idle", "{sample}");
+            last = Some((sequence, time_ns));
+        }
+        let now_ns = std::time::UNIX_EPOCH.elapsed().unwrap().as_nanos();
+        assert!(u128::from(last.unwrap().1).abs_diff(now_ns) < 2_000_000_000, "{last:?} is not now, {now_ns}");
+        viewer.say(r#"{"op":"unsubscribe","subscriptionIds":[40]}"#).await;
+    }
+    assert!(bench.api(Role::Observe, "", "GET", "/api/state", Value::Null).1["lease"].is_null());
+    // Somebody else's page may be one, where it knows the token; a name that is not this server's may not.
+    assert!(bench.viewer_from(&token, "https://viewer.example", None).await.is_ok());
+    let refused = bench.viewer_from(&token, "https://viewer.example", Some("evil.example")).await.err().unwrap();
+    assert!(refused.contains("403"), "{refused}");
 }
 
 #[test]

@@ -55,6 +55,8 @@ pub(super) const OPTIONAL: [&str; 7] =
 
 /// A longer map is none.
 const LONGEST_MAP: usize = 2000;
+/// The map of our own files, where something else is the default.
+const OWN: &str = "own";
 /// The roles that a column can play.
 const ROLES: &str = "time, input, input2 to input9, output, measured, temperature, session, recording and group";
 
@@ -91,11 +93,15 @@ impl ColumnMap {
     /// after its last `_`, or the unit stands in parentheses, and that unit is kept. A unit behind a colon is converted into bar, mm or s
     /// where it is one of pressure, length or time: `input=P:kPa`. A calibration stands there too: `output=laser:mA@4..20=0..50mm`. Times
     /// may be in `s`, `ms`, `us`, `ns` or `min`. Roles beside time, input and output: `input2` to `input9`, `measured` (measured pressure), `temperature`,
-    /// `session` (time since the session began), `recording` (a new recording starts where its value changes) and `group`.
+    /// `session` (time since the session began), `recording` (a new recording starts where its value changes) and `group`. The word `own` is
+    /// the map of our own files.
     ///
     /// # Errors
     /// When a role is missing, unknown or given twice, or a name has no unit.
     pub fn parse(text: &str) -> Result<Self, RecordingError> {
+        if text.trim() == OWN {
+            return Ok(Self::own());
+        }
         let problem = |problem: String| RecordingError::Columns { text: text.to_owned(), problem };
         if text.len() > LONGEST_MAP {
             let begin = text.chars().take(40).collect();

@@ -1,5 +1,7 @@
 //! How recordings are to be read: what the user said about their columns and their clock, and what is done before anybody sees them.
 
+use super::{ColumnMap, RecordingError};
+
 /// What [`super::load_with`] needs to know beside the paths.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
@@ -38,5 +40,27 @@ impl ReadOptions {
     #[must_use]
     pub fn columns(columns: Option<&str>) -> Self {
         Self { columns: columns.map(str::to_owned), ..Self::default() }
+    }
+
+    /// The map of columns that the options ask for.
+    ///
+    /// # Errors
+    /// When the text is no map, the rate is none, or neither names a clock.
+    pub fn map(&self) -> Result<ColumnMap, RecordingError> {
+        let mut map = self.columns.as_deref().map_or_else(|| Ok(ColumnMap::own()), ColumnMap::parse)?;
+        if self.keep_units {
+            map = map.keeping_units();
+        }
+        if let Some(rate_hz) = self.rate_hz {
+            if !(rate_hz.is_finite() && rate_hz > 0.0) {
+                return Err(RecordingError::Rate { rate_hz });
+            }
+            (map.rate_hz, map.unused_time) = (Some(rate_hz), map.time.take().map(|time| time.header));
+        } else if map.time.is_none() {
+            let text = self.columns.clone().unwrap_or_default();
+            let problem = "`time` is missing; name the time column, or say the sampling rate with --rate-hz".to_owned();
+            return Err(RecordingError::Columns { text, problem });
+        }
+        Ok(map)
     }
 }

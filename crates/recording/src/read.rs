@@ -28,32 +28,13 @@ const BINARY: [&str; 3] = ["npz", "mat", "mcap"];
 /// # Errors
 /// The first problem of the first bad file.
 pub fn load_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Vec<Recording>, RecordingError> {
-    let map = map(options)?;
+    let map = options.map()?;
     let mut recordings = Vec::new();
     for path in files_named(paths, if map.own { &TEXT[..2] } else { &TEXT })? {
         recordings.extend(read_parts(&path, &map)?);
     }
     groups::assign(&mut recordings);
     prepare::prepare(recordings, &options.prepare)
-}
-
-/// The map of columns that the options ask for.
-fn map(options: &ReadOptions) -> Result<ColumnMap, RecordingError> {
-    let mut map = options.columns.as_deref().map_or_else(|| Ok(ColumnMap::own()), ColumnMap::parse)?;
-    if options.keep_units {
-        map = map.keeping_units();
-    }
-    if let Some(rate_hz) = options.rate_hz {
-        if !(rate_hz.is_finite() && rate_hz > 0.0) {
-            return Err(RecordingError::Rate { rate_hz });
-        }
-        (map.rate_hz, map.unused_time) = (Some(rate_hz), map.time.take().map(|time| time.header));
-    } else if map.time.is_none() {
-        let text = options.columns.clone().unwrap_or_default();
-        let problem = "`time` is missing; name the time column, or say the sampling rate with --rate-hz".to_owned();
-        return Err(RecordingError::Columns { text, problem });
-    }
-    Ok(map)
 }
 
 /// The CSV files under `paths`: files as given, folders searched recursively in sorted order without hidden files.

@@ -5,16 +5,18 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use ::dashboard::{Config, JobKind, Jobs, Opener, Problem, Role, Server, Tls};
+use ::dashboard::{Config, Foreign, JobKind, Jobs, Loaded, Opener, Problem, Role, Server, Tls};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use super::Outcome;
+use super::reading::is_told;
 use super::rig::read_hardware;
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
 use crate::link::{FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep};
 use crate::operate::{Controller, Line, Offers, OperatedRig};
 use crate::plant::Plant;
+use crate::recording::{self, ReadOptions, Signal};
 use crate::report::{self, calibration::Heading};
 use crate::track::{self, CONTROLLERS, Reach, reference};
 use crate::{output, say};
@@ -93,6 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         tls,
         folder: arguments.folder.clone(),
         jobs: Jobs { program: std::env::current_exe().context("this program does not find itself")?, kinds: KINDS.to_vec() },
+        loader: load,
     };
     let server = Server::bind(config)?;
     let addresses = server.addresses();
@@ -101,6 +104,9 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     output::print_bytes(format!("listening on {first}\n").as_bytes());
     for (role, address) in addresses.iter().skip(1) {
         say!("to {} only: {address}", role.name());
+    }
+    if let Some(address) = server.viewer_address() {
+        say!("to Foxglove and PlotJuggler: {address}");
     }
     if let Some(fingerprint) = server.fingerprint() {
         say!("certificate, SHA-256: {fingerprint}");
@@ -190,6 +196,37 @@ const KINDS: &[JobKind] = &[
     JobKind { settings: Some("result.json"), ..kind("tune", "Tune: controllers", tune, Some("control.blob")) },
 ];
 
+/// What lies in the folder has our own columns, whatever a lab's other files have.
+const OWN_COLUMNS: [&str; 2] = ["--columns", "own"];
+
+/// Reads a recording as every command does, and writes it as one of the rig's own: its input is the pressure and its output the displacement.
+fn load(file: &Foreign<'_>, to: &Path) -> std::result::Result<Loaded, String> {
+    let read = || -> Result<Loaded> {
+        let map = ReadOptions::columns(file.columns).map()?;
+        let mut recording = recording::parse(Path::new(file.name), file.bytes, &map)?;
+        let units = [("input", &recording.input_signal, "bar"), ("output", &recording.output_signal, "mm")];
+        for (role, signal, unit) in units {
+            ensure!(
+                signal.unit == unit,
+                "{}: its {role} `{}` is in {}; recordings of a rig are in bar and mm: name its unit, as in {role}={}:{}",
+                file.name,
+                signal.quantity,
+                signal.unit,
+                signal.column(),
+                if unit == "bar" { "kPa" } else { "um" }
+            );
+        }
+        ensure!(recording.more_inputs.is_empty(), "{}: has {} inputs, and a rig has one", file.name, recording.more_inputs.len() + 1);
+        (recording.input_signal, recording.output_signal) = (Signal::pressure_bar(), Signal::displacement_mm());
+        let from = format!("loaded by catheter dashboard {} from {}, sha256 {}", env!("CARGO_PKG_VERSION"), file.name, recording.sha256);
+        recording::write_as(to, &recording, &from)?;
+        let notes = recording.notes.iter().filter(|note| is_told(note.subject)).map(|note| note.text.clone()).collect();
+        let seconds = recording.time_s[recording.len() - 1] - recording.time_s[0];
+        Ok(Loaded { samples: recording.len(), seconds, sha256: recording.sha256, notes })
+    };
+    read().map_err(|error| format!("{error:#}"))
+}
+
 type CommandLines = fn(&[PathBuf], &Path) -> Vec<Vec<OsString>>;
 
 const fn kind(name: &'static str, title: &'static str, arguments: CommandLines, model: Option<&'static str>) -> JobKind {
@@ -199,6 +236,7 @@ const fn kind(name: &'static str, title: &'static str, arguments: CommandLines, 
 fn line(command: &str, data: &[PathBuf], rest: &[(&str, &Path)]) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = vec![command.into(), "--data".into()];
     arguments.extend(data.iter().map(OsString::from));
+    arguments.extend(OWN_COLUMNS.map(OsString::from));
     arguments.extend(rest.iter().flat_map(|(option, path)| [OsString::from(option), path.as_os_str().to_owned()]));
     arguments
 }
@@ -212,6 +250,7 @@ fn identify(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
     let [model, result, page, blob] = ["model.toml", "result.json", "report.html", "model.blob"].map(|name| folder.join(name));
     let mut export: Vec<OsString> = vec!["export".into(), model.clone().into(), "--calibration".into()];
     export.extend(data.iter().map(OsString::from));
+    export.extend(OWN_COLUMNS.map(OsString::from));
     export.extend(["--out".into(), blob.into_os_string()]);
     vec![line("identify", data, &[("--out", &model), ("--json", &result), ("--html", &page)]), export]
 }

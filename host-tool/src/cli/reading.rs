@@ -13,7 +13,7 @@ use crate::{output, say};
 #[derive(Args, Clone, Debug, Default)]
 pub struct Reading {
     /// Column names of foreign files, for example `time=t_s,input=voltage_V,output=displacement_um`. A unit behind a colon becomes bar, mm
-    /// or s (`input=P:kPa`); so does a calibration (`output=laser:mA@4..20=0..50mm`).
+    /// or s (`input=P:kPa`); so does a calibration (`output=laser:mA@4..20=0..50mm`). `own` are our own names, where `catheter.toml` has others.
     #[arg(long, value_name = "MAP", help_heading = READING)]
     pub columns: Option<String>,
     /// Sampling rate of files without a time column.
@@ -139,16 +139,18 @@ impl Reading {
     }
 }
 
+/// Whether every command tells what reading chose or found; `check` tells the rest.
+pub(super) fn is_told(subject: Subject) -> bool {
+    let chosen = matches!(subject, Subject::Rate | Subject::Converted | Subject::Prepared | Subject::Resampled);
+    chosen || matches!(subject, Subject::ClockRepaired | Subject::Unit | Subject::Clipped)
+}
+
 /// Says what reading chose and found, each sentence once.
 fn tell(recordings: &[Recording]) {
     /// Sentences that are worth a line of every command; `check` tells all.
     const MOST: usize = 12;
-    let told = |subject| {
-        let chosen = matches!(subject, Subject::Rate | Subject::Converted | Subject::Prepared | Subject::Resampled);
-        chosen || matches!(subject, Subject::ClockRepaired | Subject::Unit | Subject::Clipped)
-    };
     let mut sentences: Vec<(&str, usize)> = Vec::new();
-    for note in recordings.iter().flat_map(|recording| &recording.notes).filter(|note| told(note.subject)) {
+    for note in recordings.iter().flat_map(|recording| &recording.notes).filter(|note| is_told(note.subject)) {
         match sentences.iter_mut().find(|(text, _)| *text == note.text) {
             Some((_, count)) => *count += 1,
             None => sentences.push((&note.text, 1)),

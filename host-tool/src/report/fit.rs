@@ -83,30 +83,39 @@ fn nuisances(page: &mut Page, fitted: &Outcome, unit: &str) {
     );
 }
 
+/// The errors of every rung, and below them what each is and costs: one table would be wider than the page.
 fn ladder(page: &mut Page, fitted: &Outcome, unit: &str, range: f64) {
-    let row = |rung: &crate::fit::LadderRung| {
+    let errors = |rung: &crate::fit::LadderRung| {
         let [low, high] = rung.cv_interval;
         let calibrated = |text: fn(&Calibrated) -> String| rung.calibrated.as_ref().map_or("\u{2013}".to_owned(), text);
-        let what = if rung.eligible { rung.what.clone() } else { format!("{} (these data cannot judge it)", rung.what) };
         vec![
             Cell::Text(rung.name.clone()),
-            Cell::Text(what),
             Cell::Figure(number(rung.cv_rmse, 3)),
             Cell::Figure(format!("{} %", number(100.0 * rung.cv_rmse / range, 2))),
             Cell::Figure(format!("{} to {}", number(low, 2), number(high, 2))),
             Cell::Figure(calibrated(|one| number(one.rmse, 3))),
             Cell::Figure(calibrated(|one| format!("{} to {}", number(one.interval[0], 2), number(one.interval[1], 2)))),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = fitted.ladder.iter().map(errors).collect();
+    let (error, next, calibrated) = (format!("error / {unit}"), format!("next recording / {unit}"), format!("calibrated / {unit}"));
+    let header = ["rung", &error, "of range", &next, &calibrated, &next];
+    page.table("Errors are means over what was left out.", &header, &rows, Some(fitted.chosen));
+    let costs = |rung: &crate::fit::LadderRung| {
+        let what = if rung.eligible { rung.what.clone() } else { format!("{} (these data cannot judge it)", rung.what) };
+        vec![
+            Cell::Text(rung.name.clone()),
+            Cell::Text(what),
             Cell::Figure(count(rung.parameters)),
             Cell::Figure(count(rung.step_instructions)),
             Cell::Text(if rung.on_chip { "yes" } else { "no" }.to_owned()),
             Cell::Figure(number(rung.seconds, 2)),
         ]
     };
-    let rows: Vec<Vec<Cell>> = fitted.ladder.iter().map(row).collect();
-    let (error, next, calibrated) = (format!("error / {unit}"), format!("next recording / {unit}"), format!("calibrated / {unit}"));
+    let rows: Vec<Vec<Cell>> = fitted.ladder.iter().map(costs).collect();
     page.table(
-        "Errors are means over what was left out; instructions are those of one step on a Cortex-M4F, about.",
-        &["rung", "what it is", &error, "of range", &next, &calibrated, &next, "numbers", "instructions", "on the chip", "time / s"],
+        "Instructions are those of one step on a Cortex-M4F, about.",
+        &["rung", "what it is", "numbers", "instructions", "on the chip", "time / s"],
         &rows,
         Some(fitted.chosen),
     );

@@ -236,6 +236,45 @@ async fn play(browser: &Browser) {
 
 #[tokio::test]
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
+async fn a_recording_that_somebody_has_is_loaded_and_computed_on() {
+    let served = Served::start(&[]);
+    // The lab's own recordings have other columns; those of the page have ours all the same.
+    std::fs::write(served.folder.path().join("catheter.toml"), "[recordings]\ncolumns = \"time=t:ms,input=P:kPa,output=x:um\"\n")
+        .expect("a file");
+    let rows: String = (0..400_u32).map(|row| format!("{};{};{}\n", 20 * row, 50 + row % 100, 300 + 3 * (row % 100))).collect();
+    let (good, bad) = (served.folder.path().join("day 1.csv"), served.folder.path().join("bad.csv"));
+    std::fs::write(&good, format!("Zeit (ms);Druck (kPa);Weg (um)\n{rows}")).expect("a file");
+    std::fs::write(&bad, format!("Zeit (ms);Druck (kPa);Weg (um)\n{}", rows.replacen("60;", "60;much", 1))).expect("a file");
+    let browser = Browser::open(Look::Desktop, &served.address).await;
+    browser.click("tab-learn").await;
+    browser.until("the role", "return !document.getElementById('load-file').disabled").await;
+    let choose = async |file: &std::path::Path, said: &str| {
+        let input = browser.client.find(fantoccini::Locator::Id("load-file")).await.expect("a place for files");
+        input.send_keys(&file.display().to_string()).await.expect("a file");
+        browser.until(said, &format!("return document.getElementById('load-said').textContent.includes(\"{said}\")")).await;
+    };
+    choose(&good, "there is no column").await;
+    browser.run("document.getElementById('load-columns').value = 'time=Zeit (ms):ms,input=Druck (kPa):kPa,output=Weg (um):um'").await;
+    choose(&bad, "bad.csv:5:").await;
+    choose(&good, "day-1: 400 samples, 8.0 s.").await;
+    let said = browser.text("load-said").await;
+    assert!(said.contains("is converted from kPa into bar"), "{said}");
+    browser.run("document.getElementById('load-said').scrollIntoView({ block: 'center' })").await;
+    browser.look("loaded.png").await;
+    let row = "const it = document.querySelector('#recordings input'); return `${it.checked} ${it.closest('tr').textContent}`";
+    let row = browser.run(row).await;
+    assert!(row.as_str().is_some_and(|row| row.starts_with("true day-1loaded from day 1.csv")), "{row}");
+    browser.press("Check: what is in them").await;
+    browser.until("the check", "return document.getElementById('job-title').textContent === 'check of day-1: done'").await;
+    browser.until("its report", "return !document.getElementById('job-report').hidden").await;
+    let text = std::fs::read_to_string(served.folder.path().join("sessions/day-1.csv")).expect("the recording");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].contains("from day 1.csv, sha256 "), "{}", lines[0]);
+    assert_eq!(lines[1..4], ["time_s,pressure_bar,displacement_mm", "0,0.5,0.3", "0.02,0.51,0.303"]);
+}
+
+#[tokio::test]
+#[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_recording_made_just_now_becomes_the_model_on_the_device_by_two_clicks() {
     let served = Served::start(&[]);
     let browser = Browser::open(Look::Desktop, &served.address).await;

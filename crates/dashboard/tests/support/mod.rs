@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use dashboard::{Config, JobKind, Jobs, Phase, Role, Server, Tls};
+use dashboard::{Config, Foreign, JobKind, Jobs, Loaded, Phase, Role, Server, Tls};
 use futures_util::{SinkExt, StreamExt};
 use serde_json::Value;
 use tokio::net::TcpStream as Stream;
@@ -54,6 +54,15 @@ const KIND: JobKind = JobKind {
     model: Some("model.blob"),
     settings: Some("result.json"),
 };
+
+/// A reader of files whose first line is a header; it says nothing of other columns.
+fn read(file: &Foreign<'_>, to: &Path) -> Result<Loaded, String> {
+    let text = String::from_utf8(file.bytes.to_vec()).map_err(|_| format!("{}: no text", file.name))?;
+    let samples = text.lines().count().checked_sub(1).filter(|count| *count > 0).ok_or_else(|| format!("{}: no samples", file.name))?;
+    std::fs::write(to, &text).map_err(|error| error.to_string())?;
+    let notes = file.columns.map(|columns| format!("read as {columns}")).into_iter().collect();
+    Ok(Loaded { samples, seconds: 1.5, sha256: "0".repeat(64), notes })
+}
 
 impl Bench {
     pub fn start() -> Self {
@@ -154,6 +163,30 @@ impl Bench {
         page.client = hello["client"].as_str().unwrap().to_owned();
         Ok(page)
     }
+
+    /// A viewer's connection, with this behind its address.
+    pub async fn viewer(&self, query: &str, protocol: &str) -> Result<Page, String> {
+        let mut request = format!("ws://127.0.0.1:{}/foxglove{query}", self.port).into_client_request().unwrap();
+        request.headers_mut().insert("Sec-WebSocket-Protocol", protocol.parse().unwrap());
+        Self::connect(request).await
+    }
+
+    /// The same of a page from elsewhere, which may name another server.
+    pub async fn viewer_from(&self, token: &str, origin: &str, host: Option<&str>) -> Result<Page, String> {
+        let mut request = format!("ws://127.0.0.1:{}/foxglove?token={token}", self.port).into_client_request().unwrap();
+        let headers = request.headers_mut();
+        headers.insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().unwrap());
+        headers.insert("Origin", origin.parse().unwrap());
+        if let Some(host) = host {
+            headers.insert("Host", host.parse().unwrap());
+        }
+        Self::connect(request).await
+    }
+
+    async fn connect(request: tokio_tungstenite::tungstenite::handshake::client::Request) -> Result<Page, String> {
+        let (socket, _) = tokio_tungstenite::connect_async(request).await.map_err(|error| error.to_string())?;
+        Ok(Page { socket, client: String::new() })
+    }
 }
 
 impl Drop for Bench {
@@ -170,6 +203,7 @@ pub fn config(folder: &Path) -> Config {
         tls: Tls::Off,
         folder: folder.to_owned(),
         jobs: Jobs { program: PathBuf::from("/bin/sh"), kinds: vec![KIND] },
+        loader: read,
     }
 }
 
@@ -187,6 +221,15 @@ impl Page {
 
     async fn next(&mut self) -> Message {
         tokio::time::timeout(Duration::from_secs(5), self.socket.next()).await.expect("something comes").unwrap().unwrap()
+    }
+
+    /// The next text, whatever it is.
+    pub async fn said(&mut self) -> Value {
+        loop {
+            if let Message::Text(text) = self.next().await {
+                return serde_json::from_str(&text).unwrap();
+            }
+        }
     }
 
     /// The next word of this kind.

@@ -141,6 +141,12 @@ fn foreign_columns_carry_quantity_and_unit() {
 }
 
 #[test]
+fn our_own_files_have_a_map_that_can_be_named() {
+    let named = ReadOptions::columns(Some("own")).map().expect("a map");
+    assert_eq!(named, ColumnMap::own());
+}
+
+#[test]
 fn bad_column_maps_say_what_is_wrong() {
     for (text, wanted) in [
         ("time=t_s,input=v_V", "`output` is missing"),
