@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tool::discover::{self, DiscoverConfig, folder};
+use host_tool::discover::{self, DiscoverConfig, Progress, folder};
 use host_tool::output;
 use pyo3::prelude::*;
 
@@ -69,7 +69,10 @@ pub fn discover_effects<'py>(
             discover::start_from(model.predictor(), discovered, &recordings, &kept)
         });
         let start = start.transpose()?;
-        let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|stage| teller.tell(stage.to_owned()))?;
+        let finding = discover::discover_from(&recordings, &kept, start.as_ref(), &config, &|progress| match progress {
+            Progress::Stage(name) => teller.tell(name.to_owned()),
+            Progress::Part { .. } => teller.go_on(),
+        })?;
         if let Some(out) = &out {
             let page = host_tool::report::discovery::page(&finding, &recordings[0].input_signal, &recordings[0].output_signal);
             folder::write(&finding, &recordings, &page, out)?;

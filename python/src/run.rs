@@ -41,11 +41,16 @@ pub struct Teller {
 impl Teller {
     /// Tells progress; does not come back when the computation is to end.
     pub fn tell(&self, text: String) {
+        self.go_on();
+        (self.say)(text);
+    }
+
+    /// Does not come back when the computation is to end.
+    pub fn go_on(&self) {
         if self.stop.load(Ordering::Relaxed) {
             // Not a panic: nothing is to be printed.
             resume_unwind(Box::new(Interrupted));
         }
-        (self.say)(text);
     }
 }
 
