@@ -1,9 +1,8 @@
 //! The same state and actions for scripts, as JSON under `/api/`; `docs/reference/dashboard-interface.md` describes them.
 
 use axum::Json;
-use axum::body::Bytes;
-use axum::extract::rejection::BytesRejection;
-use axum::extract::{ConnectInfo, FromRequestParts, Path, Query, State};
+use axum::body::{Bytes, to_bytes};
+use axum::extract::{ConnectInfo, FromRequestParts, Path, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -252,16 +251,21 @@ pub(crate) async fn load(
     ConnectInfo(peer): ConnectInfo<Peer>,
     Path(name): Path<String>,
     Query(source): Query<Source>,
-    headers: HeaderMap,
-    bytes: Result<Bytes, BytesRejection>,
+    request: Request,
 ) -> Answered {
     operates(role)?;
-    let too_large = |rejection: BytesRejection| {
+    let too_large = || {
         let remedy = format!("a file of more than {} MB is not loaded; put it into {}", MOST_BYTES >> 20, shared.folder.display());
-        Refused(rejection.status(), remedy)
+        Refused(StatusCode::PAYLOAD_TOO_LARGE, remedy)
     };
-    let bytes = bytes.map_err(too_large)?;
-    let who = client(&shared, &headers, role, peer).name;
+    // What is announced as too large is refused before it is sent.
+    let (parts, body) = request.into_parts();
+    let announced = parts.headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
+    if announced.is_some_and(|length| length > MOST_BYTES) {
+        return Err(too_large());
+    }
+    let bytes = to_bytes(body, MOST_BYTES).await.map_err(|_| too_large())?;
+    let who = client(&shared, &parts.headers, role, peer).name;
     let what = format!("load of {} bytes as {name}", bytes.len());
     let (loader, folder) = (shared.loader, std::sync::Arc::clone(&shared.folder));
     let read = move || {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::extract::{Request, State};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
@@ -16,7 +16,7 @@ use crate::access::{Names, Role, Tokens};
 use crate::audit::Audit;
 use crate::client::Clients;
 use crate::jobs::{self, Jobs};
-use crate::load::{Loader, MOST_BYTES};
+use crate::load::Loader;
 use crate::session::{Event, Opener, Order, Session};
 use crate::shared::Shared;
 use crate::tls::{self, Listener, Peer, Tls};
@@ -226,7 +226,7 @@ fn routes(shared: Shared) -> Router {
         .route("/api/calibration/page", post(api::calibration_page))
         .route("/api/model", post(api::upload))
         .route("/api/recordings", get(api::recordings))
-        .route("/api/recordings/{name}", get(api::recording).post(api::load).layer(DefaultBodyLimit::max(MOST_BYTES)))
+        .route("/api/recordings/{name}", get(api::recording).post(api::load))
         .route("/api/jobs", get(api::jobs).post(api::begin_job).delete(api::end_job))
         .route("/api/jobs/{number}/use", post(api::use_result))
         .layer(middleware::from_fn_with_state(shared.clone(), guard))
