@@ -4,16 +4,13 @@ use std::path::Path;
 
 use super::arrays::Arrays;
 use super::columns::OPTIONAL;
-use super::lines::{LineError, Lines};
 use super::row_lines::RowLines;
 use super::scale::Scale;
-use super::table::{self, Layout, RowError, Separator};
+use super::table::{Layout, Separator};
 use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, repair};
 
 mod plain;
-mod text;
-
-use text::TextRows;
+pub(super) mod text;
 
 /// More columns than this are a table of another kind.
 const MOST_COLUMNS: usize = 4096;
@@ -23,12 +20,8 @@ const LONGEST_NAME: usize = 300;
 pub(super) const MOST_VALUES: usize = 48 << 20;
 /// No sensor reads more, in any unit: squares and products of such numbers stay finite.
 pub const LARGEST: f64 = 1e30;
-
 /// A signal that never exceeds this is none: squares of such numbers vanish in a float.
 const SMALLEST: f64 = 1e-30;
-
-/// Line ends of Unix or Windows are wanted.
-const RETURNS: &str = "its lines end in a carriage return alone; save it with the line ends of Unix or Windows";
 
 /// What a file holds.
 pub(super) struct Read {
@@ -71,36 +64,6 @@ pub(super) struct Part {
     lines: RowLines,
     /// As [`Columns::wanted`].
     values: Vec<Vec<f64>>,
-}
-
-/// Reads the text of a file.
-pub(super) fn read<R: std::io::Read>(path: &Path, lines: &mut Lines<R>, map: &ColumnMap) -> Result<Read, RecordingError> {
-    let broken = |reason| RecordingError::Open { path: path.into(), reason };
-    let (mut head, whole) = lines.head().map_err(broken)?;
-    let mark = head.starts_with(b"\xef\xbb\xbf");
-    head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
-    if whole && head.trim_ascii().is_empty() {
-        return Err(RecordingError::Empty { path: path.into() });
-    }
-    if head.contains(&b'\r') && !head.contains(&b'\n') {
-        return Err(RecordingError::Format { path: path.into(), problem: RETURNS.to_owned() });
-    }
-    let known = head.utf8_chunks().next().map_or("", |chunk| chunk.valid());
-    let layout = table::layout(known, |cells| cells.len() <= MOST_COLUMNS && names_columns(cells, map));
-    lines.skip(layout.start + if mark { 3 } else { 0 }, layout.lines_before);
-    let mut rows = TextRows::new(path, map, layout.separator);
-    table::rows(lines, layout.separator, &mut rows).map_err(|error| match error {
-        RowError::Row(error) => error,
-        RowError::NotText(line) => RecordingError::NotText { path: path.into(), line },
-        RowError::Line(LineError::TooLong(line)) => RecordingError::LongLine { path: path.into(), line },
-        RowError::Line(LineError::Io(source)) => broken(source),
-    })?;
-    let TextRows { columns: Some(columns), parts, decimal_commas, .. } = rows else {
-        return Err(RecordingError::Empty { path: path.into() });
-    };
-    let mut notes = layout_notes(&layout, decimal_commas, map, parts.len());
-    notes.extend(columns.conversions.iter().cloned());
-    Ok(Read { columns, parts, notes })
 }
 
 /// Whether a sensor can give this value.

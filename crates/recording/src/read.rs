@@ -143,10 +143,10 @@ fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<
     let kind = format::kind(path, &head)?;
     let mut whole = Cursor::new(head).chain(&mut stream);
     let read = match kind {
-        format::Kind::Text => parts::read(path, &mut Lines::new(&mut whole), map)?,
+        format::Kind::Text => parts::text::read(path, &mut Lines::new(&mut whole), map)?,
         format::Kind::Gzip => {
             let mut lines = Lines::new(Unfold::new(&mut whole));
-            parts::read(path, &mut lines, map).map_err(|error| match error {
+            parts::text::read(path, &mut lines, map).map_err(|error| match error {
                 RecordingError::Open { reason, .. } => unfolding(path, &reason),
                 other => other,
             })?

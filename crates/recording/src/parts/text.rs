@@ -1,28 +1,64 @@
-//! The rows of a text: the header, then one row at a time, or many at a time where they are plain.
+//! A text as recordings: the header, then one row at a time, or many at a time where they are plain.
 
 use std::path::Path;
 
 use super::plain::PlainRows;
-use super::{Columns, MOST_COLUMNS, MOST_VALUES, Others, Part, increases, is_next, is_readable, refused};
-use crate::table::{Cells, Separator, TakesRows};
+use super::{
+    Columns, MOST_COLUMNS, MOST_VALUES, Others, Part, Read, increases, is_next, is_readable, layout_notes, names_columns, refused,
+};
+use crate::lines::{LineError, Lines};
+use crate::table::{self, Cells, RowError, Separator, TakesRows};
 use crate::{ColumnMap, RecordingError, number};
 
+/// Line ends of Unix or Windows are wanted.
+const RETURNS: &str = "its lines end in a carriage return alone; save it with the line ends of Unix or Windows";
+
+/// Reads the text of a file.
+pub(crate) fn read<R: std::io::Read>(path: &Path, lines: &mut Lines<R>, map: &ColumnMap) -> Result<Read, RecordingError> {
+    let broken = |reason| RecordingError::Open { path: path.into(), reason };
+    let (mut head, whole) = lines.head().map_err(broken)?;
+    let mark = head.starts_with(b"\xef\xbb\xbf");
+    head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    if whole && head.trim_ascii().is_empty() {
+        return Err(RecordingError::Empty { path: path.into() });
+    }
+    if head.contains(&b'\r') && !head.contains(&b'\n') {
+        return Err(RecordingError::Format { path: path.into(), problem: RETURNS.to_owned() });
+    }
+    let known = head.utf8_chunks().next().map_or("", |chunk| chunk.valid());
+    let layout = table::layout(known, |cells| cells.len() <= MOST_COLUMNS && names_columns(cells, map));
+    lines.skip(layout.start + if mark { 3 } else { 0 }, layout.lines_before);
+    let mut rows = TextRows::new(path, map, layout.separator);
+    table::rows(lines, layout.separator, &mut rows).map_err(|error| match error {
+        RowError::Row(error) => error,
+        RowError::NotText(line) => RecordingError::NotText { path: path.into(), line },
+        RowError::Line(LineError::TooLong(line)) => RecordingError::LongLine { path: path.into(), line },
+        RowError::Line(LineError::Io(source)) => broken(source),
+    })?;
+    let TextRows { columns: Some(columns), parts, decimal_commas, .. } = rows else {
+        return Err(RecordingError::Empty { path: path.into() });
+    };
+    let mut notes = layout_notes(&layout, decimal_commas, map, parts.len());
+    notes.extend(columns.conversions.iter().cloned());
+    Ok(Read { columns, parts, notes })
+}
+
 /// What was read of a text so far.
-pub(super) struct TextRows<'a> {
+struct TextRows<'a> {
     path: &'a Path,
     map: &'a ColumnMap,
     separator: Separator,
-    pub(super) columns: Option<Columns>,
+    columns: Option<Columns>,
     /// Where every row goes to the one recording of the file.
     plain: Option<PlainRows>,
-    pub(super) parts: Vec<Part>,
+    parts: Vec<Part>,
     /// Numbers that were kept.
     values: usize,
-    pub(super) decimal_commas: usize,
+    decimal_commas: usize,
 }
 
 impl<'a> TextRows<'a> {
-    pub(super) fn new(path: &'a Path, map: &'a ColumnMap, separator: Separator) -> Self {
+    fn new(path: &'a Path, map: &'a ColumnMap, separator: Separator) -> Self {
         Self { path, map, separator, columns: None, plain: None, parts: Vec::new(), values: 0, decimal_commas: 0 }
     }
 
