@@ -44,6 +44,7 @@ mod note;
 mod number;
 mod options;
 mod parts;
+mod plain;
 pub mod prepare;
 mod read;
 mod record;
@@ -55,6 +56,7 @@ pub mod scale;
 pub mod simulation;
 mod surface;
 mod table;
+mod text;
 mod unfold;
 mod write;
 

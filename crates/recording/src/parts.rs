@@ -9,11 +9,8 @@ use super::scale::Scale;
 use super::table::{Layout, Separator};
 use super::{Channel, ColumnMap, ExtraColumn, Note, Recording, RecordingError, Signal, Subject, condition, header, repair};
 
-mod plain;
-pub(super) mod text;
-
 /// More columns than this are a table of another kind.
-const MOST_COLUMNS: usize = 4096;
+pub(super) const MOST_COLUMNS: usize = 4096;
 /// A longer name of a column is text of another kind.
 const LONGEST_NAME: usize = 300;
 /// Numbers that are kept of one file, at most: 384 MB.
@@ -32,27 +29,27 @@ pub(super) struct Read {
 }
 
 /// A column of numbers that is read.
-struct Wanted {
-    index: usize,
+pub(super) struct Wanted {
+    pub(super) index: usize,
     /// Into the unit that is worked in.
-    scale: Scale,
+    pub(super) scale: Scale,
 }
 
 /// Where the wanted columns stand.
 pub(super) struct Columns {
-    headers: Vec<String>,
+    pub(super) headers: Vec<String>,
     /// Time (where there is one), inputs, output, carried columns.
-    wanted: Vec<Wanted>,
+    pub(super) wanted: Vec<Wanted>,
     more_inputs: Vec<Signal>,
     /// Names of the carried columns.
     extra: Vec<String>,
     /// Position of the sequence numbers in `wanted`.
-    sequence: Option<usize>,
+    pub(super) sequence: Option<usize>,
     /// Columns whose text sets recordings and groups apart.
-    recording: Option<usize>,
-    group: Option<usize>,
+    pub(super) recording: Option<usize>,
+    pub(super) group: Option<usize>,
     /// What is converted.
-    conversions: Vec<Note>,
+    pub(super) conversions: Vec<Note>,
 }
 
 /// The rows of one recording.
@@ -60,20 +57,20 @@ pub(super) struct Columns {
 pub(super) struct Part {
     /// What the columns that set recordings apart say.
     pub(super) name: String,
-    group: String,
-    lines: RowLines,
+    pub(super) group: String,
+    pub(super) lines: RowLines,
     /// As [`Columns::wanted`].
-    values: Vec<Vec<f64>>,
+    pub(super) values: Vec<Vec<f64>>,
 }
 
 /// Whether a sensor can give this value.
-fn is_readable(value: f64) -> bool {
+pub(super) fn is_readable(value: f64) -> bool {
     // What is not a number is not.
     value.abs() <= LARGEST
 }
 
 /// The error about a value that is not finite, or larger than any sensor reads.
-fn refused(path: &Path, line: u64, column: &str, value: f64, text: String) -> RecordingError {
+pub(super) fn refused(path: &Path, line: u64, column: &str, value: f64, text: String) -> RecordingError {
     let (path, column) = (path.to_path_buf(), column.to_owned());
     match value.is_finite() {
         true => RecordingError::TooLarge { path, line, column, text },
@@ -144,13 +141,13 @@ pub(super) fn read_arrays(path: &Path, arrays: Arrays, map: &ColumnMap) -> Resul
 }
 
 /// Whether a row of cells is the header that the map asks for.
-fn names_columns(cells: &[&str], map: &ColumnMap) -> bool {
+pub(super) fn names_columns(cells: &[&str], map: &ColumnMap) -> bool {
     let headers: Vec<String> = cells.iter().map(|&cell| cell.to_owned()).collect();
     map.with_own_units(&headers).main_columns().all(|name| header::position(&headers, &name.header).is_some())
 }
 
 /// What there is to say about the layout.
-fn layout_notes(layout: &Layout, decimal_commas: usize, map: &ColumnMap, parts: usize) -> Vec<Note> {
+pub(super) fn layout_notes(layout: &Layout, decimal_commas: usize, map: &ColumnMap, parts: usize) -> Vec<Note> {
     let mut notes = Vec::new();
     if layout.separator != Separator::Comma {
         notes.push(Note::new(Subject::Layout, format!("The columns are separated by {}.", layout.separator.name())));
@@ -176,17 +173,17 @@ fn layout_notes(layout: &Layout, decimal_commas: usize, map: &ColumnMap, parts: 
 }
 
 /// Whether the newest sequence number is whole and above the one before.
-fn increases(numbers: &[f64]) -> bool {
+pub(super) fn increases(numbers: &[f64]) -> bool {
     numbers.split_last().is_none_or(|(&newest, before)| is_next(before.last().copied(), newest))
 }
 
 /// Whether a sequence number is whole and above the one before.
-fn is_next(previous: Option<f64>, newest: f64) -> bool {
+pub(super) fn is_next(previous: Option<f64>, newest: f64) -> bool {
     newest.fract() == 0.0 && newest >= 0.0 && previous.is_none_or(|previous| newest > previous)
 }
 
 impl Columns {
-    fn find(path: &Path, line: u64, headers: Vec<String>, map: &ColumnMap, others: Others) -> Result<Self, RecordingError> {
+    pub(super) fn find(path: &Path, line: u64, headers: Vec<String>, map: &ColumnMap, others: Others) -> Result<Self, RecordingError> {
         let map = &map.with_own_units(&headers);
         if !headers.is_empty() && headers.iter().all(|name| name.parse::<f64>().is_ok()) {
             return Err(RecordingError::NoHeader { path: path.into(), line });
@@ -254,7 +251,7 @@ impl Columns {
     }
 
     /// Begins a new part where what the columns say differs from the newest one.
-    fn part(&self, parts: &mut Vec<Part>, recording: String, group: String) {
+    pub(super) fn part(&self, parts: &mut Vec<Part>, recording: String, group: String) {
         let name = if self.recording.is_some() { &recording } else { &group };
         if parts.last().is_none_or(|part| part.name != *name || part.group != group) {
             let values = self.wanted.iter().map(|_| Vec::new()).collect();
@@ -265,7 +262,7 @@ impl Columns {
 
 /// What becomes of columns that nobody asked for in a file of our own format.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Others {
+pub(super) enum Others {
     Refused,
     PassedOver,
 }

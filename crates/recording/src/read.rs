@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::hashed::Hashed;
 use super::lines::Lines;
 use super::parts::{self, Part};
+use super::text;
 use super::unfold::Unfold;
 use super::{ColumnMap, ReadOptions, Recording, RecordingError, format, groups, header, prepare};
 
@@ -143,10 +144,10 @@ fn parts_of(path: &Path, stream: impl std::io::Read, map: &ColumnMap) -> Result<
     let kind = format::kind(path, &head)?;
     let mut whole = Cursor::new(head).chain(&mut stream);
     let read = match kind {
-        format::Kind::Text => parts::text::read(path, &mut Lines::new(&mut whole), map)?,
+        format::Kind::Text => text::read(path, &mut Lines::new(&mut whole), map)?,
         format::Kind::Gzip => {
             let mut lines = Lines::new(Unfold::new(&mut whole));
-            parts::text::read(path, &mut lines, map).map_err(|error| match error {
+            text::read(path, &mut lines, map).map_err(|error| match error {
                 RecordingError::Open { reason, .. } => unfolding(path, &reason),
                 other => other,
             })?

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use super::plain::PlainRows;
-use super::{
+use crate::lines::{LineError, Lines};
+use crate::parts::{
     Columns, MOST_COLUMNS, MOST_VALUES, Others, Part, Read, increases, is_next, is_readable, layout_notes, names_columns, refused,
 };
-use crate::lines::{LineError, Lines};
+use crate::plain::PlainRows;
 use crate::table::{self, Cells, RowError, Separator, TakesRows};
 use crate::{ColumnMap, RecordingError, number};
 
