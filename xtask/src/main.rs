@@ -29,7 +29,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Task {
     /// Everything, as continuous integration: format, lints, documentation, tests, target builds, the emulated target, the board's model, the
-    /// browser, the demo, the Python package, the book. Installs what is missing. More than an hour from nothing.
+    /// browser, the demo, the Python package, the book. Installs what is missing. 45 minutes from nothing.
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. Half an hour or more from nothing.
     Ci,

@@ -16,7 +16,7 @@ pub fn progress(length: u64, label: &str) -> ProgressBar {
     bar(length, label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style())
 }
 
-/// Progress over stages of which nobody knows how many come: the time so far is told, and the time left of the part under way. Drawn anew twice
+/// Progress over stages of which nobody knows how many come: the time so far is reported, and the time left of the part under way. Drawn anew twice
 /// a second, so that a long stage is seen to live. It vanishes with the value.
 #[must_use]
 pub fn stages(label: &str) -> Stages {

@@ -11,9 +11,9 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Failure {
-    /// Nothing arrives any more and nobody is told: the cable is pulled.
+    /// Nothing arrives any more, and no end learns of it: the cable is pulled.
     Silent = 1,
-    /// Both ends are told that the connection is closed.
+    /// Both ends see the connection closed.
     Closed = 2,
 }
 
