@@ -253,25 +253,28 @@ impl Subset {
 }
 
 /// Solves a symmetric positive definite system, row-major, by Cholesky factorisation; `None` when it is not positive definite.
+///
+/// Column by column, what a column takes from each element of the rest is added to that element's sum at once: whole rows of sums, which the
+/// compiler makes vectors of, where a dot product would wait for each addition. The order within each sum is the same.
 #[must_use]
 pub fn cholesky(mut matrix: Vec<f64>, mut right: Vec<f64>) -> Option<Vec<f64>> {
     let n = right.len();
-    for row in 0..n {
-        for column in 0..=row {
-            let (above, below) = matrix.split_at_mut(row * n);
-            let (factor, current) = if column < row { (&above[column * n..][..column], &mut *below) } else { (&[][..], &mut *below) };
-            if column < row {
-                let sum: f64 = factor.iter().zip(&current[..column]).map(|(a, b)| a * b).sum();
-                let diagonal = above[column * n + column];
-                current[column] = (current[column] - sum) / diagonal;
-            } else {
-                let sum: f64 = current[..row].iter().map(|value| value * value).sum();
-                let pivot = current[row] - sum;
-                // Not below rounding of the diagonal, and not NaN.
-                if pivot.is_nan() || pivot <= 1e-13 * current[row] {
-                    return None;
-                }
-                current[row] = pivot.sqrt();
+    let (mut sums, mut column) = (vec![0.0; n * n], vec![0.0; n]);
+    for at in 0..n {
+        let diagonal = matrix[at * n + at];
+        let pivot = diagonal - sums[at * n + at];
+        // Not below rounding of the diagonal, and not NaN.
+        if pivot.is_nan() || pivot <= 1e-13 * diagonal {
+            return None;
+        }
+        let root = pivot.sqrt();
+        matrix[at * n + at] = root;
+        for row in at + 1..n {
+            let value = (matrix[row * n + at] - sums[row * n + at]) / root;
+            matrix[row * n + at] = value;
+            column[row] = value;
+            for (sum, other) in sums[row * n..][at + 1..=row].iter_mut().zip(&column[at + 1..=row]) {
+                *sum += value * other;
             }
         }
     }
@@ -388,5 +391,42 @@ mod tests {
         }
         assert!(cholesky(vec![1.0, 1.0, 1.0, 1.0], vec![1.0, 1.0]).is_none());
         assert!(cholesky(vec![f64::NAN], vec![1.0]).is_none());
+    }
+
+    /// The same sums in the same order as in a textbook's loop over dot products: equal bits.
+    #[test]
+    fn cholesky_adds_in_the_order_of_the_textbook() {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        for n in [1, 2, 5, 17, 64] {
+            let factor: Vec<f64> = (0..n * n).map(|_| random.random_range(-1.0..1.0)).collect();
+            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b);
+            let mut matrix: Vec<f64> = (0..n * n).map(|at| dot(&factor[at / n * n..][..n], &factor[at % n * n..][..n])).collect();
+            (0..n).for_each(|row| matrix[row * n + row] += 0.1);
+            let right: Vec<f64> = (0..n).map(|_| random.random_range(-1.0..1.0)).collect();
+
+            let mut lower = vec![0.0; n * n];
+            for row in 0..n {
+                for column in 0..=row {
+                    let sum = dot(&lower[row * n..][..column], &lower[column * n..][..column]);
+                    let rest = matrix[row * n + column] - sum;
+                    lower[row * n + column] = if column == row { rest.sqrt() } else { rest / lower[column * n + column] };
+                }
+            }
+            let mut wanted = right.clone();
+            for row in 0..n {
+                wanted[row] = (wanted[row] - dot(&lower[row * n..][..row], &wanted[..row])) / lower[row * n + row];
+            }
+            for row in (0..n).rev() {
+                wanted[row] /= lower[row * n + row];
+                for above in 0..row {
+                    wanted[above] -= lower[row * n + above] * wanted[row];
+                }
+            }
+            let found = cholesky(matrix, right).expect("positive definite");
+            assert_eq!(
+                found.iter().map(|value| value.to_bits()).collect::<Vec<_>>(),
+                wanted.iter().map(|value| value.to_bits()).collect::<Vec<_>>()
+            );
+        }
     }
 }
