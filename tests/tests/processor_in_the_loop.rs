@@ -4,7 +4,8 @@
 //! that lies about may be of other sources.
 
 use std::path::Path;
-use std::time::Duration;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use firmware::device::exchange::InjectedFault;
 use firmware::storage::Slot;
@@ -403,4 +404,36 @@ fn damaged_flash_is_a_named_fault_and_nothing_arms() {
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ModelCorrupt.number()));
     experiment::status(&mut here).unwrap();
     agree(&replay_log(here), &replay_log(rig));
+}
+
+/// A host that is killed has no time to end the emulator, which would use up a core for ever.
+#[test]
+fn an_emulator_whose_host_is_gone_ends() {
+    let Some(config) = image() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("flash.bin"), FlashMemory::default().to_bytes()).unwrap();
+    let mut qemu = Command::new("qemu-system-arm")
+        .args(["-M", "netduinoplus2", "-nographic", "-monitor", "none", "-serial", "null"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(&config.image)
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let ends_within = |qemu: &mut std::process::Child, limit: Duration| {
+        let begun = Instant::now();
+        while qemu.try_wait().unwrap().is_none() && begun.elapsed() < limit {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        qemu.try_wait().unwrap()
+    };
+    let early = ends_within(&mut qemu, Duration::from_secs(1));
+    drop(qemu.stdin.take());
+    let ended = ends_within(&mut qemu, config.hung_after);
+    // Killed in any case; it may have ended.
+    let _ = qemu.kill();
+    qemu.wait().unwrap();
+    assert!(early.is_none(), "it ended while its host was there: {early:?}");
+    assert!(ended.is_some_and(|status| !status.success()), "it goes on without its host: {ended:?}");
 }

@@ -3,7 +3,7 @@
 //! A frame each way a tick costs two calls there; on a serial port it would cost the emulator a round of its main loop for every byte.
 
 use cortex_m_semihosting::nr::open::{R_BINARY, W_TRUNC_BINARY};
-use cortex_m_semihosting::syscall;
+use cortex_m_semihosting::{debug, syscall};
 use firmware::device::exchange::{FRAME_BYTES, Frame};
 
 const CONSOLE: &[u8] = b":tt\0";
@@ -22,14 +22,18 @@ impl Hardware {
         Self { input: open(R_BINARY), output: open(W_TRUNC_BINARY) }
     }
 
-    /// Waits for a frame.
+    /// Waits for a frame. A console that has ended has nobody left behind it: the emulator ends, too, and is no orphan.
     pub fn read(&mut self) -> Frame {
         let mut frame = [0u8; FRAME_BYTES];
         let mut missing = FRAME_BYTES;
         while missing > 0 {
             let rest = &mut frame[FRAME_BYTES - missing..];
             // SAFETY: an open handle and a buffer with its length; gives the number of bytes that are still missing.
-            missing = unsafe { syscall!(READ, self.input, rest.as_mut_ptr(), rest.len()) }.min(missing);
+            let left = unsafe { syscall!(READ, self.input, rest.as_mut_ptr(), rest.len()) };
+            if left >= missing {
+                debug::exit(debug::EXIT_FAILURE);
+            }
+            missing = left;
         }
         frame
     }
