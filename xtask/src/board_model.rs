@@ -22,12 +22,15 @@ pub fn build() -> Result<()> {
     run("board model", own_cargo().args(["build", "--release", "--locked"]))
 }
 
-/// The package's own tests and lints, then the image on it: closed loop, settings, faults.
-pub fn tests() -> Result<()> {
-    build()?;
+/// The package's own lints and tests.
+pub fn checks() -> Result<()> {
     run("board model: format", own_cargo().args(["fmt", "--check"]))?;
     run("board model: lints", own_cargo().args(["clippy", "--release", "--locked", "--all-targets", "--", "--deny", "warnings"]))?;
-    run("board model: its own tests", own_cargo().args(["test", "--release", "--locked"]))?;
+    run("board model: its own tests", own_cargo().args(["test", "--release", "--locked"]))
+}
+
+/// The image on it: closed loop, settings, faults.
+pub fn tests() -> Result<()> {
     let mut tests = cargo();
     tests.args(["test", "--workspace", "--test", "board_model", "--", "--ignored", "--nocapture"]);
     run("board model: the flashable image", environment(&mut tests)?)

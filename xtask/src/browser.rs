@@ -8,17 +8,23 @@ use crate::setup::BROWSER_DRIVER;
 /// Tests that measure times of the device or of the processor: one after the other, for two browsers make each other late.
 const TIMED: [&str; 2] = ["abandoned", "four_watchers"];
 
-/// The tests that plain `cargo test` leaves out. Most of them wait for a rig in real time, and two wait beside each other.
+/// The tests that plain `cargo test` leaves out, but for those that measure times. Most of them wait for a rig in real time, and two wait beside
+/// each other.
 pub fn tests() -> Result<()> {
     ensure!(
         exists(BROWSER_DRIVER),
         "{BROWSER_DRIVER} is missing, and without it nobody tests the dashboard; `cargo xtask setup` installs it"
     );
-    let test = |threads: &str| {
-        let mut command = cargo();
-        command.args(["test", "--workspace", "--test", "dashboard", "--", "--ignored", "--nocapture", "--test-threads", threads]);
-        command
-    };
-    run("dashboard in a browser", test("2").args(TIMED.iter().flat_map(|name| ["--skip", name])))?;
+    run("dashboard in a browser", test("2").args(TIMED.iter().flat_map(|name| ["--skip", name])))
+}
+
+/// Those that measure times; nothing else should run.
+pub fn timed_tests() -> Result<()> {
     run("dashboard in a browser, times", test("1").args(TIMED))
+}
+
+fn test(threads: &str) -> std::process::Command {
+    let mut command = cargo();
+    command.args(["test", "--workspace", "--test", "dashboard", "--", "--ignored", "--nocapture", "--test-threads", threads]);
+    command
 }

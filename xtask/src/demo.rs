@@ -9,9 +9,14 @@ use crate::process::{cargo, run, target_folder};
 /// The longest the demo may take once built; it promises 90 s on two idle cores, and test machines are not idle.
 const LIMIT: Duration = Duration::from_secs(300);
 
+/// Builds the command as the README's first command does.
+pub fn build() -> Result<()> {
+    run("build", cargo().args(["build", "--release", "--bin", "catheter"]))
+}
+
 /// The demo ends well and leaves its report and a blob for each of its rigs.
 pub fn runs() -> Result<()> {
-    run("build", cargo().args(["build", "--release", "--bin", "catheter"]))?;
+    build()?;
     let folder = target_folder().join("demo");
     if folder.exists() {
         std::fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;

@@ -1,6 +1,7 @@
 //! The project's tasks, the same for a person and for continuous integration. `cargo xtask --help` lists each with its time.
 
 mod bench;
+mod beside;
 mod board_model;
 mod book;
 mod browser;
@@ -29,7 +30,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Task {
     /// Everything, as continuous integration: format, lints, documentation, tests, target builds, the emulated target, the board's model, the
-    /// browser, the demo, the Python package, the book. Installs what is missing. 45 minutes from nothing.
+    /// browser, the demo, the Python package, the book. Installs what is missing. Half an hour from nothing.
     Test,
     /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. Half an hour or more from nothing.
     Ci,
@@ -61,6 +62,9 @@ enum Task {
     Fuzz(FuzzArguments),
     /// Build the Python package in an environment of its own and run its tests and its notebook. 4 min.
     Python,
+    /// Build what the later stages of `test` need: images, board model, release command, published packages. `test` does it beside its tests.
+    #[command(name = beside::TASK)]
+    Builds,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU, a browser. Minutes once.
     Setup,
     /// Turn the equations of the book into MathML; mdBook calls this.
@@ -124,6 +128,7 @@ fn main() -> ExitCode {
         Task::PanicFree => setup::target().and_then(|()| firmware::panic_free()),
         Task::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
         Task::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
+        Task::Builds => beside::builds(),
         Task::Fuzz(of) => checks::fuzz(of.minutes, of.seed),
         Task::Python => python::tests(),
         Task::Setup => setup::everything(),
@@ -147,23 +152,19 @@ fn main() -> ExitCode {
 
 fn test() -> anyhow::Result<()> {
     setup::everything()?;
+    let builds = beside::Builds::start()?;
     checks::desktop()?;
-    checks::target_builds()?;
-    for board in &firmware::BOARDS {
-        firmware::build(board)?;
-    }
-    firmware::reproducible(&firmware::BOARDS[0])?;
-    firmware::panic_free()?;
+    browser::tests()?;
+    builds.finish()?;
     emulator::boots()?;
     emulator::tests()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
     board_model::tests()?;
-    browser::tests()?;
+    browser::timed_tests()?;
     demo::runs()?;
     python::tests()?;
     licences::check()?;
-    publish::check()?;
     publish::bill_of_materials()?;
     book::build(false)
 }
