@@ -10,7 +10,7 @@
 //! ```
 //!
 //! `T_n` are Chebyshev polynomials of the first kind; those above the first are held at the ends of the data, where they would run
-//! away. The play operator is eq. (2) of the paper. The output path filters the sum of all columns, which is the same as filtering each.
+//! away. The play operator is eq. (2) of the paper; its threshold may follow the speed, see [`Widening`]. The output path filters the sum of all columns, which is the same as filtering each.
 
 use std::ops::Range;
 
@@ -141,6 +141,26 @@ pub struct Column {
     pub lag: Option<Lag>,
 }
 
+/// Thresholds of play operators that follow the speed of their input: `r + gain ln(1 + |dx/dt| / speed)`, not below zero, with `x` the scaled
+/// input behind dead time and lag (M. Al Janaideh, S. Rakheja and C.-Y. Su, Mechatronics 19, 2009, with one gain for all operators).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Widening {
+    /// Speed from which the thresholds follow less and less, in half ranges a second.
+    pub speed: f64,
+    /// Gain, in half ranges; below zero, loops narrow as the input gets faster.
+    pub gain: f64,
+}
+
+impl Widening {
+    /// What it adds to the thresholds at each sample of a stretch; nothing at its first.
+    fn of(&self, x: &[f64], sample_period_s: f64, widths: &mut [f64]) {
+        for (sample, width) in widths.iter_mut().enumerate() {
+            let speed = (x[sample] - x[sample.saturating_sub(1)]).abs() / sample_period_s;
+            *width = self.gain * (speed / self.speed).ln_1p();
+        }
+    }
+}
+
 /// A filter on the whole sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -176,6 +196,9 @@ pub struct Structure {
     /// Where play operators rest before the first sample, in scaled input; absent: at the first sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<Vec<f64>>,
+    /// How thresholds follow the speed; absent: they stand still.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub widening: Option<Widening>,
     /// The filter of the sum.
     #[serde(default)]
     pub output_path: OutputPath,
@@ -205,6 +228,15 @@ impl Structure {
                 path
             })
             .collect();
+        let widths: Vec<Vec<f64>> = self.widening.map_or_else(Vec::new, |widening| {
+            let width = |x: &Vec<f64>| {
+                let mut widths = vec![0.0; length];
+                let stretches = segments.iter().cloned();
+                stretches.for_each(|stretch| widening.of(&x[stretch.clone()], self.sample_period_s, &mut widths[stretch]));
+                widths
+            };
+            scaled.iter().map(width).collect()
+        });
         let rests = |input: usize, first: f64| self.rest.as_ref().and_then(|rest| rest.get(input)).copied().unwrap_or(first);
         // Columns that a sigmoid looks at are kept.
         let kept = self.kept();
@@ -226,11 +258,12 @@ impl Structure {
                     values.iter_mut().zip(pairs).for_each(|(value, (&a, &b))| *value = a.clamp(-1.0, 1.0) * b.clamp(-1.0, 1.0));
                 }
                 Basis::Play { input, threshold } => {
-                    let x = &scaled[*input];
+                    let (x, width) = (&scaled[*input], widths.get(*input));
                     for segment in &segments {
                         let mut state = rests(*input, x[segment.start]);
                         for sample in segment.clone() {
-                            state = play::step(*threshold, x[sample], state);
+                            let threshold = width.map_or(*threshold, |width| (threshold + width[sample]).max(0.0));
+                            state = play::step(threshold, x[sample], state);
                             values[sample] = state;
                         }
                     }
@@ -382,6 +415,7 @@ mod tests {
             lag_s: 0.0,
             scalings: vec![Scaling { centre: 0.0, half: 1.0 }; 2],
             rest: None,
+            widening: None,
             output_path: OutputPath::Direct,
             columns,
         }
@@ -465,6 +499,22 @@ mod tests {
             let rest = if index == 0 { 0.7 } else { 0.0 };
             assert!(values.iter().all(|value| (value - rest).abs() < 1e-12), "it starts at rest");
         });
+    }
+
+    #[test]
+    fn thresholds_follow_the_speed() {
+        let play = plain(Basis::Play { input: 0, threshold: 0.1 });
+        for (gain, speed) in [(0.2, 0.2), (0.2, 1.0), (-0.2, 0.2), (-0.2, 10.0)] {
+            // Up at that speed, then at rest.
+            let x: Vec<f64> = (0..200).map(|k| speed * 0.01 * f64::from(k.min(100))).collect();
+            let widening = Some(Widening { speed: 0.5, gain });
+            let mut made = Vec::new();
+            Structure { widening, ..structure(vec![play.clone()]) }.for_each_column(&[&x, &x], &[], |_, values| made = values.to_vec());
+            let threshold = (0.1 + gain * (1.0 + speed / 0.5_f64).ln()).max(0.0);
+            assert!((x[100] - made[100] - threshold).abs() < 1e-9, "{gain} {speed}: {}", x[100] - made[100]);
+            // At rest a wider threshold lets the state come after.
+            assert!((x[199] - made[199] - threshold.min(0.1)).abs() < 1e-9, "{gain} {speed}: {}", x[199] - made[199]);
+        }
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub mod search;
 mod series;
 mod split;
 
-pub use columns::{Basis, Column, Lag, OutputPath, Scaling, Structure};
+pub use columns::{Basis, Column, Lag, OutputPath, Scaling, Structure, Widening};
 pub use model::{LinearModel, ModelFault};
 pub use moments::Moments;
 pub use nuisance::{Covariate, Nuisances};

@@ -77,7 +77,7 @@ impl LinearModel {
     pub fn parameters(&self) -> usize {
         let used = self.weights.iter().filter(|&&weight| weight != 0.0).count();
         let path = usize::from(self.structure.dead_time_s > 0.0) + usize::from(self.structure.lag_s > 0.0);
-        1 + used + path
+        1 + used + path + 2 * usize::from(self.structure.widening.is_some())
     }
 
     /// Multiplications of one step, about.
@@ -87,13 +87,15 @@ impl LinearModel {
         let one = |column: &crate::Column| {
             let basis = match &column.basis {
                 Basis::Polynomial { degree, .. } => *degree,
-                Basis::Play { .. } | Basis::Product { .. } | Basis::Ramp { .. } => 1,
+                Basis::Play { .. } => 1 + usize::from(self.structure.widening.is_some()),
+                Basis::Product { .. } | Basis::Ramp { .. } => 1,
                 Basis::Oscillator { .. } => 5,
                 Basis::Sigmoid { columns, .. } => columns.len() + 20,
             };
             1 + basis + column.lag.map_or(0, |lag| usize::from(lag.order))
         };
-        self.structure.columns.iter().map(one).sum::<usize>() + self.inputs()
+        let speed = if self.structure.widening.is_some() { 20 } else { 0 };
+        self.structure.columns.iter().map(one).sum::<usize>() + (1 + speed) * self.inputs()
     }
 
     /// Checks everything that [`Self::simulate`] relies on.
@@ -134,6 +136,9 @@ impl LinearModel {
         }
         if structure.rest.as_ref().is_some_and(|rest| rest.len() != self.inputs() || !rest.iter().all(|&value| sane(value))) {
             return fault("rest needs one finite value for each input");
+        }
+        if structure.widening.is_some_and(|widening| !(widening.speed > 1.0 / LARGEST && sane(widening.speed) && sane(widening.gain))) {
+            return fault("the widening needs a positive speed and a gain");
         }
         match structure.output_path {
             OutputPath::Direct => {}
@@ -195,7 +200,7 @@ impl LinearModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Basis, Column, Lag, OutputPath, Scaling};
+    use crate::{Basis, Column, Lag, OutputPath, Scaling, Widening};
 
     fn model() -> LinearModel {
         LinearModel {
@@ -208,6 +213,7 @@ mod tests {
                 lag_s: 0.0,
                 scalings: vec![Scaling { centre: 0.0, half: 1.0 }],
                 rest: None,
+                widening: None,
                 output_path: OutputPath::Direct,
                 columns: vec![Column { basis: Basis::Play { input: 0, threshold: 0.1 }, lag: None }],
             },
@@ -217,7 +223,7 @@ mod tests {
     #[test]
     fn damaged_numbers_are_refused() {
         assert_eq!(model().check(), Ok(()));
-        let damages: [fn(&mut LinearModel); 12] = [
+        let damages: [fn(&mut LinearModel); 14] = [
             |model| model.constant = 1e300,
             |model| model.weights[0] = f64::NAN,
             |model| model.weights[0] = -1e300,
@@ -225,6 +231,8 @@ mod tests {
             |model| model.limits = [-1e300, 1e300],
             |model| model.structure.lag_s = -0.1,
             |model| model.structure.dead_time_s = 1e8,
+            |model| model.structure.widening = Some(Widening { speed: 0.0, gain: 1.0 }),
+            |model| model.structure.widening = Some(Widening { speed: 1.0, gain: f64::NAN }),
             |model| model.structure.scalings[0].half = 1e-300,
             |model| model.structure.scalings[0].centre = f64::INFINITY,
             |model| model.structure.columns[0].basis = Basis::Play { input: 0, threshold: 1e300 },

@@ -273,6 +273,7 @@ mod tests {
             lag_s: 0.02,
             scalings: vec![Scaling { centre: 0.1, half: 0.8 }],
             rest: Some(vec![0.0]),
+            widening: None,
             output_path: OutputPath::Lag { time_constant_s: 0.03 },
             columns: vec![column(Basis::Polynomial { input: 0, degree: 2 }), column(Basis::Play { input: 0, threshold: 0.3 })],
         };

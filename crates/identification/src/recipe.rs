@@ -3,7 +3,7 @@
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{Basis, Column, Lag, OutputPath, Scaling, Series, Signs, Structure};
+use crate::{Basis, Column, Lag, OutputPath, Scaling, Series, Signs, Structure, Widening};
 
 /// Which columns are repeated behind a spectrum of lags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -64,6 +64,8 @@ pub struct Recipe {
     pub dead_quarters: u16,
     /// Lag of the inputs by `lag_s`; 0 is none.
     pub lag: u16,
+    /// How thresholds follow the speed: from a half range in the `lag_s` of this step on, and the gain by [`gain`].
+    pub widening: Option<(u16, i8)>,
     /// Filter of the sum.
     pub output: OutputKey,
     /// Columns behind lags.
@@ -91,6 +93,7 @@ impl Recipe {
             falling: 0,
             dead_quarters: 0,
             lag: 0,
+            widening: None,
             output: OutputKey::Direct,
             spectrum: Spectrum::None,
             oscillators: false,
@@ -173,6 +176,12 @@ pub fn lag_s(step: u16, sample_period_s: f64) -> f64 {
     if step == 0 { 0.0 } else { 0.5 * sample_period_s * 2.0_f64.powf(0.5 * f64::from(step - 1)) }
 }
 
+/// The gain of a step: half octaves from a fortieth on, in half ranges; of the step's sign, and 0 for step 0.
+#[must_use]
+pub fn gain(step: i8) -> f64 {
+    if step == 0 { 0.0 } else { f64::from(step.signum()) * 0.025 * 2.0_f64.powf(0.5 * f64::from(step.unsigned_abs() - 1)) }
+}
+
 impl Recipe {
     /// The structure it stands for.
     #[must_use]
@@ -224,6 +233,9 @@ impl Recipe {
             lag_s: lag_s(self.lag, around.sample_period_s),
             scalings: around.scalings.clone(),
             rest,
+            widening: self
+                .widening
+                .map(|(step, gain)| Widening { speed: 1.0 / lag_s(step, around.sample_period_s), gain: self::gain(gain) }),
             output_path: match self.output {
                 OutputKey::Direct => OutputPath::Direct,
                 OutputKey::Lag(step) => OutputPath::Lag { time_constant_s: lag_s(step, around.sample_period_s) },

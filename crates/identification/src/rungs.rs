@@ -84,9 +84,18 @@ pub fn physics_rungs() -> Vec<Rung> {
             2,
         )),
         large(bound(
+            "PI + curve + rate",
+            "the same, with thresholds that follow the speed of the input",
+            // Not from the rung with dynamics: a lag that stands in for wider loops would have to go first.
+            &["PI + curve"],
+            |recipe, _| recipe,
+            &[widenings, directions, dead_times, lags, outputs, ramps, counts, rests, zeros],
+            2,
+        )),
+        large(bound(
             "PI + curve + creep",
-            "the same, and creep by a spectrum of lags",
-            &["PI + curve + dynamics"],
+            "operators, a curve and dynamics, thresholds that may follow the speed, and creep by a spectrum of lags",
+            &["PI + curve + dynamics", "PI + curve + rate"],
             |recipe, _| Recipe { spectrum: Spectrum::Input, ..recipe },
             &[spectra, outputs, dead_times, lags, directions, rests, zeros],
             1,
@@ -231,6 +240,18 @@ fn steps(here: u16, around: &Surroundings) -> Vec<u16> {
 
 fn lags(recipe: &Recipe, around: &Surroundings) -> Vec<Recipe> {
     std::iter::once(0).chain(steps(recipe.lag, around)).map(|lag| Recipe { lag, ..recipe.clone() }).collect()
+}
+
+/// A coarse grid, and neighbours of where the search is.
+fn widenings(recipe: &Recipe, around: &Surroundings) -> Vec<Recipe> {
+    let (here, gain) = recipe.widening.unwrap_or_default();
+    let mut gains = vec![-2, 1, 3, 5, 7, 9, gain - 1, gain + 1];
+    gains.retain(|&step| (-6..=12).contains(&step) && step != 0);
+    gains.sort_unstable();
+    gains.dedup();
+    let steps = steps(here, around).into_iter().filter(|&step| step > 0);
+    let all = steps.flat_map(|step| gains.iter().map(move |&gain| Some((step, gain))));
+    std::iter::once(None).chain(all).map(|widening| Recipe { widening, ..recipe.clone() }).collect()
 }
 
 fn outputs(recipe: &Recipe, around: &Surroundings) -> Vec<Recipe> {

@@ -22,7 +22,7 @@ pub fn of_file(file: &FittedModel) -> Option<PhysicsModel> {
 pub fn of_sum(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRange, sources: &[Source]) -> Option<PhysicsModel> {
     let structure = &model.structure;
     let [scaling] = structure.scalings[..] else { return None };
-    if structure.output_path != OutputPath::Direct {
+    if structure.output_path != OutputPath::Direct || structure.widening.is_some() {
         return None;
     }
     let plain = structure.columns.iter().all(|column| column.lag.is_none());
