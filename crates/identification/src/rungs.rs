@@ -242,15 +242,13 @@ fn lags(recipe: &Recipe, around: &Surroundings) -> Vec<Recipe> {
     std::iter::once(0).chain(steps(recipe.lag, around)).map(|lag| Recipe { lag, ..recipe.clone() }).collect()
 }
 
-/// A coarse grid, and neighbours of where the search is.
+/// A coarse grid of speeds and gains, and neighbours of where the search is.
 fn widenings(recipe: &Recipe, around: &Surroundings) -> Vec<Recipe> {
-    let (here, gain) = recipe.widening.unwrap_or_default();
-    let mut gains = vec![-2, 1, 3, 5, 7, 9, gain - 1, gain + 1];
-    gains.retain(|&step| (-6..=12).contains(&step) && step != 0);
-    gains.sort_unstable();
-    gains.dedup();
-    let steps = steps(here, around).into_iter().filter(|&step| step > 0);
-    let all = steps.flat_map(|step| gains.iter().map(move |&gain| Some((step, gain))));
+    let last = around.longest_lag();
+    let coarse = (1..=last).step_by(3).flat_map(|step| [-2, 2, 5, 8].map(|gain| (step, gain)));
+    let near = recipe.widening.map(|(step, gain)| [(step - 1, gain), (step + 1, gain), (step, gain - 1), (step, gain + 1)]);
+    let within = |(step, gain): &(u16, i8)| (1..=last).contains(step) && (-4..=11).contains(gain) && *gain != 0;
+    let all = coarse.chain(near.into_iter().flatten()).filter(within).map(Some);
     std::iter::once(None).chain(all).map(|widening| Recipe { widening, ..recipe.clone() }).collect()
 }
 
