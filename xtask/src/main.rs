@@ -159,8 +159,8 @@ fn test() -> anyhow::Result<()> {
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
     board_model::tests()?;
-    browser::tests()?;
     demo::runs()?;
+    browser::tests()?;
     python::tests()?;
     licences::check()?;
     publish::check()?;
