@@ -6,6 +6,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Muscle, Observer, TickRecord};
 use host_tool::rig::live::{AllEffects, REST_MM, STROKE_MM};
@@ -41,7 +42,7 @@ struct Drifting {
     ticks: f64,
     /// The last difference of laser and tip that was no wrong sample.
     laser_mm: f64,
-    positions: Rc<RefCell<Positions>>,
+    positions: Arc<Mutex<Positions>>,
 }
 
 /// Positions of the tip in every tick, mm.
@@ -60,7 +61,7 @@ impl Muscle for Drifting {
         self.ticks += 1.0;
         let hours = (self.ticks * 1e-3).min(self.drift.until_s) / 3600.0;
         let moved_mm = hours * (self.drift.zero_per_h * STROKE_MM + self.drift.gain_per_h * (tip_mm - REST_MM));
-        let mut positions = self.positions.borrow_mut();
+        let mut positions = self.positions.lock().expect("one thread");
         // A wrong sample is off by a tenth of the stroke and more; the laser's own zero and gain by much less.
         if (seen_mm - tip_mm).abs() < 0.05 * STROKE_MM {
             self.laser_mm = seen_mm - tip_mm;
@@ -166,14 +167,14 @@ pub fn moves_and_holds(reach: Reach, seed: u64, seconds: f64) -> Vec<f64> {
 /// When the device refuses or vents.
 #[must_use]
 pub fn session(session: &Session<'_>) -> Outcome {
-    let positions = Rc::new(RefCell::new(Positions::default()));
+    let positions = Arc::new(Mutex::new(Positions::default()));
     let rig = AllEffects::new(session.seed, 1);
-    let rig = Drifting { rig, drift: session.drift, ticks: 0.0, laser_mm: 0.0, positions: Rc::clone(&positions) };
+    let rig = Drifting { rig, drift: session.drift, ticks: 0.0, laser_mm: 0.0, positions: Arc::clone(&positions) };
     // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
     let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: session.seed as u32 ^ 0x5eed, ..HardwareConfig::default() };
     let hardware = Hardware::new(config, Box::new(rig));
     // The hardware's start is a step of the muscle.
-    *positions.borrow_mut() = Positions::default();
+    *positions.lock().expect("one thread") = Positions::default();
     let peaks = Rc::new(RefCell::new(Peaks::default()));
     let processor = InProcess::new(FlashMemory::default());
     let lockstep = Lockstep::new(processor, hardware, Watch(Rc::clone(&peaks)), "the drifting rig", "virtual").expect("it starts");
@@ -200,7 +201,7 @@ pub fn session(session: &Session<'_>) -> Outcome {
     let Reply::AdaptationReport(report) = client.request(&Request::AdaptationReport).expect("it answers") else { panic!("a report") };
     let begin_ms = telemetry[0].time_ms;
     let samples: Vec<(f64, Telemetry)> = telemetry.iter().map(|sample| ((sample.time_ms - begin_ms) as f64 * 1e-3, *sample)).collect();
-    let positions = positions.borrow();
+    let positions = positions.lock().expect("one thread");
     let errors_mm = samples
         .iter()
         .filter_map(|(time_s, sample)| {

@@ -1,5 +1,6 @@
 //! The README's first command, run as a newcomer would.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -32,4 +33,9 @@ pub fn runs() -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The page that it has left.
+pub fn page() -> Result<PathBuf> {
+    Ok(std::path::absolute(target_folder().join("demo/report.html"))?)
 }

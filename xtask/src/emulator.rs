@@ -1,5 +1,6 @@
 //! The firmware as ARM code in QEMU: netduinoplus2 is the machine with the rig's chip.
 
+use std::process::Command;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -38,8 +39,13 @@ pub fn flashable_image() -> Result<()> {
     )
 }
 
+/// Names the image with the whole device for whoever starts it.
+pub fn environment(command: &mut Command) -> Result<&mut Command> {
+    Ok(command.env("CATHETER_PIL_IMAGE", std::path::absolute(target_folder().join(TARGET).join("release/pil"))?))
+}
+
 /// The whole device as ARM code against the same device on the desktop, and what becomes of it when something breaks.
 pub fn processor_in_the_loop() -> Result<()> {
-    let image = std::path::absolute(target_folder().join(TARGET).join("release/pil"))?;
-    run("processor in the loop", cargo().env("CATHETER_PIL_IMAGE", image).args(["test", "--workspace", "--test", "processor_in_the_loop"]))
+    let mut tests = cargo();
+    run("processor in the loop", environment(&mut tests)?.args(["test", "--workspace", "--test", "processor_in_the_loop"]))
 }

@@ -62,9 +62,10 @@ enum Task {
     Fuzz(FuzzArguments),
     /// Build the Python package in an environment of its own and run its tests and its notebook. 4 min.
     Python,
-    /// Build what the later stages of `test` need: images, board model, release command, published packages. `test` does it beside its tests.
-    #[command(name = beside::TASK)]
+    /// Build what the later stages of `test` need: images, board model, release command. `test` does it beside its tests. 10 min.
     Builds,
+    /// What `test` proves by builds alone: the image is reproducible, its tick panic-free, the packages publishable. Also beside tests. 8 min.
+    Proofs,
     /// Install what `test` needs and this machine lacks: the Rust target, rustfmt, clippy, QEMU, a browser. Minutes once.
     Setup,
     /// Turn the equations of the book into MathML; mdBook calls this.
@@ -129,6 +130,7 @@ fn main() -> ExitCode {
         Task::Flash(of) => setup::target().and_then(|()| firmware::flash(of.board)),
         Task::Reproducible(of) => setup::target().and_then(|()| firmware::reproducible(of.board)),
         Task::Builds => beside::builds(),
+        Task::Proofs => beside::proofs(),
         Task::Fuzz(of) => checks::fuzz(of.minutes, of.seed),
         Task::Python => python::tests(),
         Task::Setup => setup::everything(),
@@ -152,19 +154,21 @@ fn main() -> ExitCode {
 
 fn test() -> anyhow::Result<()> {
     setup::everything()?;
-    let builds = beside::Builds::start()?;
+    let builds = beside::start(beside::Task::Builds)?;
     checks::desktop()?;
-    browser::tests()?;
     builds.finish()?;
+    let proofs = beside::start(beside::Task::Proofs)?;
+    demo::runs()?;
+    browser::tests()?;
     emulator::boots()?;
     emulator::tests()?;
     emulator::flashable_image()?;
     emulator::processor_in_the_loop()?;
     board_model::tests()?;
-    browser::timed_tests()?;
-    demo::runs()?;
     python::tests()?;
     licences::check()?;
     publish::bill_of_materials()?;
-    book::build(false)
+    book::build(false)?;
+    proofs.finish()?;
+    browser::timed_tests()
 }

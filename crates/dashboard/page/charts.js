@@ -41,13 +41,13 @@ function tell() {
   draw(true);
 }
 
-const clock = (seconds) => {
+/** A time on the axis, to the digits that tell it from the next one. */
+const clock = (seconds, step) => {
   // Before the device started there was nothing.
   if (seconds < 0) return "";
   const minutes = Math.floor(seconds / 60);
   const rest = seconds - 60 * minutes;
-  const [from, to] = range();
-  const digits = to - from < 1 ? 3 : to - from < 4 ? 1 : 0;
+  const digits = [0, 1, 2].find((count) => Math.abs(step * 10 ** count - Math.round(step * 10 ** count)) < 1e-6) ?? 3;
   return minutes > 0 ? `${minutes}:${rest.toFixed(digits).padStart(digits ? digits + 3 : 2, "0")}` : `${rest.toFixed(digits)} s`;
 };
 
@@ -94,7 +94,7 @@ function options(element, unit, series, height, more = {}) {
     cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
     scales: { x: { time: false, range: () => range() }, y: { range: more.range } },
     axes: [
-      { ...axis, values: (_, splits) => splits.map(clock), size: 26 },
+      { ...axis, values: (_, splits) => splits.map((seconds) => clock(seconds, splits[1] - splits[0])), size: 26 },
       { ...axis, label: unit, labelSize: 16, labelFont: "11px sans-serif", size: 48 },
     ],
     series: [{ label: "t", value: (_, value) => (value === null || value === undefined ? "–" : `${value.toFixed(3)} s`) }, ...series],

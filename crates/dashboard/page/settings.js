@@ -28,7 +28,7 @@ function row(setting) {
   const changed = setting.value !== setting.saved;
   return make("tr", { class: changed ? "changed" : null },
     make("td", {}, setting.name, make("span", { class: "hint" }, setting.meaning)),
-    make("td", {}, editor(setting), " ", setting.unit),
+    make("td", { class: "value" }, editor(setting), " ", setting.unit),
     make("td", { class: "number" }, typeof setting.value === "boolean" ? "" : `${text(setting.minimum)} to ${text(setting.maximum)}`),
     make("td", { class: "number" }, changed ? `saved ${text(setting.saved)}` : setting.value !== setting.default ? `default ${text(setting.default)}` : ""),
     make("td", {}, changed && mayConfigure()

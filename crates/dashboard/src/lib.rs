@@ -21,6 +21,7 @@ mod frame;
 mod jobs;
 mod lease;
 mod load;
+mod opening;
 mod recorder;
 mod rig;
 mod server;
@@ -34,10 +35,10 @@ pub use access::Role;
 pub use frame::{HEADER_BYTES, SAMPLE_BYTES, VERSION};
 pub use jobs::{JobKind, Jobs};
 pub use load::{Foreign, Loaded, Loader};
+pub use opening::Opener;
 pub use rig::{
     Account, Action, Asked, Entry, Explained, Identity, Mode, Phase, Playing, Preview, Problem, RENEWAL_WINDOW, Rig, RigState, Sample,
     Setting, Task,
 };
 pub use server::{Config, ServeError, Server};
-pub use session::Opener;
 pub use tls::Tls;

@@ -372,8 +372,8 @@ pub enum Problem {
     Gone(String),
 }
 
-/// A rig that is operated. Every call is made from the session's thread, where it was opened, and must return within some milliseconds, unless it says otherwise.
-pub trait Rig {
+/// A rig that is operated. Every call is made from the session's thread and must return within some milliseconds, unless it says otherwise.
+pub trait Rig: Send {
     /// Who is there.
     fn identity(&self) -> Identity;
 

@@ -17,11 +17,9 @@ use crate::audit::Audit;
 use crate::client::Client;
 use crate::frame;
 use crate::lease::{Holder, Lease, VENTED_LENGTH};
+use crate::opening::{Opener, Opening};
 use crate::recorder::Recorder;
 use crate::rig::{Action, Identity, Preview, Problem, Rig, RigState, Sample, Setting};
-
-/// Opens the rig, again when it was gone.
-pub type Opener = Box<dyn FnMut() -> Result<Box<dyn Rig>, Problem> + Send>;
 
 /// Time between two looks at orders.
 const STEP: Duration = Duration::from_millis(4);
@@ -29,8 +27,6 @@ const STEP: Duration = Duration::from_millis(4);
 const FRAME: Duration = Duration::from_millis(20);
 /// How often the state is asked for.
 const STATE: Duration = Duration::from_millis(200);
-/// How often one tries to open a rig that is gone.
-const RETRY: Duration = Duration::from_secs(1);
 /// Samples that a new watcher is shown: a minute at 1,000 samples/s.
 const KEPT_SAMPLES: usize = 60_000;
 /// Samples of a frame of what is past.
@@ -86,7 +82,7 @@ pub(crate) enum Order {
 }
 
 pub(crate) struct Session {
-    opener: Opener,
+    opening: Opening,
     orders: Receiver<Order>,
     events: broadcast::Sender<Event>,
     audit: Audit,
@@ -109,7 +105,7 @@ pub(crate) struct Session {
 impl Session {
     pub fn new(opener: Opener, orders: Receiver<Order>, events: broadcast::Sender<Event>, audit: Audit, folder: PathBuf) -> Self {
         Self {
-            opener,
+            opening: Opening::new(opener),
             orders,
             events,
             audit,
@@ -131,11 +127,12 @@ impl Session {
 
     /// Runs until it is told to close or nobody can give orders any more.
     pub fn run(mut self) {
-        let (mut frame_at, mut state_at, mut open_at) = (Instant::now(), Instant::now(), Instant::now());
+        let (mut frame_at, mut state_at) = (Instant::now(), Instant::now());
         loop {
-            if self.rig.is_none() && Instant::now() >= open_at {
-                self.open();
-                open_at = Instant::now() + RETRY;
+            if self.rig.is_none()
+                && let Some(opened) = self.opening.poll()
+            {
+                self.open(opened);
                 state_at = Instant::now();
             }
             let mut first = None;
@@ -179,8 +176,8 @@ impl Session {
         }
     }
 
-    fn open(&mut self) {
-        match (self.opener)() {
+    fn open(&mut self, opened: Result<Box<dyn Rig>, Problem>) {
+        match opened {
             Ok(rig) => {
                 self.identity = rig.identity();
                 self.rig = Some(rig);

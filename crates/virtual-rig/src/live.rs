@@ -10,9 +10,9 @@
 //! [`super::hide`] exaggerates one effect so that it can be found; here each one has the size that data sheets and the literature on
 //! pneumatic muscles make likely, and every parameter lies within 15 % of the table below, drawn from the seed.
 
-use std::cell::Cell;
 use std::f64::consts::PI;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -94,13 +94,13 @@ mod strength {
 
 /// What happened at the tip, for whoever judges the controller; the controller cannot see it.
 #[derive(Clone, Debug, Default)]
-pub struct Probe(Rc<Cell<f64>>);
+pub struct Probe(Arc<AtomicU64>);
 
 impl Probe {
     /// Where the tip really is, mm, in the laser's frame.
     #[must_use]
     pub fn tip_mm(&self) -> f64 {
-        self.0.get()
+        f64::from_bits(self.0.load(Ordering::Relaxed))
     }
 }
 
@@ -251,7 +251,7 @@ impl AllEffects {
             }
         }
         self.last_bar = pressure_bar;
-        self.probe.0.set(REST_MM + tip_mm);
+        self.probe.0.store((REST_MM + tip_mm).to_bits(), Ordering::Relaxed);
         let moment = moment(self);
         let mut seen_mm = tip_mm;
         for stage in &mut self.sensor {

@@ -20,7 +20,7 @@ pub struct Moment {
 }
 
 /// One stage of the rig.
-pub trait Stage {
+pub trait Stage: Send {
     /// Output for `input` one integration step later.
     fn step(&mut self, input: f64, moment: &Moment) -> f64;
     /// What a pause does to it, once everything has come to rest.

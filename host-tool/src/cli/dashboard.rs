@@ -191,7 +191,8 @@ const CHOICE: [Controller; CONTROLLERS.len()] = {
 const KINDS: &[JobKind] = &[
     kind("check", "Check: what is in them", check, None),
     kind("identify", "Identify: play operators", identify, Some("model.blob")),
-    kind("fit", "Fit: the ladder of models", fit, Some("model.blob")),
+    kind("ladder", "Fit: the ladder of models", ladder, Some("model.blob")),
+    kind("fit", "Fit with networks: minutes", fit, Some("model.blob")),
     kind("discover", "Discover: what the simulation lacks", discover, None),
     JobKind { settings: Some("result.json"), ..kind("tune", "Tune: controllers", tune, Some("control.blob")) },
 ];
@@ -257,6 +258,13 @@ fn identify(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
 
 fn fit(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
     vec![line("fit", data, &[("--out", folder)])]
+}
+
+/// As [`fit`], without the rungs that take minutes.
+fn ladder(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {
+    let mut arguments = line("fit", data, &[("--out", folder)]);
+    arguments.push("--no-networks".into());
+    vec![arguments]
 }
 
 fn discover(data: &[PathBuf], folder: &Path) -> Vec<Vec<OsString>> {

@@ -11,6 +11,8 @@ use super::text::{number, superscript};
 const MOST_POINTS: usize = 1600;
 /// Room for tick labels and the label of the vertical axis.
 const LEFT: f64 = 66.0;
+/// From the vertical axis to the baseline of its label: six digits have room between them.
+const LABEL: f64 = 53.0;
 const RIGHT: f64 = 14.0;
 /// Room for tick labels and the label of the horizontal axis.
 const BOTTOM: f64 = 44.0;
@@ -97,7 +99,7 @@ impl Frame {
             let label = with_power(label, self.x.power());
             svg.text("label", (0.5 * (self.left + self.right), self.bottom + 37.0), Anchor::Middle, &label);
         }
-        svg.upward_text("label", (self.left - 50.0, 0.5 * (self.top + self.bottom)), &with_power(y_label, self.y.power()));
+        svg.upward_text("label", (self.left - LABEL, 0.5 * (self.top + self.bottom)), &with_power(y_label, self.y.power()));
     }
 
     fn lines(&self, svg: &mut Svg, series: &[Series]) {
@@ -270,8 +272,8 @@ pub fn bars(caption: Caption<'_>, x_label: &str, width: f64, rows: &[(String, f6
 #[must_use]
 pub fn bars_from(caption: Caption<'_>, x_label: &str, width: f64, floor: f64, rows: &[(String, f64)]) -> Svg {
     const ROW: f64 = 26.0;
-    // Eight pixels a letter of a bold name.
-    let names = 10.0 + rows.iter().map(|row| 8.0 * row.0.chars().count() as f64).fold(150.0, f64::max);
+    // Nine pixels a letter of a bold name in a wide font.
+    let names = 14.0 + rows.iter().map(|row| 9.0 * row.0.chars().count() as f64).fold(150.0, f64::max);
     let bottom = 8.0 + ROW * rows.len() as f64;
     let mut svg = Svg::new(width, bottom + BOTTOM, caption.title, caption.description);
     let axis = Axis::over(rows.iter().map(|row| row.1.max(floor)).chain([0.0]), 0.0, names, width - 60.0);
@@ -339,7 +341,7 @@ pub fn heat(caption: Caption<'_>, labels: (&str, &str, &str), width: f64, scale:
         }
         svg.text("label", (left + 0.5 * each, bottom + 37.0), Anchor::Middle, x_label);
     }
-    svg.upward_text("label", (LEFT - 50.0, 0.5 * (30.0 + bottom)), y_label);
+    svg.upward_text("label", (LEFT - LABEL, 0.5 * (30.0 + bottom)), y_label);
     let axis = Axis::decades(scale.0, scale.1, bottom, 30.0);
     let (left, steps) = (width - SCALE, 60);
     for step in 0..steps {

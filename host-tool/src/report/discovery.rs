@@ -268,7 +268,7 @@ fn candidates(page: &mut Page, discovery: &Discovery) {
                 description: "Share of the mean square that each effect takes away on recordings it was not fitted to.",
             },
             "share of the mean square taken away / %",
-            760.0,
+            1120.0,
             LOWEST_BAR,
             &shown,
         ),

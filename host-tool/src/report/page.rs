@@ -197,20 +197,25 @@ impl Page {
     }
 }
 
-/// Escaped text in which `**words**` stand out.
+/// Escaped text in which `**words**` stand out and what is between backticks is code.
 fn emphasised(text: &str) -> String {
+    let parts = between(&escape(text), "`", "code");
+    between(&parts, "**", "strong")
+}
+
+/// Puts what stands between two marks into an element; a mark without a second one ends with the text.
+fn between(text: &str, mark: &str, element: &str) -> String {
     let mut html = String::new();
-    for (index, part) in escape(text).split("**").enumerate() {
-        html.push_str(match (index, index % 2) {
-            (0, _) => "",
-            (_, 1) => "<strong>",
-            _ => "</strong>",
-        });
+    for (index, part) in text.split(mark).enumerate() {
+        match (index, index % 2) {
+            (0, _) => {}
+            (_, 1) => html.extend(["<", element, ">"]),
+            _ => html.extend(["</", element, ">"]),
+        }
         html.push_str(part);
     }
-    // An odd number of marks would leave an element open.
-    if text.matches("**").count() % 2 == 1 {
-        html.push_str("</strong>");
+    if text.matches(mark).count() % 2 == 1 {
+        html.extend(["</", element, ">"]);
     }
     html
 }

@@ -41,6 +41,7 @@ fn shown(value: &Value) -> String {
         Value::Null => "-".to_owned(),
         Value::String(text) => text.clone(),
         Value::Number(figure) if figure.is_f64() => number(figure.as_f64().unwrap_or(f64::NAN), 5),
+        Value::Array(values) if values.is_empty() => "none".to_owned(),
         Value::Array(values) if is_single(value) => values.iter().map(shown).collect::<Vec<_>>().join(", "),
         Value::Array(values) => format!("{} values", values.len()),
         Value::Object(fields) => {
@@ -88,12 +89,13 @@ mod tests {
     #[test]
     fn every_figure_of_a_result_stands_on_its_page() {
         let result = serde_json::json!({
-            "rmse": 0.0123, "name": "<b>", "none": null, "interval": [1.5, 2.5],
+            "rmse": 0.0123, "name": "<b>", "none": null, "interval": [1.5, 2.5], "empty": [],
             "files": [{ "path": "a.csv", "rmse": 0.5 }, { "path": "b.csv", "rmse": 0.25 }],
             "many": (0..100).collect::<Vec<_>>(), "margins": { "gain": 2.0 },
         });
         let page = page("A result", "It says", &result, |page| page.paragraph("drawn"));
-        for wanted in ["drawn", "0.0123", "&lt;b&gt;", "1.5000, 2.5000", "a.csv", "0.25000", "the first 60 of 100", "gain"] {
+        for wanted in ["drawn", "0.0123", "&lt;b&gt;", "1.5000, 2.5000", "a.csv", "0.25000", "<td>none</td>", "the first 60 of 100", "gain"]
+        {
             assert!(page.contains(wanted), "{wanted}");
         }
         assert!(!page.contains("<b>&lt;"), "names are text");

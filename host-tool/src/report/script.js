@@ -312,16 +312,18 @@
       for (const plot of this.plots) {
         for (const line of plot.s) {
           const block = blocks.get(line.t) || blocks.set(line.t, new Map()).get(line.t);
-          if (!block.has(line.x)) block.set(line.x, plot.xl);
+          // Two quantities may have the same numbers.
+          const add = (column, name) => block.set(`${column} ${name}`, [column, name]);
+          add(line.x, plot.xl);
           const [quantity, ...of] = plot.yl.split(' / ');
           const name = line.n ? `${quantity}, ${line.n}` : quantity;
-          if (!block.has(line.y)) block.set(line.y, [name, ...of].join(' / '));
+          add(line.y, [name, ...of].join(' / '));
         }
       }
       return [...blocks].map(([table, columns]) => {
-        const numbers = [...columns.keys()].map((column) => this.group.tables[table][column]);
+        const numbers = [...columns.values()].map(([column]) => this.group.tables[table][column]);
         const rows = numbers[0].map((_, row) => numbers.map((column) => column[row] ?? '').join(','));
-        return [[...columns.values()].map(quoted).join(','), ...rows].join('\n') + '\n';
+        return [[...columns.values()].map(([, name]) => quoted(name)).join(','), ...rows].join('\n') + '\n';
       }).join('\n');
     }
 

@@ -1,11 +1,13 @@
 //! A real browser, headless, through its driver; and the command that serves it.
 
-use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use fantoccini::{Client, ClientBuilder, Locator};
 use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
@@ -21,6 +23,27 @@ pub enum Look {
     Desktop,
     Dark,
     Phone,
+}
+
+/// What a server on this machine answers.
+fn ask(port: u16, what: &str, head: &str, body: &str) -> Value {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("the server listens");
+    let length = if body.is_empty() { String::new() } else { format!("Content-Length: {}\r\n", body.len()) };
+    write!(stream, "{what} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n{head}{length}\r\n{body}")
+        .expect("it takes a request");
+    // Not every server closes the connection, asked to or not.
+    stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
+    let mut reader = BufReader::new(stream);
+    let (mut line, mut length) = (String::new(), 0);
+    while reader.read_line(&mut line).expect("it answers") > 2 {
+        if let Some((_, value)) = line.split_once(':').filter(|(name, _)| name.eq_ignore_ascii_case("content-length")) {
+            length = value.trim().parse().expect("a length");
+        }
+        line.clear();
+    }
+    let mut answer = vec![0; length];
+    reader.read_exact(&mut answer).expect("it answers");
+    serde_json::from_slice(&answer).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&answer)))
 }
 
 /// `catheter dashboard`, until it is dropped.
@@ -61,14 +84,13 @@ impl Served {
 
     /// What `GET /api/...` says.
     pub fn api(&self, path: &str) -> Value {
-        use std::io::{Read, Write};
-        let mut stream = std::net::TcpStream::connect(("127.0.0.1", self.port())).expect("the server listens");
-        let (port, token) = (self.port(), self.token());
-        write!(stream, "GET {path} HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n\r\n")
-            .expect("it takes a request");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("it answers");
-        serde_json::from_str(answer.split_once("\r\n\r\n").expect("a head").1).unwrap_or_else(|error| panic!("{error}: {answer}"))
+        ask(self.port(), &format!("GET {path}"), &format!("Authorization: Bearer {}\r\n", self.token()), "")
+    }
+
+    /// What `POST /api/...` says, with a lease.
+    pub fn post(&self, path: &str, lease: &str, body: &Value) -> Value {
+        let head = format!("Authorization: Bearer {}\r\nX-Lease: {lease}\r\nContent-Type: application/json\r\n", self.token());
+        ask(self.port(), &format!("POST {path}"), &head, &body.to_string())
     }
 
     pub fn audit(&self) -> String {
@@ -86,6 +108,9 @@ impl Drop for Served {
 /// A driver with the browser that it began, until it is dropped.
 struct Driver {
     child: Child,
+    port: u16,
+    /// Of its only session.
+    session: String,
     profile: tempfile::TempDir,
 }
 
@@ -116,7 +141,7 @@ impl Browser {
         let driver = Command::new("chromedriver").arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let child = driver.unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}): type `cargo xtask setup`"));
         // From here on a panic ends what was begun.
-        let driver = Driver { child, profile: tempfile::tempdir().expect("a temporary folder") };
+        let mut driver = Driver { child, port, session: String::new(), profile: tempfile::tempdir().expect("a temporary folder") };
         let own = format!("--user-data-dir={}", driver.profile.path().display());
         let mut options = json!({ "args": [
             "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1400,1080", own,
@@ -128,7 +153,8 @@ impl Browser {
             Look::Dark => arguments.push("--blink-settings=preferredColorScheme=0".into()),
             Look::Phone => options["mobileEmulation"] = json!({ "deviceMetrics": { "width": 390, "height": 844, "pixelRatio": 2.0 } }),
         }
-        let capabilities = json!({ "goog:chromeOptions": options, "pageLoadStrategy": "normal" });
+        let capabilities =
+            json!({ "goog:chromeOptions": options, "goog:loggingPrefs": { "browser": "ALL" }, "pageLoadStrategy": "normal" });
         let capabilities = capabilities.as_object().cloned().expect("an object");
         let begun = Instant::now();
         let client = loop {
@@ -142,7 +168,25 @@ impl Browser {
             }
             tokio::time::sleep(Duration::from_millis(50)).await;
         };
+        driver.session = client.session_id().await.expect("the driver answers").expect("a session");
         Self { driver, client }
+    }
+
+    fn command(&self, path: &str, body: &Value) -> Value {
+        let (body, what) = (body.to_string(), format!("POST /session/{}/{path}", self.driver.session));
+        let answer = ask(self.driver.port, &what, "Content-Type: application/json\r\n", &body);
+        assert!(answer["value"]["error"].is_null(), "{what}: {answer}");
+        answer["value"].clone()
+    }
+
+    /// A command of the browser's own protocol, which is no part of WebDriver.
+    pub fn devtools(&self, command: &str, parameters: &Value) -> Value {
+        self.command("goog/cdp/execute", &json!({ "cmd": command, "params": parameters }))
+    }
+
+    /// What the browser has said since it was asked last: errors of scripts, what a page's policy has refused.
+    pub fn log(&self) -> Value {
+        self.command("se/log", &json!({ "type": "browser" }))
     }
 
     /// Opens the page and waits until it is live.
@@ -223,6 +267,17 @@ impl Browser {
     pub async fn look(&self, name: &str) {
         if let Some(folder) = std::env::var_os("CATHETER_LOOK") {
             std::fs::write(Path::new(&folder).join(name), self.client.screenshot().await.expect("a picture")).expect("a file");
+        }
+    }
+
+    /// The same of a whole page, however long.
+    pub async fn look_at_all(&self, name: &str) {
+        if let Some(folder) = std::env::var_os("CATHETER_LOOK") {
+            let size = self.run("const it = document.documentElement; return [it.clientWidth, it.scrollHeight]").await;
+            let clip = json!({ "x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 1 });
+            let picture = self.devtools("Page.captureScreenshot", &json!({ "captureBeyondViewport": true, "clip": clip }));
+            let bytes = STANDARD.decode(picture["data"].as_str().expect("a picture")).expect("base64");
+            std::fs::write(Path::new(&folder).join(name), bytes).expect("a file");
         }
     }
 

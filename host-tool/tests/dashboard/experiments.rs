@@ -6,6 +6,7 @@ use host_tool::plant::PlantConfig;
 use serde_json::Value;
 
 use crate::browser::{Browser, Look, Served};
+use crate::recordings;
 
 /// How often a step is repeated that a busy machine spoiled.
 const ATTEMPTS: u32 = 5;
@@ -271,6 +272,74 @@ async fn a_recording_that_somebody_has_is_loaded_and_computed_on() {
     let lines: Vec<&str> = text.lines().collect();
     assert!(lines[0].contains("from day 1.csv, sha256 "), "{}", lines[0]);
     assert_eq!(lines[1..4], ["time_s,pressure_bar,displacement_mm", "0,0.5,0.3", "0.02,0.51,0.303"]);
+
+    // Everything that can be computed of a recording, of a short one.
+    let actuator = served.folder.path().join("actuator.csv");
+    std::fs::write(&actuator, recordings::actuator(14, 0.02)).expect("a file");
+    browser.run("document.getElementById('load-columns').value = ''").await;
+    choose(&actuator, "actuator: 700 samples, 14.0 s.").await;
+    browser.run("document.querySelector('[aria-label=\"Use day-1\"]').click()").await;
+    let begun = Instant::now();
+    for (title, kind, heading) in [
+        ("Identify: play operators", "identify", "A physics model"),
+        ("Discover: what the simulation lacks", "discover", "Which effect does the simulation lack?"),
+        ("Fit: the ladder of models", "ladder", "Which model to use"),
+        ("Tune: controllers", "tune", "A controller from recordings"),
+    ] {
+        browser.press(title).await;
+        computed(&browser, &format!("{kind} of actuator: done")).await;
+        browser.until("its report", "return !document.getElementById('job-report').hidden").await;
+        // Embedded, it is the same page, its buttons with it.
+        let frame = browser.client.find(fantoccini::Locator::Id("job-report")).await.expect("a frame");
+        frame.enter_frame().await.expect("the report opens");
+        let whole = format!("return document.querySelector('h1')?.textContent === '{heading}' && document.readyState === 'complete'");
+        let opened = Instant::now();
+        while browser.run(&whole).await != true {
+            assert!(opened.elapsed() < STEP_WITHIN, "{kind}: {}", browser.run("return document.body.textContent.slice(0, 300)").await);
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        let parts =
+            browser.run("return [document.querySelectorAll('figure svg').length, document.querySelectorAll('.tools button').length]").await;
+        assert!(parts[0].as_u64() > Some(0) && parts[1].as_u64() > Some(2), "{kind}: {parts} drawings and buttons");
+        browser.client.clone().enter_parent_frame().await.expect("the page again");
+        println!("{kind}: done {:.1} s after the first began", begun.elapsed().as_secs_f64());
+    }
+    browser.run("document.getElementById('job-title').scrollIntoView({ block: 'start' })").await;
+    browser.look("tuned.png").await;
+    // What tuning found goes to the device, its settings with it.
+    browser.click("job-use").await;
+    browser.until("the model", "return document.getElementById('identity').textContent.includes(' model ')").await;
+    let told = served.api("/api/settings");
+    let settings = told["settings"].as_array().expect("settings").iter();
+    let changed = settings.filter(|setting| {
+        setting["name"].as_str().is_some_and(|name| name.starts_with("control.")) && setting["value"] != setting["default"]
+    });
+    assert!(changed.count() >= 2, "the settings that belong to the controller");
+    // What takes minutes tells how far it is, and ends when somebody wants that.
+    browser.run("document.getElementById('jobs-kinds').scrollIntoView({ block: 'center' })").await;
+    browser.press("Fit with networks: minutes").await;
+    let moves = "const now = document.getElementById('job-lines').textContent; const before = window.before; window.before = now;
+                 return document.getElementById('job-title').textContent === 'fit of actuator: running' && Boolean(before) && now !== before";
+    browser.until("progress", moves).await;
+    println!("progress: {}", browser.text("job-lines").await.lines().last().unwrap_or_default());
+    browser.click("job-end").await;
+    computed(&browser, "fit of actuator: ended").await;
+    assert_eq!(browser.run("return document.getElementById('job-use').hidden").await, true, "what was ended made no model");
+}
+
+/// Waits until what is computed has ended as wanted.
+async fn computed(browser: &Browser, wanted: &str) {
+    let begun = Instant::now();
+    loop {
+        let title = browser.text("job-title").await;
+        if title == wanted {
+            return;
+        }
+        let ended =
+            ["done", "ended", "exit code"].iter().any(|end| title.contains(end)) && title.split(' ').next() == wanted.split(' ').next();
+        assert!(!ended && begun.elapsed() < COMPUTED_WITHIN, "{title}: {}", browser.text("job-lines").await);
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
 }
 
 #[tokio::test]

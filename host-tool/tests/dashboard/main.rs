@@ -3,11 +3,16 @@
 #![cfg(target_os = "linux")]
 
 mod abandoned;
+mod backends;
 mod board;
 mod browser;
+mod charts;
 mod experiments;
+mod limits;
 mod network;
 mod processes;
+mod recordings;
+mod reports;
 mod usable;
 mod watchers;
 
@@ -26,14 +31,6 @@ fn numbers(samples: &serde_json::Value, name: &str) -> Vec<f64> {
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
     let served = Served::start(&[]);
-    let first = loop {
-        let samples = served.api("/api/samples?last=1");
-        if !samples["sequence"].as_array().expect("a column").is_empty() {
-            break served.begun.elapsed();
-        }
-        std::thread::sleep(Duration::from_millis(5));
-    };
-    println!("first live sample after {} ms", first.as_millis());
     let browser = Browser::open(Look::Desktop, &served.address).await;
     assert!(
         !browser.run("return location.href").await.as_str().expect("an address").contains("token"),
@@ -97,6 +94,29 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
     assert!(served.audit().contains("\"what\":\"{\\\"do\\\":\\\"vent\\\"}\""), "{}", served.audit());
 }
 
+#[test]
+#[ignore = "measures time: one after the other with the other tests that do"]
+fn the_first_sample_is_live_within_a_second() {
+    let (target, attempts) = (Duration::from_secs(1), 4);
+    // A machine with other work spoils a start or two; what needs longer than the target spoils all of them.
+    let starts = (0..attempts).map(|_| {
+        let served = Served::start(&[]);
+        while served.api("/api/samples?last=1")["sequence"].as_array().expect("a column").is_empty() {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        served.begun.elapsed()
+    });
+    let mut needed = Vec::new();
+    for start in starts {
+        println!("first live sample after {} ms", start.as_millis());
+        needed.push(start);
+        if start <= target {
+            return;
+        }
+    }
+    panic!("{needed:?}, and {target:?} is the target");
+}
+
 #[tokio::test]
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
 async fn an_excitation_is_drawn_checked_loaded_and_played() {
@@ -143,7 +163,7 @@ async fn an_excitation_is_drawn_checked_loaded_and_played() {
 
 #[tokio::test]
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
-async fn an_injected_fault_is_explained_with_what_to_do() {
+async fn an_injected_fault_is_explained_with_what_to_do_and_an_effect_is_hidden_in_the_rig() {
     let served = Served::start(&[]);
     let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
@@ -154,6 +174,12 @@ async fn an_injected_fault_is_explained_with_what_to_do() {
     browser.until_state("running").await;
     browser.slide(1.5).await;
     tokio::time::sleep(Duration::from_millis(1500)).await;
+    let at_rest_mm = held_mm(&served);
+    // What moves the tip is not exchanged under pressure, and the page says why.
+    browser.press("Hidden: dead zone and saturation").await;
+    browser
+        .until("the reason", "return document.getElementById('said').textContent.includes('not while the rig is armed: vent first')")
+        .await;
     browser.press("Laser: broken wire, 3.75 mA").await;
     browser.until_state("fault").await;
     let why = browser.text("why").await;
@@ -161,11 +187,35 @@ async fn an_injected_fault_is_explained_with_what_to_do() {
     tokio::time::sleep(Duration::from_millis(600)).await;
     browser.run("scrollTo(0, 0)").await;
     browser.picture("dashboard-fault.png").await;
+    charts::fault_is_marked(&browser, &served).await;
     browser.press("Nothing is broken").await;
     browser.until("no cause", "return !document.getElementById('why').textContent.includes('B011')").await;
     browser.click("acknowledge").await;
     browser.until_state("idle").await;
     browser.until("readiness", "return document.getElementById('why').textContent.includes('Nothing blocks arming')").await;
+
+    // Vented, it is: the page names what it is now, and the same pressure moves the tip less.
+    browser.press("Hidden: dead zone and saturation").await;
+    let pressed = "return [...document.querySelectorAll('#teach-plants [aria-pressed=true]')].map((it) => it.textContent).join()
+                   + document.getElementById('identity').textContent.includes('plant saturation')";
+    browser.until("the plant", &format!("return (() => {{ {pressed} }})() === 'Hidden: dead zone and saturationtrue'")).await;
+    browser.click("arm").await;
+    browser.until_state("armed").await;
+    browser.click("start").await;
+    browser.until_state("running").await;
+    browser.slide(1.5).await;
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    let hidden_mm = held_mm(&served);
+    println!("held at 1.5 bar: {at_rest_mm} mm by play operators alone, {hidden_mm} mm with a dead zone and saturation");
+    assert!((at_rest_mm - hidden_mm).abs() > 0.1, "{at_rest_mm} mm, then {hidden_mm} mm");
+    browser.run("document.getElementById('tab-teach').scrollIntoView()").await;
+    browser.look("teach.png").await;
+}
+
+/// Where the tip is held, by the mean of the last samples.
+fn held_mm(served: &Served) -> f64 {
+    let displacement = numbers(&served.api("/api/samples?last=200"), "displacement_mm");
+    displacement.iter().sum::<f64>() / displacement.len() as f64
 }
 
 #[tokio::test]

@@ -29,7 +29,7 @@ const LOWEST_MA: f64 = 3.8;
 const HIGHEST_MA: f64 = 20.5;
 
 /// What moves the tip.
-pub trait Muscle {
+pub trait Muscle: Send {
     /// Displacement in mm after another 1 ms at this pressure in bar.
     fn step(&mut self, pressure_bar: f64) -> f64;
 }

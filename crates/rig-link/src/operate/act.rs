@@ -1,6 +1,6 @@
 //! What an operator asks the rig to do.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use dashboard::{Action, Mode, Phase};
@@ -11,6 +11,7 @@ use model_export::link::state::State;
 use super::rig::OperatedRig;
 use super::simulated;
 use crate::experiment;
+use crate::link::Transport;
 
 /// How long arming may wait for a blocker that passes by itself.
 const PASSING: Duration = Duration::from_millis(500);
@@ -36,10 +37,11 @@ impl OperatedRig {
 
     /// Changed settings and a fresh vent make the device ask for a moment.
     fn wait_for_what_passes(&mut self) -> Result<()> {
-        let until = Instant::now() + PASSING;
+        // By the rig's own time, for a simulation may be slower than real time.
+        let until = self.client.transport().elapsed() + PASSING;
         loop {
             let blockers = experiment::status(&mut self.client)?.blockers;
-            if blockers.iter().all(|blocker| !experiment::PASSING.contains(&blocker)) || Instant::now() >= until {
+            if blockers.iter().all(|blocker| !experiment::PASSING.contains(&blocker)) || self.client.transport().elapsed() >= until {
                 return Ok(());
             }
             self.client.listen_for(Duration::from_millis(10))?;
