@@ -12,6 +12,7 @@ use host_tool::model::{self, Fit};
 use host_tool::plant::Plant;
 use host_tool::recording::Signal;
 use host_tool::replay_log::{ReplayLog, story};
+use host_tool::track::rig::Mover;
 use host_tool::train::{CheckpointPlan, train};
 use host_tool::{experiment, export, history, identify, network, setting_words, track};
 
@@ -121,7 +122,7 @@ pub fn replay_log(bytes: &[u8]) -> Result<(), Wrong> {
 pub fn flash(bytes: &[u8]) -> Result<(), Wrong> {
     with_file("rig.flash", bytes, |path| {
         let flash = FlashMemory::read(path).map_err(refused)?;
-        track::rig::connect(InProcess::new(flash), 1, 1, "the fuzzer's rig", None).map(drop).map_err(refused)
+        track::rig::connect(InProcess::new(flash), Mover::Realistic.hardware(1, 1), "the fuzzer's rig", None).map(drop).map_err(refused)
     })
 }
 

@@ -7,6 +7,7 @@ use host_tool::excitation::sets::SetConfig;
 use host_tool::link::{FlashMemory, InProcess};
 use host_tool::network;
 use host_tool::recording::{self, ColumnMap, Recording};
+use host_tool::track::rig::Mover;
 use host_tool::train::{CheckpointPlan, TrainConfig, train};
 use host_tool::{export, track};
 use model_export::link::message::Request;
@@ -82,9 +83,10 @@ pub fn flashes() -> Vec<Vec<u8>> {
 
 /// The replay log of a device that is asked a few things.
 pub fn journals() -> Vec<Vec<u8>> {
-    let recorder = track::rig::recorder("virtual", 1);
+    let recorder = track::rig::recorder("virtual", &Mover::Realistic, 1);
     let processor = InProcess::new(FlashMemory::default());
-    let (mut client, _) = track::rig::connect(processor, 1, 1, "the fuzzer's rig", Some(recorder)).expect("a rig");
+    let (mut client, _) =
+        track::rig::connect(processor, Mover::Realistic.hardware(1, 1), "the fuzzer's rig", Some(recorder)).expect("a rig");
     for request in [Request::Status, Request::Arm, Request::Status] {
         client.ask(&request).expect("an answer");
     }

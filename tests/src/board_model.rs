@@ -1,4 +1,4 @@
-//! The flashable image on the model of its chip, with the all-effects rig or simple hardware around it.
+//! The flashable image on the model of its chip, with the realistic rig or simple hardware around it.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use host_tool::experiment::{self, OverTheLink};
 use host_tool::link::{BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, Lockstep, Observer, TickRecord};
 use host_tool::replay_log::{ReplayLog, Tracing, replay};
 use host_tool::track::compare::{self, Run};
-use host_tool::track::rig::{self, Truth};
+use host_tool::track::rig::{self, Mover, Truth};
 use host_tool::track::{Controller, Reference, SettingValues, run};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -95,7 +95,7 @@ impl Slice {
     }
 }
 
-/// Plays decaying sines with the all-effects rig around the image and this model on it.
+/// Plays decaying sines with the realistic rig around the image and this model on it.
 ///
 /// # Panics
 /// When the experiment cannot be done.
@@ -113,7 +113,7 @@ pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64
     let begun = Instant::now();
     let settings = model_export::link::settings::Settings { mismatch_displacement_mm: 0.0, ..Default::default() };
     let flash = FlashMemory::with_model(blob).and_then(|flash| flash.with_settings(&settings)).expect("flash");
-    let (hardware, _) = rig::hardware(seed, 1);
+    let (hardware, _) = Mover::Realistic.hardware(seed, 1);
     let processor = BoardModel::start(config.clone(), &flash).unwrap_or_else(|error| panic!("{error}"));
     let lockstep = Lockstep::new(processor, hardware, (), "the board's model", BOARD_MODEL).expect("a start");
     let mut client = Client::connect(lockstep).expect("a connection");
@@ -126,7 +126,7 @@ pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64
     Slice::of(&mut client, &outcome.replay_log.expect("a replay log"), begun)
 }
 
-/// Lets a controller follow a reference on the all-effects rig around the image.
+/// Lets a controller follow a reference on the realistic rig around the image.
 ///
 /// # Panics
 /// When the run cannot be done.
@@ -134,7 +134,8 @@ pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64
 pub fn followed(settings: &SettingValues, blob: &[u8], controller: Controller, reference: &Reference, seed: u64) -> (Slice, Run) {
     let begun = Instant::now();
     let processor = BoardModel::start(config(), &FlashMemory::default()).unwrap_or_else(|error| panic!("{error}"));
-    let (mut client, truth): (_, Truth) = rig::connect(processor, seed, 1, "the board's model", None).expect("a connection");
+    let (mut client, truth): (_, Truth) =
+        rig::connect(processor, Mover::Realistic.hardware(seed, 1), "the board's model", None).expect("a connection");
     run::prepare(&mut client, settings, Some(blob)).expect("a prepared rig");
     let tracing = Tracing::begin(&mut client, BOARD_MODEL, Some(blob)).expect("a trace");
     let run = compare::follow(&mut client, &truth, controller, reference).unwrap_or_else(|error| {

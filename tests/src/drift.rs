@@ -1,4 +1,4 @@
-//! The all-effects rig with a drift: the tip's zero and gain move away from what the model was identified on, and the laser sees it.
+//! The realistic rig with a drift: the tip's zero and gain move away from what the model was identified on, and the laser sees it.
 //!
 //! The laser of this rig warms up and was remounted, by up to 0.7 % of the stroke together. Nothing that learns from it can know that, so the
 //! **reference** that estimates are held against is what the laser shows or would show, without its wrong samples and without noise. The
@@ -9,7 +9,7 @@ use std::rc::Rc;
 use std::sync::{Arc, Mutex};
 
 use host_tool::link::{Breakage, Client, FlashMemory, Hardware, HardwareConfig, InProcess, Lockstep, Muscle, Observer, TickRecord};
-use host_tool::rig::live::{AllEffects, REST_MM, STROKE_MM};
+use host_tool::rig::live::{REST_MM, RealisticRig, STROKE_MM};
 use host_tool::track::reference::{PERIOD_S, Reach, named};
 use host_tool::track::{SettingValues, compare, controller, rig_settings, run, setting};
 use host_tool::tune::Tuned;
@@ -37,7 +37,7 @@ pub struct Drift {
 
 /// The drifting rig.
 struct Drifting {
-    rig: AllEffects,
+    rig: RealisticRig,
     drift: Drift,
     ticks: f64,
     /// The last difference of laser and tip that was no wrong sample.
@@ -168,7 +168,7 @@ pub fn moves_and_holds(reach: Reach, seed: u64, seconds: f64) -> Vec<f64> {
 #[must_use]
 pub fn session(session: &Session<'_>) -> Outcome {
     let positions = Arc::new(Mutex::new(Positions::default()));
-    let rig = AllEffects::new(session.seed, 1);
+    let rig = RealisticRig::new(session.seed, 1);
     let rig = Drifting { rig, drift: session.drift, ticks: 0.0, laser_mm: 0.0, positions: Arc::clone(&positions) };
     // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
     let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: session.seed as u32 ^ 0x5eed, ..HardwareConfig::default() };

@@ -1,4 +1,4 @@
-//! Adaptation on the drifting all-effects rig: what the estimate is worth when the laser is lost, and what a laser that lies can do.
+//! Adaptation on the drifting realistic rig: what the estimate is worth when the laser is lost, and what a laser that lies can do.
 //!
 //! A slice runs with every test; `CATHETER_DRIFT_S=3600 CATHETER_DRIFT_SEEDS=801,802,803 cargo test --release -p rig-tests --test adaptation --
 //! --nocapture` runs the hour on three rigs that the book tells of. Constants were chosen on seed 701.
@@ -194,7 +194,7 @@ fn settings_of_adaptation_change_nothing_while_it_is_off() {
 fn a_device_refuses_adaptation_without_its_certificate_and_names_the_condition() {
     let seed = 807;
     let tuned = drift::tuned(seed);
-    let (mut client, _) = rig::in_process(seed, 1).unwrap();
+    let (mut client, _) = rig::in_process(&rig::Mover::Realistic, seed, 1).unwrap();
     let sensorless = controller("sensorless").unwrap();
     let mut settings = host_tool::track::rig_settings();
     settings.extend(tuned.settings(sensorless));

@@ -1,11 +1,12 @@
 //! The same state and actions for scripts, as JSON under `/api/`; `docs/reference/dashboard-interface.md` describes them.
 
 use axum::Json;
-use axum::body::{Bytes, to_bytes};
+use axum::body::Bytes;
 use axum::extract::{ConnectInfo, FromRequestParts, Path, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::StreamExt as _;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::oneshot;
@@ -264,7 +265,15 @@ pub(crate) async fn load(
     if announced.is_some_and(|length| length > MOST_BYTES) {
         return Err(too_large());
     }
-    let bytes = to_bytes(body, MOST_BYTES).await.map_err(|_| too_large())?;
+    let mut bytes = Vec::new();
+    let mut pieces = body.into_data_stream();
+    while let Some(piece) = pieces.next().await {
+        let broken_off = |_| Refused(StatusCode::BAD_REQUEST, "the file did not arrive whole; load it again".to_owned());
+        bytes.extend_from_slice(&piece.map_err(broken_off)?);
+        if bytes.len() > MOST_BYTES {
+            return Err(too_large());
+        }
+    }
     let who = client(&shared, &parts.headers, role, peer).name;
     let what = format!("load of {} bytes as {name}", bytes.len());
     let (loader, folder) = (shared.loader, std::sync::Arc::clone(&shared.folder));

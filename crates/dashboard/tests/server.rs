@@ -245,6 +245,19 @@ fn a_recording_that_somebody_has_is_read_or_refused_and_takes_part_like_another(
     stream.read_to_string(&mut answer).unwrap();
     assert!(answer.starts_with("HTTP/1.1 413") && answer.contains("more than 128 MB"), "{answer}");
     assert!(!bench.folder.path().join("large.csv").exists());
+
+    // One that breaks off is not too large: it did not arrive.
+    let mut stream = std::net::TcpStream::connect(("127.0.0.1", bench.port)).unwrap();
+    let head = format!(
+        "POST /api/recordings/broken HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nConnection: close\r\nAuthorization: {bearer}\r\nContent-Length: 100\r\n\r\na\n1\n",
+        bench.port
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    stream.shutdown(std::net::Shutdown::Write).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 400") && answer.contains("did not arrive whole"), "{answer}");
+    assert!(!bench.folder.path().join("broken.csv").exists());
 }
 
 #[tokio::test]

@@ -22,6 +22,8 @@ pub struct Compressed {
     triangle: Vec<f64>,
     /// Rows not yet folded in, `columns + 1` wide.
     pending: Vec<f64>,
+    /// What a reflection takes from each column; only while one is made.
+    amounts: Vec<f64>,
     /// Rows seen.
     rows: usize,
 }
@@ -31,7 +33,13 @@ impl Compressed {
     #[must_use]
     pub fn new(columns: usize) -> Self {
         let width = columns + 1;
-        Self { columns, triangle: vec![0.0; width * width], pending: Vec::with_capacity(BLOCK_ROWS * width), rows: 0 }
+        Self {
+            columns,
+            triangle: vec![0.0; width * width],
+            pending: Vec::with_capacity(BLOCK_ROWS * width),
+            amounts: vec![0.0; width],
+            rows: 0,
+        }
     }
 
     /// Adds one equation `coefficients . x = right`; `coefficients` has as many values as the system has columns.
@@ -72,15 +80,23 @@ impl Compressed {
             let diagonal = if top > 0.0 { -length } else { length };
             let first = top - diagonal;
             let scale = 2.0 / (first * first + below);
-            for other in column + 1..width {
-                let product: f64 = (0..rows).map(|row| self.pending[row * width + column] * self.pending[row * width + other]).sum();
-                let amount = scale * (first * self.triangle[column * width + other] + product);
-                self.triangle[column * width + other] -= amount * first;
-                for row in 0..rows {
-                    self.pending[row * width + other] -= amount * self.pending[row * width + column];
-                }
+            // Row by row, so that the processor takes several of the columns behind this one at a time.
+            let amounts = &mut self.amounts[column + 1..];
+            amounts.fill(-0.0);
+            for row in self.pending.chunks_exact(width) {
+                let own = row[column];
+                amounts.iter_mut().zip(&row[column + 1..]).for_each(|(product, value)| *product += own * value);
             }
-            self.triangle[column * width + column] = diagonal;
+            let above = &mut self.triangle[column * width..][..width];
+            for (amount, above) in amounts.iter_mut().zip(&mut above[column + 1..]) {
+                *amount = scale * (first * *above + *amount);
+                *above -= *amount * first;
+            }
+            above[column] = diagonal;
+            for row in self.pending.chunks_exact_mut(width) {
+                let own = row[column];
+                row[column + 1..].iter_mut().zip(&*amounts).for_each(|(value, amount)| *value -= amount * own);
+            }
         }
         self.pending.clear();
     }
@@ -90,6 +106,15 @@ impl Compressed {
     pub fn solve(&mut self, free: &[bool]) -> Solution {
         self.fold();
         active_set(&self.triangle, self.columns, free)
+    }
+
+    /// As [`Self::solve`], for the right sides with the other sign.
+    #[must_use]
+    pub fn solve_opposite(&mut self, free: &[bool]) -> Solution {
+        self.fold();
+        let mut opposite = self.triangle.clone();
+        opposite.iter_mut().skip(self.columns).step_by(self.columns + 1).for_each(|right| *right = -*right);
+        active_set(&opposite, self.columns, free)
     }
 
     /// The inverse of the Gram matrix restricted to some columns, row-major; columns that depend on others get zeros.
@@ -336,6 +361,19 @@ mod tests {
                 assert!((got - wanted).abs() < 1e-10, "seed {seed}");
             }
         }
+    }
+
+    #[test]
+    fn the_opposite_right_side_is_solved_from_the_same_rows() {
+        let (matrix, right) = system(6, 150, 5);
+        let fold = |sign: f64| {
+            let mut compressed = Compressed::new(5);
+            matrix.iter().zip(&right).for_each(|(row, &right)| compressed.push(row, sign * right));
+            compressed
+        };
+        let free = [false, false, true, false, true];
+        assert_eq!(fold(1.0).solve_opposite(&free), fold(-1.0).solve(&free));
+        assert_ne!(fold(1.0).solve(&free), fold(-1.0).solve(&free));
     }
 
     #[test]

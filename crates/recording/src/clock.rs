@@ -8,10 +8,14 @@
 //! An *event clock* logs a sample when something changes. Its long steps say that nothing happened, so a step counts only when more changed
 //! across it than one event changes.
 
+use super::extremes::{bounds, step_bounds};
+
 /// No logger of a rig is faster than ten million samples a second; a clock that is has its times in another unit.
 pub const SHORTEST_PERIOD_S: f64 = 1e-7;
 /// A step up to this many typical steps is jitter, whatever happened: measured 100 Hz files reach 1.27 of them.
 const JITTER: f64 = 1.3;
+/// Times that are looked at without a stop between them.
+const BLOCK: usize = 2048;
 /// Steps on each side of a step that make its typical step.
 const NEIGHBOURS: usize = 32;
 /// A bow above this share of a channel's range matters.
@@ -37,7 +41,12 @@ pub fn sample_period_s(time_s: &[f64]) -> f64 {
     }
     let mean = (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64;
     // A clock is even when every time lies within 5 % of a period of the straight line: then printed times are only rounded.
-    let even = time_s.iter().enumerate().all(|(index, time)| (time - time_s[0] - index as f64 * mean).abs() < 0.05 * mean);
+    let is_even = |begin: usize, times_s: &[f64]| {
+        // The whole of it is looked at: that is several at a time.
+        let far = |(index, time): (u32, &f64)| (time - time_s[0] - (begin as f64 + f64::from(index)) * mean).abs() >= 0.05 * mean;
+        (0..).zip(times_s).map(far).fold(true, |even, far| even & !far)
+    };
+    let even = time_s.chunks(BLOCK).enumerate().all(|(block, times_s)| is_even(block * BLOCK, times_s));
     // Nine digits: files of one clock get the same period although each file's rounding differs.
     significant(if even { mean } else { quantile(steps(time_s), 0.5) }, 9)
 }
@@ -45,7 +54,11 @@ pub fn sample_period_s(time_s: &[f64]) -> f64 {
 /// Index of the first sample after each gap; `channels` are the inputs and the output.
 #[must_use]
 pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
-    let (shortest, longest) = extreme_steps(time_s);
+    gaps_with(step_bounds(time_s), time_s, channels)
+}
+
+/// The same where the shortest and the longest step are known.
+pub(super) fn gaps_with((shortest, longest): (f64, f64), time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
     if time_s.len() < 3 || longest <= JITTER * shortest {
         return Vec::new();
     }
@@ -59,7 +72,7 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
         // Nothing tells what could have happened but how long the step is.
         moving = channels.to_vec();
     }
-    if logs_events(time_s, &moving) {
+    if logs_events_with((shortest, longest), time_s, &moving) {
         return candidates
             .into_iter()
             .filter(|&index| moving.iter().any(|values| more_than_an_event(values, index)))
@@ -74,7 +87,11 @@ pub fn gaps(time_s: &[f64], channels: &[&[f64]]) -> Vec<usize> {
 /// them.
 #[must_use]
 pub fn logs_events(time_s: &[f64], channels: &[&[f64]]) -> bool {
-    let (shortest, longest) = extreme_steps(time_s);
+    logs_events_with(step_bounds(time_s), time_s, channels)
+}
+
+/// The same where the shortest and the longest step are known.
+pub(super) fn logs_events_with((shortest, longest): (f64, f64), time_s: &[f64], channels: &[&[f64]]) -> bool {
     // Then none is longer than three medians.
     if time_s.len() < 21 || longest <= 3.0 * shortest {
         return false;
@@ -163,11 +180,6 @@ pub(super) fn steps(time_s: &[f64]) -> Vec<f64> {
     time_s.windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
 
-/// The shortest and the longest step.
-fn extreme_steps(time_s: &[f64]) -> (f64, f64) {
-    time_s.windows(2).map(|pair| pair[1] - pair[0]).fold((f64::INFINITY, 0.0), |(low, high), step| (low.min(step), high.max(step)))
-}
-
 /// The value that this share of the values does not exceed; 0 of none.
 pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if values.is_empty() {
@@ -180,7 +192,7 @@ pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 
 /// Largest less smallest value.
 pub(super) fn range(values: &[f64]) -> f64 {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    let (low, high) = bounds(values);
     if values.is_empty() { 0.0 } else { high - low }
 }
 

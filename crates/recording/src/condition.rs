@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use super::extremes::Extremes;
 use super::row_lines::RowLines;
 use super::{Note, Recording, Signal, Subject, clock, held};
 
@@ -12,6 +13,8 @@ const CLIPPED_RUN: usize = 8;
 const CLIPPED_SHARE: f64 = 0.01;
 /// A stretch without change over this share of a recording is worth a word.
 const CONSTANT_SHARE: f64 = 0.25;
+/// Places in which such a stretch is looked for; closer to each other than it is long.
+const PROBES: u32 = 5;
 /// Pressures above this are suspicious: muscles burst and regulators end below it.
 const MOST_BAR: f64 = 20.0;
 /// Displacements above this are suspicious: no catheter bends so far.
@@ -19,12 +22,13 @@ const MOST_MM: f64 = 1000.0;
 /// A sample less often than this is suspicious: milliseconds or microseconds are easily taken for seconds.
 const LONGEST_PERIOD_S: f64 = 5.0;
 
-/// Everything worth saying; `lines` are those of the samples in the file.
-pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
-    let mut notes = clock_notes(recording, lines);
-    for (role, signal, values) in channels(recording) {
+/// Everything worth saying; `steps` are the shortest and the longest of the clock, `extremes` those of [`channels`], `lines` those of the samples
+/// in the file.
+pub(super) fn notes(recording: &Recording, steps: (f64, f64), extremes: &[Extremes], lines: &RowLines) -> Vec<Note> {
+    let mut notes = clock_notes(recording, steps, lines);
+    for ((role, signal, values), extremes) in channels(recording).into_iter().zip(extremes) {
         let name = format!("The {role} `{}`", signal.quantity);
-        if clock::range(values) == 0.0 {
+        if extremes.range() == 0.0 {
             notes.push(Note::new(
                 Subject::Constant,
                 format!("{name} never changes: it is {} throughout.", with_unit(values[0], &signal.unit)),
@@ -32,7 +36,7 @@ pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
             continue;
         }
         if role.starts_with("input")
-            && let Some(hold) = held::hold(&recording.time_s, values)
+            && let Some(hold) = held::hold_with(extremes.changes, &recording.time_s, values)
         {
             let when = hold
                 .period_s
@@ -41,13 +45,13 @@ pub(super) fn notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
                 count: hold.changes,
                 ..Note::new(Subject::SampleAndHold, format!("{name} is a staircase that changes {when}."))
             });
-        } else if let Some(step) = coarse_resolution(values) {
+        } else if let Some(step) = coarse_resolution(values, extremes.range()) {
             let text = format!("{name} has a coarse resolution: steps of {}.", with_unit(step, &signal.unit));
             notes.push(Note::new(Subject::Quantised, text));
         }
-        notes.extend(clipped(&name, signal, values, lines));
+        notes.extend(clipped(&name, signal, values, extremes, lines));
         notes.extend(constant(&name, recording, values, lines));
-        notes.extend(unit(&name, signal, values));
+        notes.extend(unit(&name, signal, extremes.most()));
     }
     notes
 }
@@ -61,7 +65,7 @@ pub(super) fn channels(recording: &Recording) -> Vec<(String, &Signal, &[f64])> 
     std::iter::once(first).chain(more).chain([output]).collect()
 }
 
-fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
+fn clock_notes(recording: &Recording, steps: (f64, f64), lines: &RowLines) -> Vec<Note> {
     let mut notes = Vec::new();
     if let Some(&first) = recording.gaps.first() {
         let count = recording.gaps.len();
@@ -75,7 +79,7 @@ fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
         notes.push(Note::new(Subject::Unit, format!("A sample every {} s. Is the time in ms or us?", short(period_s))));
     }
     let values: Vec<&[f64]> = channels(recording).into_iter().map(|(_, _, values)| values).collect();
-    if clock::logs_events(&recording.time_s, &values) {
+    if clock::logs_events_with(steps, &recording.time_s, &values) {
         notes.push(Note::new(Subject::EventClock, "The clock logs events: long steps stand where nothing changed, and are no gaps."));
     }
     notes
@@ -83,14 +87,14 @@ fn clock_notes(recording: &Recording, lines: &RowLines) -> Vec<Note> {
 
 /// As [`resolution`], where the steps are wide. Nine in ten of the gaps between levels are a step or more: many levels cannot be coarse, and most
 /// recordings show them in their first samples.
-fn coarse_resolution(values: &[f64]) -> Option<f64> {
+fn coarse_resolution(values: &[f64], range: f64) -> Option<f64> {
     let most = (1.0 / (0.9 * COARSE)) as usize + 2;
     let mut levels = HashSet::new();
     // A zero has one level whatever its sign.
     if values.iter().any(|value| levels.insert((value + 0.0).to_bits()) && levels.len() > most) {
         return None;
     }
-    resolution(values).filter(|step| *step > COARSE * clock::range(values))
+    resolution(values).filter(|step| *step > COARSE * range)
 }
 
 /// The step size of values that all lie on a grid; none when they do not, or differ too little to tell.
@@ -110,10 +114,14 @@ pub fn resolution(values: &[f64]) -> Option<f64> {
 }
 
 /// Runs at the highest or lowest value.
-fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &RowLines) -> Vec<Note> {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+fn clipped(name: &str, signal: &Signal, values: &[f64], extremes: &Extremes, lines: &RowLines) -> Vec<Note> {
+    let enough = |samples: usize| samples as f64 > CLIPPED_SHARE * values.len() as f64;
     let mut notes = Vec::new();
-    for (extreme, which) in [(low, "lowest"), (high, "highest")] {
+    for (extreme, at_it, which) in [(extremes.low, extremes.at_low, "lowest"), (extremes.high, extremes.at_high, "highest")] {
+        // What is there at all, before it is looked for.
+        if !enough(at_it) {
+            continue;
+        }
         let mut runs: Vec<(usize, usize)> = Vec::new();
         let mut start = 0;
         for run in values.chunk_by(|one, other| one == other) {
@@ -125,7 +133,7 @@ fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &RowLines) -> Vec
         // At rest at the start or the end a signal lies at its extreme without being clipped; a zero is a natural end.
         runs.retain(|&(start, length)| start > 0 && start + length < values.len());
         let samples: usize = runs.iter().map(|(_, length)| length).sum();
-        if runs.len() >= 2 && extreme != 0.0 && samples as f64 > CLIPPED_SHARE * values.len() as f64 {
+        if runs.len() >= 2 && extreme != 0.0 && enough(samples) {
             let text = format!(
                 "{name} may be clipped: {samples} samples in {} stretches lie at its {which} value, {}.",
                 runs.len(),
@@ -139,15 +147,20 @@ fn clipped(name: &str, signal: &Signal, values: &[f64], lines: &RowLines) -> Vec
 
 /// The longest stretch without any change.
 fn constant(name: &str, recording: &Recording, values: &[f64], lines: &RowLines) -> Option<Note> {
-    let span_s = recording.time_s[values.len() - 1] - recording.time_s[0];
-    let mut start = 0;
+    let time_s = &recording.time_s;
+    let span_s = time_s[values.len() - 1] - time_s[0];
     let mut longest = (0.0, 0, 0);
-    for run in values.chunk_by(|one, other| one == other) {
-        let length_s = recording.time_s[start + run.len() - 1] - recording.time_s[start];
+    // A stretch that is long enough holds one of these samples.
+    let probes = (0..=PROBES).map(|probe| time_s[0] + f64::from(probe) / f64::from(PROBES) * span_s);
+    for probe_s in probes {
+        let at = time_s.partition_point(|time_s| *time_s <= probe_s).saturating_sub(1);
+        let same = |value: &&f64| **value == values[at];
+        let start = at - values[..at].iter().rev().take_while(same).count();
+        let end = at + values[at..].iter().take_while(same).count();
+        let length_s = time_s[end - 1] - time_s[start];
         if length_s > longest.0 {
-            longest = (length_s, start, run.len());
+            longest = (length_s, start, end - start);
         }
-        start += run.len();
     }
     let (length_s, start, samples) = longest;
     let text = || format!("{name} does not change for {} s, {samples} samples from line {} on.", short(length_s), lines.line(start));
@@ -155,8 +168,7 @@ fn constant(name: &str, recording: &Recording, values: &[f64], lines: &RowLines)
 }
 
 /// A unit that does not go with the values.
-fn unit(name: &str, signal: &Signal, values: &[f64]) -> Option<Note> {
-    let most = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+fn unit(name: &str, signal: &Signal, most: f64) -> Option<Note> {
     let text = match signal.unit.as_str() {
         "bar" if most > MOST_BAR => format!("{name} reaches {} bar. Is it in kPa or psi?", short(most)),
         "mm" if most > MOST_MM => format!("{name} reaches {} mm. Is it in um?", short(most)),
@@ -188,9 +200,9 @@ mod tests {
         for (step, digits) in [(0.5, 3.0), (0.05, 3.0), (0.01, 3.0), (0.0049, 3.0), (0.001, 3.0), (1e-9, 3.0), (0.5, 0.0)] {
             let values: Vec<f64> = (0..20_000).map(|index| (digits * (f64::from(index) * 1e-3).sin() / step).round() * step).collect();
             let all = resolution(&values).filter(|found| *found > COARSE * clock::range(&values));
-            assert_eq!(coarse_resolution(&values), all, "{step}");
+            assert_eq!(coarse_resolution(&values, clock::range(&values)), all, "{step}");
         }
         let coarse: Vec<f64> = (0..20_000).map(|index| (f64::from(index) * 1e-3).sin().round()).collect();
-        assert_eq!(coarse_resolution(&coarse), None, "three levels are no grid");
+        assert_eq!(coarse_resolution(&coarse, 2.0), None, "three levels are no grid");
     }
 }

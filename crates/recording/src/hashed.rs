@@ -4,6 +4,9 @@ use std::io::{Read, Result};
 
 use sha2::{Digest, Sha256};
 
+/// Bytes that are read at once, at most.
+const PIECE: usize = 64 << 10;
+
 /// Passes bytes on and hashes them.
 pub(super) struct Hashed<R> {
     reader: R,
@@ -24,7 +27,9 @@ impl<R: Read> Hashed<R> {
 
 impl<R: Read> Read for Hashed<R> {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
-        let count = self.reader.read(buffer)?;
+        // A piece is hashed while it lies in the nearest cache.
+        let piece = buffer.len().min(PIECE);
+        let count = self.reader.read(&mut buffer[..piece])?;
         self.hash.update(&buffer[..count]);
         Ok(count)
     }

@@ -22,8 +22,11 @@ const COARSE: f64 = 0.03;
 /// resolution.
 #[must_use]
 pub fn hold(time_s: &[f64], values: &[f64]) -> Option<Hold> {
-    // Counted first: most signals change with nearly every sample.
-    let changes = values.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    hold_with(values.windows(2).filter(|pair| pair[0] != pair[1]).count(), time_s, values)
+}
+
+/// The same where the number of changes is known: most signals change with nearly every sample.
+pub(super) fn hold_with(changes: usize, time_s: &[f64], values: &[f64]) -> Option<Hold> {
     if changes < FEWEST_CHANGES || changes as f64 > MOST_CHANGING * values.len() as f64 {
         return None;
     }

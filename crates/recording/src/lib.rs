@@ -33,6 +33,7 @@ mod columns;
 pub mod condition;
 pub mod drift;
 mod error;
+mod extremes;
 mod format;
 pub mod groups;
 mod hashed;

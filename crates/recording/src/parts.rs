@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::arrays::Arrays;
 use super::columns::OPTIONAL;
+use super::extremes::{self, Extremes};
 use super::row_lines::RowLines;
 use super::scale::Scale;
 use super::table::{Layout, Separator};
@@ -178,7 +179,7 @@ pub(super) fn increases(numbers: &[f64]) -> bool {
 }
 
 /// Whether a sequence number is whole and above the one before.
-pub(super) fn is_next(previous: Option<f64>, newest: f64) -> bool {
+fn is_next(previous: Option<f64>, newest: f64) -> bool {
     newest.fract() == 0.0 && newest >= 0.0 && previous.is_none_or(|previous| newest > previous)
 }
 
@@ -287,9 +288,9 @@ fn own_further_input(name: &str, so_far: usize) -> Option<Signal> {
 
 impl Recording {
     /// Refuses a signal that moves by less than any sensor tells; one that is zero throughout is told as constant.
-    fn refuse_nothing(&self) -> Result<(), RecordingError> {
-        for (_, signal, values) in condition::channels(self) {
-            let most = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    fn refuse_nothing(&self, channels: &[Extremes]) -> Result<(), RecordingError> {
+        for ((_, signal, _), extremes) in condition::channels(self).into_iter().zip(channels) {
+            let most = extremes.most();
             if most > 0.0 && most < SMALLEST {
                 return Err(RecordingError::TooSmall { path: self.path.clone(), column: signal.column(), most });
             }
@@ -308,9 +309,11 @@ impl Part {
         }
         let mut notes = Vec::new();
         // No order means that of the file.
-        let (time_s, order): (Vec<f64>, Option<Vec<usize>>) = if let Some(rate_hz) = map.rate_hz {
-            ((0..rows).map(|row| row as f64 / rate_hz).collect(), None)
-        } else if values[0].windows(2).all(|pair| pair[0] < pair[1]) {
+        let made: Option<Vec<f64>> = map.rate_hz.map(|rate_hz| (0..rows).map(|row| row as f64 / rate_hz).collect());
+        let steps = extremes::step_bounds(made.as_ref().unwrap_or(&values[0]));
+        let (time_s, order): (Vec<f64>, Option<Vec<usize>>) = if let Some(made) = made {
+            (made, None)
+        } else if steps.0 > 0.0 {
             (values.remove(0), None)
         } else {
             let stamps_s = values.remove(0);
@@ -334,10 +337,18 @@ impl Part {
             columns.more_inputs.iter().map(|signal| Channel { signal: signal.clone(), values: next() }).collect();
         let output = next();
         let extra = columns.extra.iter().map(|name| ExtraColumn { name: name.clone(), values: next() }).collect();
-        let mut recording =
-            Recording::new(path, map.input.signal.clone(), map.output.signal.clone(), time_s, input, output)?.with_more_inputs(more_inputs);
+        let signals = (map.input.signal.clone(), map.output.signal.clone());
+        let steps = if order.is_some() { extremes::step_bounds(&time_s) } else { steps };
+        // Every value is readable; a clock at a rate without end does not increase.
+        let mut recording = if steps.0 > 0.0 && steps.1.is_finite() {
+            Recording::of_checked(path, signals, (time_s, input, output), steps)?
+        } else {
+            Recording::new(path, signals.0, signals.1, time_s, input, output)?
+        };
+        recording = recording.with_more_inputs(more_inputs);
         recording.path = name.to_path_buf();
-        recording.refuse_nothing()?;
+        let channels: Vec<Extremes> = condition::channels(&recording).into_iter().map(|(_, _, values)| Extremes::of(values)).collect();
+        recording.refuse_nothing(&channels)?;
         recording.group = group;
         recording.extra = extra;
         recording.mark_lost_samples();
@@ -346,7 +357,7 @@ impl Part {
             Some(order) => order.iter().map(|&row| lines.line(row)).collect(),
             None => lines,
         };
-        let found = condition::notes(&recording, &lines);
+        let found = condition::notes(&recording, steps, &channels, &lines);
         recording.notes.extend(found);
         Ok(recording)
     }

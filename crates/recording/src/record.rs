@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::clock;
 use crate::error::RecordingError;
+use crate::extremes;
 use crate::note::Note;
 
 /// Name and unit of one channel.
@@ -134,12 +135,23 @@ impl Recording {
         if time_s.len() < 2 {
             return Err(RecordingError::TooShort { path: path.into(), rows: time_s.len() });
         }
+        let steps = extremes::step_bounds(&time_s);
+        Self::of_checked(path, (input_signal, output_signal), (time_s, input, output), steps)
+    }
+
+    /// The same of samples that are known to be finite, two at least, with times that increase by these steps at least and at most.
+    pub(super) fn of_checked(
+        path: &Path,
+        (input_signal, output_signal): (Signal, Signal),
+        (time_s, input, output): (Vec<f64>, Vec<f64>, Vec<f64>),
+        steps: (f64, f64),
+    ) -> Result<Self, RecordingError> {
         let sample_period_s = clock::sample_period_s(&time_s);
         if sample_period_s < clock::SHORTEST_PERIOD_S {
             let (period_s, rate_hz) = (sample_period_s, 1.0 / sample_period_s);
             return Err(RecordingError::TooFast { path: path.into(), period_s, rate_hz });
         }
-        let gaps = clock::gaps(&time_s, &[&input, &output]);
+        let gaps = clock::gaps_with(steps, &time_s, &[&input, &output]);
         let family = family(path);
         let path = path.to_path_buf();
         Ok(Self {

@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use crate::lines::{LineError, Lines};
-use crate::parts::{
-    Columns, MOST_COLUMNS, MOST_VALUES, Others, Part, Read, increases, is_next, is_readable, layout_notes, names_columns, refused,
-};
+use crate::parts::{Columns, MOST_COLUMNS, MOST_VALUES, Others, Part, Read, increases, is_readable, layout_notes, names_columns, refused};
 use crate::plain::PlainRows;
 use crate::table::{self, Cells, RowError, Separator, TakesRows};
 use crate::{ColumnMap, RecordingError, number};
@@ -90,23 +88,18 @@ impl TakesRows for TextRows<'_> {
 
     fn plain(&mut self, line: u64, text: &[u8]) -> (usize, u64) {
         let (Some(plain), Some(columns), [part]) = (&self.plain, &self.columns, &mut self.parts[..]) else { return (0, 0) };
-        let mut row = vec![0.0; columns.wanted.len()];
-        let mut room = (MOST_VALUES - self.values) / row.len();
-        let taken = plain.take(text, |numbers| {
-            let mut readable = room > 0;
-            for (value, wanted) in row.iter_mut().zip(&columns.wanted) {
-                *value = wanted.scale.apply(numbers[wanted.index]);
-                readable &= is_readable(*value);
-            }
-            if !readable || columns.sequence.is_some_and(|column| !is_next(part.values[column].last().copied(), row[column])) {
-                return false;
-            }
-            part.values.iter_mut().zip(&row).for_each(|(values, value)| values.push(*value));
-            room -= 1;
-            true
-        });
+        let before = part.values.first().map_or(0, Vec::len);
+        let most = (MOST_VALUES - self.values) / columns.wanted.len();
+        let mut taken = plain.take(text, most, &columns.wanted, &mut part.values);
+        if let Some(column) = columns.sequence
+            && let Some(wrong) = (before..before + taken.rows).find(|&row| !increases(&part.values[column][..=row]))
+        {
+            // The row that goes back is told with its line.
+            part.values.iter_mut().for_each(|values| values.truncate(before));
+            taken = plain.take(text, wrong - before, &columns.wanted, &mut part.values);
+        }
         part.lines.extend(line, taken.rows);
-        self.values += taken.rows * row.len();
+        self.values += taken.rows * columns.wanted.len();
         self.decimal_commas += taken.decimal_commas;
         (taken.bytes, taken.rows as u64)
     }

@@ -1,4 +1,4 @@
-//! The all-effects rig, live: every effect of the discovery catalogue at once, at a strength that a real bench may have, for a controller
+//! The realistic rig, live: every effect of the discovery catalogue at once, at a strength that a real bench may have, for a controller
 //! to work against one millisecond at a time.
 //!
 //! ```text
@@ -121,7 +121,7 @@ impl Stage for FedLeak {
 }
 
 /// The rig behind the valve.
-pub struct AllEffects {
+pub struct RealisticRig {
     before: Vec<Box<dyn Stage>>,
     muscle: Muscle,
     tip: Vec<Box<dyn Stage>>,
@@ -134,7 +134,7 @@ pub struct AllEffects {
     session: usize,
 }
 
-impl AllEffects {
+impl RealisticRig {
     /// A rig at rest. `session` 0 is the one that recordings for identification come from; in later ones the laser was remounted.
     #[must_use]
     pub fn new(seed: u64, session: usize) -> Self {
@@ -270,7 +270,7 @@ mod tests {
     use super::*;
 
     /// Where the tip is after a while at a pressure, mm.
-    fn hold(rig: &mut AllEffects, pressure_bar: f64, seconds: u32) -> f64 {
+    fn hold(rig: &mut RealisticRig, pressure_bar: f64, seconds: u32) -> f64 {
         for _ in 0..seconds * 1000 {
             rig.advance_ms(pressure_bar);
         }
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn one_pressure_has_two_displacements() {
-        let mut rig = AllEffects::new(3, 0);
+        let mut rig = RealisticRig::new(3, 0);
         hold(&mut rig, 0.1, 1);
         let up_mm = hold(&mut rig, 1.2, 3);
         hold(&mut rig, 2.6, 3);
@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn the_same_seed_is_the_same_rig_and_another_one_is_not() {
         let path = |seed| {
-            let mut rig = AllEffects::new(seed, 0);
+            let mut rig = RealisticRig::new(seed, 0);
             (0..200).map(|tick| rig.advance_ms(f64::from(tick) * 0.01)).collect::<Vec<f64>>()
         };
         assert_eq!(path(5), path(5));
@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn the_laser_is_wrong_now_and_then_and_the_tip_is_not() {
-        let mut rig = AllEffects::new(8, 1);
+        let mut rig = RealisticRig::new(8, 1);
         let wrong = (0..20_000).filter(|_| (rig.advance_ms(1.0) - rig.probe().tip_mm()).abs() > 0.5).count();
         // 20 are expected; the bounds are four deviations away.
         assert!((2..=38).contains(&wrong), "{wrong}");

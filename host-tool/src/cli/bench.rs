@@ -22,7 +22,7 @@ pub struct Arguments {
 enum What {
     /// Hidden cases of the virtual rig: which effects are named right.
     Discover(Discover),
-    /// Controllers on the all-effects rig, side by side.
+    /// Controllers on the realistic rig, side by side.
     Control(Control),
 }
 

@@ -77,10 +77,15 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     inputs.push(arguments.model.clone());
     inputs.extend(arguments.compensation.clone());
     refuse_overwriting(arguments, c.as_ref(), &inputs)?;
-    let working = output::working("export", "calibrating and quantising");
-    let export =
-        export::export_with(&model, &recordings, compensation).with_context(|| format!("cannot export {}", arguments.model.display()))?;
-    drop(working);
+    let bar = output::progress(0, "export");
+    bar.set_message("calibrating, quantising and comparing");
+    let told = |done: u64, all: u64| {
+        bar.set_length(all);
+        bar.set_position(done);
+    };
+    let export = export::export_told(&model, &recordings, compensation, &told)
+        .with_context(|| format!("cannot export {}", arguments.model.display()))?;
+    bar.finish_and_clear();
     if let Some(c) = &c {
         write_c(c, &blob::decode(&export.bytes)?)?;
     }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{Common, Data, Outcome};
 use crate::evaluate::{FamilyErrors, Judging, by_family, judge};
 use crate::identify::choose::Judged;
-use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, Thresholds};
+use crate::identify::{self, Choice, Family, Fit, FitConfig, Kind, MOST_EQUATIONS, Thresholds};
 use crate::model::PhysicsPredictor;
 use crate::recording::{self, Recording, Timing};
 use crate::report::Example;
@@ -62,6 +62,10 @@ pub struct Arguments {
     /// Segments of the modified model's curve.
     #[arg(long, default_value_t = 8, value_name = "N")]
     curve_segments: usize,
+    /// Search thresholds on every sample. Of more than half a million the search takes every so many-th; weights and intervals are those of all
+    /// in either case.
+    #[arg(long)]
+    every_sample: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -151,6 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         dead_time_s: arguments.dead_time_s.unwrap_or(Choice::Given(0.0)),
         lag_time_constant_s: arguments.lag_s.unwrap_or(Choice::Given(0.0)),
         curve_segments: arguments.curve_segments,
+        most_equations: if arguments.every_sample { usize::MAX } else { MOST_EQUATIONS },
     };
     let mut recordings = arguments.data.reading.load_whole(&arguments.data.data)?;
     if let Some(tare_s) = arguments.data.reading.or_lab()?.tare {
@@ -283,6 +288,12 @@ fn print(fit: &Fit, recordings: &[Recording], arguments: &Arguments) {
     }
     if let Some([low, middle, high]) = fit.curve_slopes {
         say!("slope of the curve at the low end {low:.3}, in the middle {middle:.3}, at the high end {high:.3}");
+    }
+    if fit.searched_every > 1 {
+        let every = fit.searched_every;
+        say!(
+            "note: thresholds were searched on one sample in {every}, weights and intervals are those of all; --every-sample searches on all"
+        );
     }
     let gaps: usize = recordings.iter().map(|recording| recording.gaps.len()).sum();
     if gaps > 0 {

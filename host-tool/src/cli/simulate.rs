@@ -42,8 +42,7 @@ pub struct Arguments {
     /// Folder for the recordings; for one excitation file also the name of a CSV file.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// `pi` (the paper's model), `all-effects` (the same with every effect, simulated sample by sample; `track --preset all-effects` is another rig),
-    /// or a plant file.
+    /// `pi` (the paper's model), `all-effects` (the same with every effect), or a plant file.
     #[arg(long, default_value = "pi", value_name = "FILE|pi|all-effects")]
     plant: String,
     /// A of eq. (1) in bar; the pressure reaches twice as much. For sets.

@@ -14,7 +14,7 @@ use crate::replay_log::Tracing;
 use crate::track::beyond::{Beyond, beyond};
 use crate::track::compare::{self, Run};
 use crate::track::missed::missed;
-use crate::track::rig::{self, Truth};
+use crate::track::rig::{self, Mover, REALISTIC, Truth};
 use crate::track::{Controller, Figures, Reach, Reference, SettingValues, controller, reference, rig_settings, run, setting};
 use crate::tune::Tuned;
 use crate::{output, recording, report, say, setting_words};
@@ -44,9 +44,10 @@ pub struct Arguments {
     /// The image that the emulator or the board's model runs, if it is not where cargo leaves it.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
-    /// The virtual rig, in continuous time; `--plant all-effects` of other commands is another rig, simulated sample by sample.
-    #[arg(long, value_enum, alias = "plant", default_value_t = Preset::AllEffects)]
-    preset: Preset,
+    /// What moves the tip of a simulated rig: `realistic` (a pneumatic muscle in continuous time, every effect at the strength that a bench
+    /// may have, and a heartbeat; drawn from the seed), or a plant as everywhere.
+    #[arg(long, alias = "preset", default_value = REALISTIC, value_name = "FILE|realistic|pi|all-effects")]
+    plant: String,
     /// Name of a reference, or a CSV file.
     #[arg(long, value_name = "FILE|NAME")]
     reference: String,
@@ -84,12 +85,6 @@ pub struct Arguments {
 
 /// The controller whose model runs the other way round.
 const LEARNED: &str = "learned-inverse";
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Preset {
-    /// Every effect of the discovery catalogue at realistic strength, and a heartbeat.
-    AllEffects,
-}
 
 #[derive(Serialize)]
 struct Summary<'a> {
@@ -151,6 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         _ => None,
     };
     refuse_replacing(arguments, &chosen)?;
+    let mover = Mover::named(&arguments.plant).context("--plant takes `realistic`, too")?;
     let seed = arguments.common.seed;
     let (reference, beyond, runs) = match &backend {
         board if board.is_board() => {
@@ -186,7 +182,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 Some(control) => control,
                 None => {
                     let working = output::working("track", "tuning on recordings of the virtual rig");
-                    let (tuned, recordings) = compare::tune_virtual_rig(seed, seed)?;
+                    let (tuned, recordings) = compare::tune_on(&mover, seed, seed)?;
                     drop(working);
                     if let Some(folder) = &arguments.keep {
                         for recording in &recordings {
@@ -210,7 +206,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                 let mut settings = control.settings(*controller);
                 settings.push(look_ahead);
                 let blob = control.blob_for(*controller, inverse.as_deref());
-                let on = Simulated { arguments, settings, blob, controller: *controller, reference: &reference };
+                let on = Simulated { arguments, mover: &mover, settings, blob, controller: *controller, reference: &reference };
                 let run = match simulated {
                     Backend::Qemu => on.run(rig::emulator(arguments.image.as_deref())?, "qemu"),
                     Backend::BoardModel => on.run_traced(rig::board_model(arguments.image.as_deref())?, BOARD_MODEL),
@@ -241,12 +237,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if let Some(path) = &arguments.common.results.html {
         let warnings: Vec<String> = beyond.iter().map(Beyond::sentence).chain(missed.iter().cloned()).collect();
         let rig = match backend {
-            Backend::Virtual => "the all-effects rig",
-            Backend::Qemu => "the all-effects rig around QEMU",
-            Backend::BoardModel => "the all-effects rig around the board's model",
-            Backend::Serial(_) | Backend::AnySerial => "a board",
+            Backend::Virtual => format!("a simulated rig ({})", arguments.plant),
+            Backend::Qemu => format!("a simulated rig ({}) around QEMU", arguments.plant),
+            Backend::BoardModel => format!("a simulated rig ({}) around the board's model", arguments.plant),
+            Backend::Serial(_) | Backend::AnySerial => "a board".to_owned(),
         };
-        output::write_atomic(path, report::track::page(&name, rig, &runs, &warnings).as_bytes())?;
+        output::write_atomic(path, report::track::page(&name, &rig, &runs, &warnings).as_bytes())?;
     }
     Ok(if missed.is_empty() { Outcome::Success } else { Outcome::CheckFailed })
 }
@@ -265,6 +261,7 @@ fn replay_log_path(folder: &Path, controller: Controller) -> PathBuf {
 /// One run on a simulated rig.
 struct Simulated<'a> {
     arguments: &'a Arguments,
+    mover: &'a Mover,
     settings: SettingValues,
     blob: &'a [u8],
     controller: Controller,
@@ -273,10 +270,10 @@ struct Simulated<'a> {
 
 impl Simulated<'_> {
     fn run(self, processor: impl Processor, backend: &str) -> Result<Run> {
-        let Self { arguments, settings, blob, controller, reference } = self;
+        let Self { arguments, mover, settings, blob, controller, reference } = self;
         let seed = arguments.common.seed;
-        let recorder = arguments.journals.is_some().then(|| rig::recorder(backend, seed));
-        let (mut client, truth) = rig::connect(processor, seed, 1, &format!("the all-effects rig, {backend}"), recorder)?;
+        let recorder = arguments.journals.is_some().then(|| rig::recorder(backend, mover, seed));
+        let (mut client, truth) = rig::connect(processor, mover.hardware(seed, 1), &format!("the simulated rig, {backend}"), recorder)?;
         let run = compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?;
         let rig = client.into_transport();
         if let (Some(folder), Some(replay_log)) = (&arguments.journals, rig.observer().replay_log()) {
@@ -289,9 +286,9 @@ impl Simulated<'_> {
 impl Simulated<'_> {
     /// As [`Self::run`], with a replay log that comes over the link.
     fn run_traced(self, processor: impl Processor, backend: &str) -> Result<Run> {
-        let Self { arguments, settings, blob, controller, reference } = self;
-        let place = format!("the all-effects rig, {backend}");
-        let (mut client, truth) = rig::connect(processor, arguments.common.seed, 1, &place, None)?;
+        let Self { arguments, mover, settings, blob, controller, reference } = self;
+        let place = format!("the simulated rig, {backend}");
+        let (mut client, truth) = rig::connect(processor, mover.hardware(arguments.common.seed, 1), &place, None)?;
         let Some(folder) = &arguments.journals else {
             return Ok(compare::run_one(&mut client, &truth, &settings, Some(blob), controller, reference)?);
         };

@@ -1,4 +1,4 @@
-//! The figures of the controllers, all in one run on the all-effects rig: what each buys against the simpler one, side by side.
+//! The figures of the controllers, all in one run on the realistic rig: what each buys against the simpler one, side by side.
 //!
 //! Every seed is a rig of its own, tuned on recordings from its session 0 with references that occur nowhere else; the figures come from
 //! session 1 with the references of [`crate::control::reference::named`].
@@ -7,7 +7,8 @@ use model_export::link::settings::SettingValue;
 use serde::Serialize;
 
 use super::compare::{self, CompareError, Run, run_one};
-use super::{learn, rig, run};
+use super::rig::{self, Mover};
+use super::{learn, run};
 use crate::control::reference::{NAMES, PERIOD_S, Reference, named, tuning};
 use crate::control::{Controller, controller, setting};
 use crate::link::Breakage;
@@ -227,7 +228,7 @@ fn long_run(tuned: &Tuned, seed: u64, seconds: f64) -> Result<Run, CompareError>
     points_mm.truncate((seconds / PERIOD_S) as usize);
     let reference = Reference { name: "long".to_owned(), points_mm };
     let Some(sensorless) = controller("sensorless") else { return Err(CompareError::NoController) };
-    let (mut client, truth) = rig::in_process(seed, 1)?;
+    let (mut client, truth) = rig::in_process(&Mover::Realistic, seed, 1)?;
     let mut settings = rig::rig_settings();
     settings.extend(tuned.settings(sensorless));
     settings.push(setting("telemetry.period_ms", SettingValue::Integer(100)));
@@ -295,7 +296,7 @@ fn laser_lost(tuned: &Tuned, seed: u64) -> Result<LaserLost, CompareError> {
     let upward = (first + 1..points_mm.len()).find(|at| points_mm[at - 1] < middle_mm && points_mm[*at] >= middle_mm);
     let lost_ms = (upward.unwrap_or(first) as f64 * PERIOD_S * 1e3) as u64;
     let watched = |fails: bool| -> Result<Watched, CompareError> {
-        let (mut client, truth) = rig::in_process(seed, 1)?;
+        let (mut client, truth) = rig::in_process(&Mover::Realistic, seed, 1)?;
         let mut settings = rig::rig_settings();
         settings.extend(tuned.settings(both));
         settings.push(setting("laser.required", SettingValue::Flag(false)));
@@ -332,7 +333,7 @@ mod tests {
     const SEED: u64 = 601;
 
     #[test]
-    fn on_a_rig_with_all_effects_each_step_up_buys_what_it_should_and_a_lost_laser_moves_nothing() {
+    fn on_a_realistic_rig_each_step_up_buys_what_it_should_and_a_lost_laser_moves_nothing() {
         let tuned = compare::tune_virtual_rig(SEED, TUNING_SEED).unwrap().0;
         let errors = |name: &str, controllers: &[&str]| -> Vec<f64> {
             let reference = named(name, tuned.reach, SEED).unwrap();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use model_export::link::message::Telemetry;
 use model_export::link::settings::SettingValue;
 
-use super::rig::{self, Truth};
+use super::rig::{self, Mover, Truth};
 use super::run::{self, RunError};
 use crate::control::{Controller, Figures, Reference, Sample, SettingValues, figures, setting};
 use crate::export::ExportError;
@@ -20,7 +20,7 @@ pub const HIGHEST_BAR: f64 = 2.7;
 /// Time at the beginning of a run that no figure counts: the way from rest to the reference's first point.
 const SKIP_S: f64 = 1.0;
 
-/// What the output of the all-effects rig meets, as [`rig::rig_settings`] have it.
+/// What the output of a simulated rig meets, as [`rig::rig_settings`] have it.
 pub const RIG_LIMITS: Limits = Limits { ceiling_bar: 3.0, slew_bar_per_s: 40.0 };
 
 /// What can go wrong.
@@ -118,7 +118,7 @@ pub fn follow<T: Transport>(
     Ok(Run { figures: figures::of(controller.name, &counted), samples })
 }
 
-/// Runs a reference with every controller, each on an all-effects rig of its own that begins at rest.
+/// Runs a reference with every controller, each on a realistic rig of its own that begins at rest.
 ///
 /// # Errors
 /// When a run fails.
@@ -138,19 +138,19 @@ pub fn with_model(
     blob: &[u8],
     changes: &[(u16, SettingValue)],
 ) -> Result<Run, CompareError> {
-    let (mut client, truth) = rig::in_process(seed, 1)?;
+    let (mut client, truth) = rig::in_process(&Mover::Realistic, seed, 1)?;
     let mut settings = rig::rig_settings();
     settings.extend(tuned.settings(controller));
     settings.extend(changes);
     run_one(&mut client, &truth, &settings, Some(blob), controller, reference)
 }
 
-/// Records on an all-effects rig what tuning wants to see.
+/// Records on a simulated rig what tuning wants to see.
 ///
 /// # Errors
 /// When a run fails.
-pub fn record_for_tuning(seed: u64) -> Result<Vec<Recording>, CompareError> {
-    let (mut client, _) = rig::in_process(seed, 0)?;
+pub fn record_for_tuning(mover: &Mover, seed: u64) -> Result<Vec<Recording>, CompareError> {
+    let (mut client, _) = rig::in_process(mover, seed, 0)?;
     let mut settings = rig::rig_settings();
     settings.push(setting("telemetry.period_ms", SettingValue::Integer(20)));
     run::prepare(&mut client, &settings, None)?;
@@ -179,12 +179,20 @@ fn recording(index: usize, telemetry: &[Telemetry]) -> Result<Recording, Recordi
     )
 }
 
-/// Records and tunes on an all-effects rig.
+/// Records and tunes on a realistic rig.
 ///
 /// # Errors
 /// When a run or the tuning fails.
 pub fn tune_virtual_rig(rig_seed: u64, tuning_seed: u64) -> Result<(Tuned, Vec<Recording>), CompareError> {
-    let recordings = record_for_tuning(rig_seed)?;
+    tune_on(&Mover::Realistic, rig_seed, tuning_seed)
+}
+
+/// Records and tunes on a simulated rig.
+///
+/// # Errors
+/// When a run or the tuning fails.
+pub fn tune_on(mover: &Mover, rig_seed: u64, tuning_seed: u64) -> Result<(Tuned, Vec<Recording>), CompareError> {
+    let recordings = record_for_tuning(mover, rig_seed)?;
     let tuned = tune::tune(&recordings, RIG_LIMITS, tuning_seed, &|_| {})?;
     Ok((tuned, recordings))
 }

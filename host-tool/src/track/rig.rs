@@ -1,4 +1,4 @@
-//! The rig a reference is run on: the firmware library in this process with the all-effects rig around it, and who watches the true tip.
+//! The rig a reference is run on: a processor with simulated hardware around it, and who watches the true tip.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -12,13 +12,16 @@ use crate::link::{
     BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, HardwareConfig, InProcess, LinkError, Lockstep, Observer, Processor, Qemu,
     QemuConfig, TickRecord,
 };
+use crate::plant::{Plant, PlantError};
 use crate::replay_log::{Header, Recorder, ReplayLog};
-use crate::rig::live::{AllEffects, Probe};
+use crate::rig::live::{Probe, RealisticRig};
 
+/// The name of the realistic rig.
+pub const REALISTIC: &str = "realistic";
 /// Ticks of a window of the decimation filter.
 const WINDOW_TICKS: usize = 20;
 
-/// Settings that the all-effects rig needs whatever the controller: its pneumatics are slower than the defaults expect, and telemetry
+/// Settings that the realistic rig needs whatever the controller: its pneumatics are slower than the defaults expect, and telemetry
 /// every 10 ms.
 #[must_use]
 pub fn rig_settings() -> SettingValues {
@@ -68,7 +71,8 @@ impl Truth {
 
 /// Writes tip and output down at every tick, and a replay log if one is wanted.
 pub struct Watch {
-    probe: Probe,
+    /// Where the tip is, if the hardware does not know it.
+    probe: Option<Probe>,
     truth: Truth,
     recorder: Option<Recorder>,
 }
@@ -96,19 +100,56 @@ impl Observer for Watch {
             TickRecord::Tick { outputs, .. } => outputs.output_ubar,
             TickRecord::Silence => 0,
         };
-        tips_mm.push(self.probe.tip_mm());
+        tips_mm.push(self.probe.as_ref().map_or_else(|| hardware.config().rest_mm + hardware.displacement_mm(), Probe::tip_mm));
         outputs_ubar.push(output_ubar);
     }
 }
 
-/// The hardware of the all-effects rig, and its probe.
-#[must_use]
-pub fn hardware(seed: u64, session: usize) -> (Hardware, Probe) {
-    let rig = AllEffects::new(seed, session);
-    let probe = rig.probe();
-    // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
-    let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: seed as u32 ^ 0x5eed, ..HardwareConfig::default() };
-    (Hardware::new(config, Box::new(rig)), probe)
+/// What moves the tip.
+#[derive(Clone, Debug)]
+pub enum Mover {
+    /// The realistic rig of [`crate::rig::live`].
+    Realistic,
+    /// As a plant says.
+    Plant(Box<Plant>),
+}
+
+impl Mover {
+    /// What this name means: `realistic`, or a plant by name or file.
+    ///
+    /// # Errors
+    /// When there is no such plant.
+    pub fn named(name: &str) -> Result<Self, PlantError> {
+        if name == REALISTIC { Ok(Self::Realistic) } else { Ok(Self::Plant(Box::new(Plant::named(name)?))) }
+    }
+
+    /// The hardware around it, and its probe. The laser was remounted once in every session but the first, 0, of the realistic rig.
+    #[must_use]
+    pub fn hardware(&self, seed: u64, session: usize) -> (Hardware, Option<Probe>) {
+        let noise = seed as u32 ^ 0x5eed;
+        match self {
+            Self::Realistic => {
+                let rig = RealisticRig::new(seed, session);
+                let probe = rig.probe();
+                // The rig has its own valve, tube and tip: what the hardware adds is the regulator's electronics.
+                let config = HardwareConfig { regulator_ms: 5.0, tip_ms: 1.0, seed: noise, ..HardwareConfig::default() };
+                (Hardware::new(config, Box::new(rig)), Some(probe))
+            }
+            Self::Plant(plant) => {
+                let config = HardwareConfig { seed: noise, ..HardwareConfig::default() };
+                (Hardware::new(config, Box::new(plant.start(0.0))), None)
+            }
+        }
+    }
+
+    /// What it is, for a replay log.
+    #[must_use]
+    pub fn description(&self, seed: u64) -> String {
+        match self {
+            Self::Realistic => format!("the realistic rig with seed {seed}"),
+            Self::Plant(plant) => plant.config().to_toml(),
+        }
+    }
 }
 
 /// The firmware as ARM code in the emulator with an empty flash; the image is looked for where cargo leaves it when absent.
@@ -129,34 +170,64 @@ pub fn board_model(image: Option<&Path>) -> Result<BoardModel, LinkError> {
 
 /// A replay log's beginning, for [`connect`].
 #[must_use]
-pub fn recorder(backend: &str, seed: u64) -> Recorder {
+pub fn recorder(backend: &str, mover: &Mover, seed: u64) -> Recorder {
     // The emulated image has a name of its own in its Hello, which a replay must give too.
     let board = if backend == EMULATED_BOARD { EMULATED_BOARD } else { VIRTUAL_BOARD };
-    Recorder::new(Header::new(backend, board, format!("the all-effects rig with seed {seed}"), &FlashMemory::default()))
+    Recorder::new(Header::new(backend, board, mover.description(seed), &FlashMemory::default()))
 }
 
-/// A client of the all-effects rig around a processor with an empty flash.
+/// A client of a processor with an empty flash and this hardware around it.
 ///
 /// # Errors
 /// When the processor does not start or answer.
 pub fn connect<P: Processor>(
     processor: P,
-    seed: u64,
-    session: usize,
+    (hardware, probe): (Hardware, Option<Probe>),
     place: &str,
     recorder: Option<Recorder>,
 ) -> Result<(Client<Lockstep<P, Watch>>, Truth), LinkError> {
-    let (hardware, probe) = hardware(seed, session);
     let truth = Truth::default();
     let watch = Watch { probe, truth: truth.clone(), recorder };
     let lockstep = Lockstep::new(processor, hardware, watch, place, VIRTUAL_BOARD)?;
     Ok((Client::connect(lockstep)?, truth))
 }
 
-/// A client of the all-effects rig with the firmware in this process.
+/// A client of a rig with the firmware in this process.
 ///
 /// # Errors
 /// When it does not start.
-pub fn in_process(seed: u64, session: usize) -> Result<(Client<Lockstep<InProcess, Watch>>, Truth), LinkError> {
-    connect(InProcess::new(FlashMemory::default()), seed, session, "the all-effects rig in this process", None)
+pub fn in_process(mover: &Mover, seed: u64, session: usize) -> Result<(Client<Lockstep<InProcess, Watch>>, Truth), LinkError> {
+    connect(InProcess::new(FlashMemory::default()), mover.hardware(seed, session), "the rig in this process", None)
+}
+
+#[cfg(test)]
+mod tests {
+    use firmware::device::exchange::DeviceOutputs;
+
+    use super::*;
+    use crate::backend::Simulated;
+
+    /// Where the tip is in every millisecond while the valve opens, closes and opens again.
+    fn path_mm(mut hardware: Hardware) -> Vec<f64> {
+        (0..1500_u16)
+            .map(|tick| {
+                let valve_share = if tick % 600 < 400 { u16::MAX / 4 } else { 0 };
+                hardware.apply(&DeviceOutputs { energised: true, valve_share, ..DeviceOutputs::default() });
+                hardware.advance();
+                hardware.displacement_mm()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_plant_is_the_same_rig_by_its_name_here_as_for_every_other_command() {
+        let plant = Plant::named("all-effects").unwrap();
+        let elsewhere = Simulated::around(&plant, 7, FlashMemory::default(), VIRTUAL_BOARD);
+        let here = Mover::named("all-effects").unwrap();
+        assert_eq!(here.description(7), elsewhere.plant);
+        let path = path_mm(here.hardware(7, 1).0);
+        assert!(path.iter().any(|tip_mm| *tip_mm > 0.5), "it moves");
+        assert_eq!(path, path_mm(Hardware::new(elsewhere.hardware, elsewhere.muscle)));
+        assert_ne!(path, path_mm(Mover::named(REALISTIC).unwrap().hardware(7, 1).0), "another name is another rig");
+    }
 }

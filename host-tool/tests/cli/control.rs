@@ -76,6 +76,20 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     let (first, second) = (first.as_f64().expect("a number"), second.as_f64().expect("a number"));
     assert!((first / second - 1.0).abs() < 0.02, "{first} and {second} mm");
 
+    // A plant's name is one rig, whatever the option that names it was called.
+    bench.write("short.csv", "time_s,reference_mm\n0,0.4\n2,1.2\n4,0.6\n");
+    let on = |option: &str| {
+        let run = bench.run(&format!(
+            "track {option} --settings tuned/settings.toml --model tuned/control.blob --reference short.csv --controllers open-loop --json plant.json --force"
+        ));
+        assert!(matches!(run.code, 0 | 1), "{}", run.stderr);
+        bench.json("plant.json")
+    };
+    let of_the_plant = on("--plant all-effects");
+    assert_eq!(of_the_plant, on("--preset all-effects"));
+    assert_ne!(of_the_plant, on("--plant realistic"));
+    assert_eq!(on(""), on("--plant realistic"), "the rig of the published figures");
+
     // An inverse that has hardly learned anything still runs, and has the physics to fall back to.
     bench.works("train --inverse --look-ahead-ms 100 --data recordings --preset stream-1x32 --epochs 2 --out inverse.safetensors");
     bench.works("export inverse.safetensors --calibration recordings --compensation tuned/control.blob --out inverse.blob");
@@ -134,6 +148,7 @@ fn what_cannot_be_tracked_or_tuned_is_refused_by_name() {
     // Before any tuning, which takes a while.
     bench.refuses("track --reference point-2-point --controllers open-loop", &["point-2-point", "point-to-point", "neither a file"]);
     bench.refuses("track --reference a --controllers learned-inverse", &["inverse model"]);
+    bench.refuses("track --plant nowhere.toml --reference a --controllers open-loop", &["nowhere.toml", "all-effects", "realistic"]);
     bench.refuses("track --backend serial --reference a --controllers open-loop", &["--settings"]);
     bench.refuses("track --port nowhere --reference a --controllers open-loop", &["serial:PORT"]);
     bench.write("still/run.csv", "time_s,pressure_bar,displacement_mm\n0,1,2\n0.02,1,2\n0.04,1,2\n");

@@ -206,3 +206,78 @@ fn processor_in_the_loop_says_what_it_lacks() {
     bench.refuses("pil --blob physics.toml --image nowhere", &["physics.toml", "no blob"]);
     bench.refuses("pil --blob model.blob --seconds 0", &["--seconds"]);
 }
+
+#[test]
+fn a_recording_and_a_replay_log_of_another_run_are_no_pair() {
+    let bench = recorded();
+    bench.works("rig record --excitation sine.toml --out other.csv --seed 2");
+    let other = bench.read("other.journal");
+    bench.write("other.journal", bench.read("run.journal"));
+    bench.write("run.journal", other);
+    for swapped in ["run.csv", "other.csv"] {
+        bench.refuses(&format!("replay {swapped} --json pair.json"), &[swapped, "belongs to another recording"]);
+    }
+    assert!(!bench.path("pair.json").exists(), "nothing is told of a pair that is none");
+    // Each log for itself is whole.
+    assert!(bench.works("replay run.journal").stdout.contains("identical to the bit"));
+    // The recording itself, changed in one digit, is another one too.
+    bench.write("run.journal", bench.read("other.journal"));
+    bench.works("replay run.csv");
+    let text = String::from_utf8(bench.read("run.csv")).expect("text");
+    let at = text.rfind(|letter: char| letter.is_ascii_digit()).expect("a digit");
+    let digit = if text[at..].starts_with('1') { "2" } else { "1" };
+    bench.write("run.csv", format!("{}{digit}{}", &text[..at], &text[at + 1..]));
+    bench.refuses("replay run.csv", &["run.csv", "belongs to another recording"]);
+}
+
+#[test]
+fn commands_at_the_same_time_on_one_flash_file_keep_what_each_of_them_saved() {
+    let bench = Bench::new();
+    let changes =
+        [("limits.ceiling_bar", "2.5"), ("laser.required", "false"), ("limits.host_timeout_ms", "300"), ("telemetry.period_ms", "7")];
+    // One after the other they save one setting more each time; at the same time they must, too. Before any file, and with one.
+    for round in 0..2 {
+        let changes = &changes[2 * round..][..2];
+        let children: Vec<_> = changes
+            .iter()
+            .map(|(name, value)| {
+                std::process::Command::new(env!("CARGO_BIN_EXE_catheter"))
+                    .args(["rig", "--flash", "rig.flash", "settings", "set", &format!("{name}={value}"), "--save"])
+                    .current_dir(bench.path(""))
+                    .stdout(std::process::Stdio::null())
+                    .spawn()
+                    .expect("the built command starts")
+            })
+            .collect();
+        for mut child in children {
+            assert!(child.wait().expect("it ends").success());
+        }
+    }
+    bench.works("rig --flash rig.flash settings get --json all.json");
+    let all = bench.json("all.json");
+    for (name, value) in changes {
+        assert_eq!(all[name].to_string().trim_end_matches(".0"), value, "{name} was lost");
+    }
+}
+
+#[test]
+fn a_rig_without_a_readable_log_says_where_it_is() {
+    let bench = Bench::new();
+    bench.refuses("rig log", &["debug probe", "cargo xtask flash", "--backend board-model"]);
+    bench.refuses("rig log --seconds 3601", &["--seconds", "0 to 3600"]);
+}
+
+#[test]
+#[ignore = "needs the board's model and the image: `cargo xtask test`"]
+fn the_log_of_the_image_tells_its_start_and_what_it_was_asked() {
+    let bench = Bench::new();
+    let said = bench.works("rig --backend board-model log --seconds 0.5 --json log.json");
+    let lines = bench.json("log.json")["lines"].as_array().expect("lines").clone();
+    let shown: Vec<&str> = said.stdout.lines().collect();
+    assert!(!lines.is_empty() && lines.iter().all(|line| shown.contains(&line.as_str().expect("text"))), "{}", said.stdout);
+    println!("{}", said.stdout);
+    // Beside what a command says, as a debug probe would show it.
+    let refused = bench.run("rig --backend board-model start");
+    println!("{}", refused.stderr);
+    assert!(refused.code != 0);
+}

@@ -55,7 +55,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Every controller in turn, each on a fresh all-effects rig, until the time is over.
+/// Every controller in turn, each on a fresh realistic rig, until the time is over.
 fn closed_loop(seconds: f64) -> (f64, f64, Vec<String>, bool) {
     let tuned = match tune_virtual_rig(SEED, SEED) {
         Ok((tuned, _)) => tuned,

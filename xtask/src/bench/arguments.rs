@@ -52,7 +52,7 @@ pub enum What {
     Measured,
     /// What the jumps of the all-effects plant allow an estimator.
     Jumps,
-    /// Tracking of the controllers on the all-effects rig, side by side.
+    /// Tracking of the controllers on the realistic rig, side by side.
     Control,
     /// How fast a CSV of five million rows is read, beside the bare records of the csv crate.
     Reading,

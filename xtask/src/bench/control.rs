@@ -1,4 +1,4 @@
-//! The figures of the controllers on the all-effects rig, side by side in one run, with their targets.
+//! The figures of the controllers on the realistic rig, side by side in one run, with their targets.
 
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -38,7 +38,7 @@ pub fn measure(arguments: &Arguments) -> Result<Value> {
             if met { "met" } else { "not met" }.to_owned(),
         ]);
     }
-    println!("Controllers on the all-effects rig, {} rig(s), references used nowhere else\n", arguments.seeds);
+    println!("Controllers on the realistic rig, {} rig(s), references used nowhere else\n", arguments.seeds);
     println!("{}", markdown(&["figure", "measured", "target", ""], &rows));
     let ticks = |key: &str| number(&table, key);
     println!(

@@ -12,6 +12,7 @@ use super::error::ExportError;
 use super::forms::float_network;
 use super::reference::Reference;
 use super::report::{self, Comparison};
+use super::work::Work;
 use crate::model::PERIOD_TOLERANCE;
 use crate::network::{Channel, Mode, Network, TrainedModel, narrowed};
 use recording::{Recording, RecordingError};
@@ -68,6 +69,19 @@ pub fn export(model: &TrainedModel, data: &[Recording]) -> Result<Export, Export
 /// # Errors
 /// As [`export`].
 pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Option<Compensation>) -> Result<Export, ExportError> {
+    export_told(model, data, compensation, &|_, _| {})
+}
+
+/// As [`export_with`]; `told` hears how much of the work is done, and of how much.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_told(
+    model: &TrainedModel,
+    data: &[Recording],
+    compensation: Option<Compensation>,
+    told: &dyn Fn(u64, u64),
+) -> Result<Export, ExportError> {
     for recording in data {
         check(model, recording)?;
     }
@@ -77,7 +91,8 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
     if data.iter().all(|recording| recording.is_empty()) {
         return Err(ExportError::NoData);
     }
-    let calibration = Calibration::of(model, &data);
+    let work = Work::of(model, data.iter().map(Recording::len).sum(), told);
+    let calibration = Calibration::worked_out(model, &data, &work);
     let extension = Extension { compensation, domain: Some(calibration.domain) }.encode();
     let (golden_input, golden_output) = golden(model, &data);
     let golden_bytes: Vec<u8> = golden_output.iter().flat_map(|y| y.to_le_bytes()).collect();
@@ -101,6 +116,7 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
             }
         }
     }
+    work.expect(candidates.len() as u64, model.network.is_some());
     let mut best: Option<Export> = None;
     for (rounding, network) in &candidates {
         let mut parts = Parts {
@@ -117,7 +133,7 @@ pub fn export_with(model: &TrainedModel, data: &[Recording], compensation: Optio
         let wire = parts.wire()?;
         // As the board builds it: what does not fit there is refused here.
         Estimator::with_kernel(&wire, vec![0; MAX_PACKED_WORDS].as_mut_slice()).map_err(BlobError::from)?;
-        let comparison = report::compare(model, &wire, &data).map_err(BlobError::from)?;
+        let comparison = report::compare(model, &wire, &data, &work).map_err(BlobError::from)?;
         let (worst, digest) = replay(&wire, &golden_output)?;
         parts.metrics = schema::Metrics {
             validation_rmse: model.provenance.validation_rmse as f32,

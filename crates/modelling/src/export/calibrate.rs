@@ -6,6 +6,7 @@ use model_export::quantise::LayerCalibration;
 use model_export::schema::Envelope;
 
 use super::reference::{LayerSignals, Reference};
+use super::work::Work;
 use crate::network::TrainedModel;
 use recording::Recording;
 
@@ -27,6 +28,10 @@ impl Calibration {
     /// Runs the model in `f64` over the recordings, from rest at the start of each and after each gap.
     #[must_use]
     pub fn of(model: &TrainedModel, data: &[Recording]) -> Self {
+        Self::worked_out(model, data, &Work::of(model, 0, &|_, _| {}))
+    }
+
+    pub(super) fn worked_out(model: &TrainedModel, data: &[Recording], work: &Work<'_>) -> Self {
         let mut gather = Gather { layers: Vec::new(), counted: 0, steps: 0 };
         for recording in data {
             let inputs = recording.inputs();
@@ -35,6 +40,7 @@ impl Calibration {
                 for sample in segment {
                     let raw: Vec<f64> = inputs.iter().map(|values| values[sample]).collect();
                     reference.step(&raw, &mut |layers| gather.step(layers));
+                    work.run();
                 }
             }
         }

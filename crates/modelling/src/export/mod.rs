@@ -14,10 +14,11 @@ mod single;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod work;
 
 pub mod reference;
 
-pub use blob::{Export, as_the_model_sees, export, export_with};
+pub use blob::{Export, as_the_model_sees, export, export_told, export_with};
 pub use calibrate::Calibration;
 pub use error::ExportError;
 pub use forms::{float_network, from_fitted, from_physics};

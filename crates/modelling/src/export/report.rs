@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::reference::{LayerSignals, Reference};
 use super::single::Single;
+use super::work::Work;
 use crate::network::{Cell, TrainedModel, narrowed};
 use recording::Recording;
 
@@ -155,7 +156,7 @@ impl LayerPower {
 ///
 /// # Errors
 /// When the model does not validate.
-pub fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<Comparison, Invalid> {
+pub(super) fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording], work: &Work<'_>) -> Result<Comparison, Invalid> {
     let estimator = Estimator::new(wire)?;
     let (mut sum, mut max_abs) = (0.0, 0.0f64);
     let mut samples = 0usize;
@@ -174,11 +175,12 @@ pub fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Re
                 squares[index * PARTS / length] += difference * difference;
                 counts[index * PARTS / length] += 1.0;
                 samples += 1;
+                work.run();
             }
         }
     }
     let rmse = (sum / samples.max(1) as f64).sqrt();
-    let (layers, feature_saturations) = inner(model, wire, data)?;
+    let (layers, feature_saturations) = inner(model, wire, data, work)?;
     Ok(Comparison {
         samples,
         rmse,
@@ -191,7 +193,7 @@ pub fn compare(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Re
 }
 
 /// The inside of the network, streamed: a window's steps are those of a stream that starts anew, so the stream shows its gates too.
-fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<(Vec<LayerReport>, u64), Invalid> {
+fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording], work: &Work<'_>) -> Result<(Vec<LayerReport>, u64), Invalid> {
     let Some(network) = &wire.network else { return Ok((Vec::new(), 0)) };
     let front_end = FrontEnd::new(&wire.front_end, &wire.input, &wire.more_inputs)?;
     let network = Network::new(network, front_end.features())?;
@@ -224,6 +226,7 @@ fn inner(model: &TrainedModel, wire: &Model<'_>, data: &[Recording]) -> Result<(
                 for ((power, signals), fixed) in powers.iter_mut().zip(reference.layers()).zip(&collect.layers) {
                     power.add(index * PARTS / length, signals, fixed);
                 }
+                work.looked_into();
             }
         }
     }

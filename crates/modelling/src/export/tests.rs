@@ -161,6 +161,20 @@ fn a_hybrid_follows_f32_inside_and_outside_the_calibration_data() {
 }
 
 #[test]
+fn an_export_tells_how_far_it_is_up_to_its_end() {
+    let mut random = ChaCha8Rng::seed_from_u64(9301);
+    let model = hybrid(&mut random, &[6], Activation::Tanh);
+    let data = [recording(&mut random, 900), recording(&mut random, 700)];
+    let told = std::cell::RefCell::new(Vec::new());
+    let exported = export_told(&model, &data, None, &|done, all| told.borrow_mut().push((done, all))).unwrap();
+    assert_eq!(exported.bytes, export(&model, &data).unwrap().bytes);
+    let told = told.into_inner();
+    assert!(told.len() >= 10 && told.windows(2).all(|pair| pair[0].0 < pair[1].0), "{told:?}");
+    // The calibration, then both ways of rounding, outside and inside the network.
+    assert_eq!(told.last(), Some(&(5 * 1600, 5 * 1600)));
+}
+
+#[test]
 fn error_feedback_beats_nearest_rounding_on_unseen_data() {
     let mut random = ChaCha8Rng::seed_from_u64(9300);
     let model = hybrid(&mut random, &[24], Activation::Tanh);

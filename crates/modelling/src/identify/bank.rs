@@ -85,11 +85,66 @@ impl<'a> Bank<'a> {
     }
 }
 
+/// The samples of a run that a search looks at.
+pub(super) enum Samples<'a> {
+    /// Every one.
+    All(&'a Run),
+    /// Those that are equations, and those between them that the operators must see: where the input turns. On the way from one to the next
+    /// the input rises or falls throughout, and an operator that follows it ends where the end alone would have brought it.
+    Thinned {
+        /// Inputs in their order.
+        input: Vec<f64>,
+        /// The output where the sample is an equation.
+        output: Vec<Option<f64>>,
+    },
+}
+
+impl<'a> Samples<'a> {
+    /// Of the samples that count each `every`-th is an equation.
+    pub(super) fn of(run: &'a Run, every: usize) -> Self {
+        if every == 1 {
+            return Self::All(run);
+        }
+        let mut thinned = (Vec::new(), Vec::new());
+        let mut keep = |index: usize, output: Option<f64>| {
+            thinned.0.push(run.input[index]);
+            thinned.1.push(output);
+        };
+        let (mut rises, mut kept) = (None, false);
+        for index in 0..run.input.len() {
+            let change = if index > 0 { run.input[index] - run.input[index - 1] } else { 0.0 };
+            if change != 0.0 {
+                // The sample before was the last of its direction.
+                if !kept && rises != Some(change > 0.0) {
+                    keep(index - 1, None);
+                }
+                rises = Some(change > 0.0);
+            }
+            kept = index >= run.skip && index.is_multiple_of(every);
+            if kept {
+                keep(index, Some(run.output[index]));
+            }
+        }
+        Self::Thinned { input: thinned.0, output: thinned.1 }
+    }
+
+    /// Shows the inputs in turn, with the output of those that are equations.
+    #[inline]
+    pub(super) fn each(&self, mut see: impl FnMut(f64, Option<f64>)) {
+        match self {
+            Self::All(run) => {
+                let output = |index: usize| (index >= run.skip).then(|| run.output[index]);
+                run.input.iter().enumerate().for_each(|(index, &input)| see(input, output(index)));
+            }
+            Self::Thinned { input, output } => input.iter().zip(output).for_each(|(&input, &output)| see(input, output)),
+        }
+    }
+}
+
 /// Folds the linear problem `sign * output = sum_i w_i signal_i + constant` of all runs into one system. The constant is the last
-/// column; with `offsets` every run has its own, which is projected out, and there is no such column. Of the samples every one moves the
-/// operators, and each `every`-th is an equation.
+/// column; with `offsets` every run has its own, which is projected out, and there is no such column.
 #[must_use]
-pub fn linear_problem(runs: &[Run], thresholds: &[f64], family: Family, sign: f64, offsets: bool, every: usize) -> Compressed {
+pub(super) fn linear_problem(runs: &[Samples<'_>], thresholds: &[f64], family: Family, sign: f64, offsets: bool) -> Compressed {
     let n = thresholds.len();
     let mut system = Compressed::new(if offsets { n } else { n + 1 });
     for run in runs {
@@ -97,19 +152,17 @@ pub fn linear_problem(runs: &[Run], thresholds: &[f64], family: Family, sign: f6
         let mut own = Compressed::new(n + 1);
         let mut bank = Bank::new(thresholds, family);
         let mut row = vec![1.0; n + 1];
-        for (index, &input) in run.input.iter().enumerate() {
+        run.each(|input, output| {
             bank.step(input);
-            if index < run.skip || !index.is_multiple_of(every) {
-                continue;
-            }
+            let Some(output) = output else { return };
             if offsets {
                 (0..n).for_each(|k| row[k + 1] = bank.signal(k, input));
-                own.push(&row, sign * run.output[index]);
+                own.push(&row, sign * output);
             } else {
                 (0..n).for_each(|k| row[k] = bank.signal(k, input));
-                system.push(&row, sign * run.output[index]);
+                system.push(&row, sign * output);
             }
-        }
+        });
         if offsets {
             for row in &own.into_rows()[1..] {
                 system.push(&row[1..=n], row[n + 1]);
@@ -127,7 +180,39 @@ pub fn counted(runs: &[Run]) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
+
+    #[test]
+    fn operators_that_see_the_turns_alone_are_where_those_are_that_see_everything() {
+        let mut random = ChaCha8Rng::seed_from_u64(61);
+        // Slow and fast, with noise, with steps of the resolution, and standing still.
+        for (every, noise, step) in [(7, 0.0, 0.0), (10, 0.05, 0.0), (3, 0.0, 0.02), (50, 0.02, 0.1), (9, 0.0, 0.5)] {
+            let wave = |k: u32| 1.5 + (f64::from(k) * 0.013).sin() + 0.4 * (f64::from(k) * 0.17).sin();
+            let mut value = |k: u32| wave(k) + noise * (random.random::<f64>() - 0.5);
+            let input: Vec<f64> =
+                (0..3000).map(|k| value(k)).map(|value| if step > 0.0 { (value / step).round() * step } else { value }).collect();
+            let run = Run { output: (0..3000).map(f64::from).collect(), input, skip: 100 };
+            let thresholds = [0.0, 0.03, 0.2, 0.7];
+            let seen = |samples: &Samples<'_>| {
+                let mut bank = Bank::new(&thresholds, Family::Play);
+                let (mut seen, mut count) = (Vec::new(), 0);
+                samples.each(|input, output| {
+                    bank.step(input);
+                    count += 1;
+                    if output.is_some_and(|output| output as usize % every == 0) {
+                        seen.push((output, (0..4).map(|k| (bank.signal(k, input), bank.slope(k))).collect::<Vec<_>>()));
+                    }
+                });
+                (seen, count)
+            };
+            let (all, thinned) = (seen(&Samples::All(&run)), seen(&Samples::of(&run, every)));
+            assert_eq!(all.0, thinned.0, "every {every}, noise {noise}, step {step}");
+            assert!(thinned.0.len() > 50 && thinned.1 < all.1, "{} of {}", thinned.1, all.1);
+        }
+    }
 
     #[test]
     fn slopes_are_the_derivatives_of_the_signals() {

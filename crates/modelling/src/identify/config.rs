@@ -1,6 +1,7 @@
 //! What to fit, and what is refused.
 
 use super::bank::Family;
+use super::thresholds::MOST_EQUATIONS;
 use crate::physics::Kind;
 use recording::Recording;
 
@@ -45,6 +46,8 @@ pub struct FitConfig {
     pub lag_time_constant_s: Choice,
     /// Segments of the modified model's curve.
     pub curve_segments: usize,
+    /// Samples that thresholds are searched on, at most: of more, every so many-th. Weights and intervals are always those of all.
+    pub most_equations: usize,
 }
 
 impl Default for FitConfig {
@@ -60,6 +63,7 @@ impl Default for FitConfig {
             dead_time_s: Choice::Given(0.0),
             lag_time_constant_s: Choice::Given(0.0),
             curve_segments: 8,
+            most_equations: MOST_EQUATIONS,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::bank::{self, Family, Run};
 use super::config::{FitConfig, IdentifyError, Thresholds, check, method, operators};
 use super::start::{best_family, counted_range, default_rest, input_path_of, runs, time_constant};
 use super::thresholds::Found;
-use super::{curve, intervals};
+use super::{curve, intervals, thresholds};
 use crate::physics::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, PhysicsModel, Provenance, Source, range};
 use recording::Recording;
 
@@ -25,6 +25,8 @@ pub struct Fit {
     pub interval_widening: f64,
     /// Slopes at the low end, the middle and the high end of the modified model's curve: equal means neither asymmetry nor saturation.
     pub curve_slopes: Option<[f64; 3]>,
+    /// Free thresholds were searched on each so many-th sample; 1 where on all.
+    pub searched_every: usize,
 }
 
 /// Fits a physics model to recordings.
@@ -82,6 +84,7 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
     let Some(Shaped { thresholds, weights, constant, family, curve: shape, .. }) = shaped.reduce(better) else {
         return Err(IdentifyError::NoData);
     };
+    let searched_every = if matches!(config.thresholds, Thresholds::Free(_)) { thresholds::every(&runs, config.most_equations) } else { 1 };
     let free = matches!(config.thresholds, Thresholds::Free(_)) && config.kind == Kind::PrandtlIshlinskii;
     let intervals = intervals::intervals(&intervals::Fitted {
         runs: &runs,
@@ -150,7 +153,7 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
         let slopes = &curve.slopes;
         [slopes[0], slopes[slopes.len() / 2], slopes[slopes.len() - 1]]
     });
-    Ok(Fit { model, rmse, nrmse, max_abs, family, interval_widening: intervals.widening, curve_slopes })
+    Ok(Fit { model, rmse, nrmse, max_abs, family, interval_widening: intervals.widening, curve_slopes, searched_every })
 }
 
 /// Operators with their weights, with or without a curve behind their sum.

@@ -23,11 +23,11 @@ pub use crate::physics::{
 };
 pub use identification::{linear, nnls};
 
-pub use bank::{Family, Run, linear_problem};
+pub use bank::{Family, Run};
 pub use config::{Choice, FitConfig, IdentifyError, Thresholds};
 pub use curve::{Bent, Rows, fit as fit_curve};
 pub use fit::{Fit, fit};
-pub use thresholds::free_thresholds;
+pub use thresholds::{MOST_EQUATIONS, free_thresholds};
 
 #[cfg(test)]
 mod tests;

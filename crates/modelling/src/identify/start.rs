@@ -1,6 +1,6 @@
 //! What a fit starts from: rest, dead time, lag, family and thresholds.
 
-use super::bank::{Family, Run};
+use super::bank::{Family, Run, Samples};
 use super::config::{Choice, FitConfig, Thresholds};
 use super::thresholds::{self, Found, Search};
 use crate::physics::{input_path, range};
@@ -88,14 +88,15 @@ pub(super) fn input_path_of(recordings: &[Recording], config: &FitConfig, rest_i
 /// The thresholds and weights of the family that fits best; play operators and a rising output win a tie.
 pub(super) fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Found, Family, f64) {
     let grid = |count: usize| -> Vec<f64> { (0..count).map(|index| largest * index as f64 / count as f64).collect() };
-    let every = thresholds::every(runs);
-    let search = |family, sign| Search { runs, family, sign, offsets: config.offsets, largest, every };
+    let samples = |every: usize| runs.iter().map(|run| Samples::of(run, every)).collect::<Vec<_>>();
+    let [first, second] = [thresholds::coarse(runs, config.most_equations), thresholds::every(runs, config.most_equations)];
+    let coarse = samples(first);
+    let search = |family, sign| Search { runs: &coarse, family, sign, offsets: config.offsets, largest };
     let scout = grid(SCOUTS);
     let families = config.family.map_or_else(|| vec![Family::Play, Family::Stop], |family| vec![family]);
     let mut best: Option<(f64, Family, f64)> = None;
     for family in families {
-        for sign in [1.0, -1.0] {
-            let left = search(family, sign).project(&scout).squared_residual;
+        for (sign, left) in [1.0, -1.0].into_iter().zip(search(family, 1.0).left_of_both_signs(&scout)) {
             if best.is_none_or(|(before, ..)| left < before * (1.0 - 1e-6)) {
                 best = Some((left, family, sign));
             }
@@ -104,13 +105,18 @@ pub(super) fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Fo
     // Note(unwrap): there is at least one family.
     let (_, family, sign) = best.expect("a family was tried");
     let search = search(family, sign);
+    let all = samples(1);
+    let on_all = Search { runs: &all, ..search };
     let found = match &config.thresholds {
-        Thresholds::Grid(count) => search.project(&grid(*count)),
-        Thresholds::Given(thresholds) => search.project(thresholds),
-        Thresholds::Free(count) => search.run(*count),
+        Thresholds::Grid(count) => on_all.project(&grid(*count)),
+        Thresholds::Given(thresholds) => on_all.project(thresholds),
+        Thresholds::Free(count) if first == 1 => search.run(*count),
+        // From near the best on few steps are left; the weights, and what they leave, are those of all samples.
+        Thresholds::Free(count) => {
+            let begun = search.run(*count).thresholds;
+            on_all.project(&Search { runs: &samples(second), ..search }.settle(&begun).thresholds)
+        }
     };
-    // The weights, and what they leave, are those of all samples.
-    let found = if every > 1 { Search { every: 1, ..search }.project(&found.thresholds) } else { found };
     (found, family, sign)
 }
 

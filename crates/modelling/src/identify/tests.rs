@@ -313,3 +313,24 @@ fn the_measured_cylinders_uneven_clock_is_reported_and_its_friction_found() {
     assert_eq!(fit.family, Family::Stop, "friction force leads the motion");
     assert!(fit.nrmse < 0.15, "{}", fit.nrmse);
 }
+
+#[test]
+fn a_search_on_some_of_the_samples_finds_the_model_of_all_within_its_intervals() {
+    let plant = PlantConfig { measurement_noise: Some(MeasurementNoise { standard_deviation_mm: 0.005 }), ..PlantConfig::default() };
+    let recordings = paper_set(47, &plant);
+    let samples: usize = recordings.iter().map(Recording::len).sum();
+    let searched = |most_equations: usize| fit(&recordings, &FitConfig { most_equations, ..FitConfig::default() }).expect("fit");
+    // No more than the most is searched on as a whole.
+    let (all, just, some) = (searched(usize::MAX), searched(samples), searched(samples / 4));
+    assert_eq!((all.searched_every, just.searched_every), (1, 1));
+    assert_eq!((&all.model.thresholds, &all.model.weights), (&just.model.thresholds, &just.model.weights));
+    assert!(some.searched_every >= 4 && some.model.thresholds != all.model.thresholds, "{}", some.searched_every);
+    assert_eq!(some.model.thresholds.len(), all.model.thresholds.len(), "{:?} {:?}", some.model.thresholds, all.model.thresholds);
+    let inside = |value: f64, [low, high]: [f64; 2]| (low..=high).contains(&value);
+    for (index, (&threshold, &weight)) in some.model.thresholds.iter().zip(&some.model.weights).enumerate() {
+        assert!(inside(threshold, all.model.thresholds_95[index]), "threshold {threshold}: {:?}", all.model.thresholds_95[index]);
+        assert!(inside(weight, all.model.weights_95[index]), "weight {weight}: {:?}", all.model.weights_95[index]);
+    }
+    // The noise is what is left of either.
+    assert!((some.rmse / all.rmse - 1.0).abs() < 1e-3, "{} and {}", some.rmse, all.rmse);
+}

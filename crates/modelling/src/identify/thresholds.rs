@@ -3,27 +3,33 @@
 //!
 //! A fine grid gives the start: its few positive weights come in neighbouring groups, one group for each operator of the data.
 
-use super::bank::{Bank, Family, Run, linear_problem};
+use super::bank::{Bank, Family, Run, Samples, counted, linear_problem};
 use identification::linear::Compressed;
 
 /// What the search works on.
+#[derive(Clone, Copy)]
 pub(super) struct Search<'a> {
-    pub runs: &'a [Run],
+    pub runs: &'a [Samples<'a>],
     pub family: Family,
     pub sign: f64,
     pub offsets: bool,
     /// Largest sensible threshold.
     pub largest: f64,
-    /// Each so many-th sample is an equation; see [`every`].
-    pub every: usize,
 }
 
 /// Equations that thresholds are searched with, at most: of more, neighbours say the same.
-const MOST_EQUATIONS: usize = 500_000;
+pub const MOST_EQUATIONS: usize = 500_000;
+/// Where they are more, the search begins with this share of the most.
+const COARSE: usize = 10;
 
 /// Samples from one equation of the search to the next.
-pub(super) fn every(runs: &[Run]) -> usize {
-    super::bank::counted(runs).div_ceil(MOST_EQUATIONS).max(1)
+pub(super) fn every(runs: &[Run], most: usize) -> usize {
+    counted(runs).div_ceil(most).max(1)
+}
+
+/// The same where the search begins.
+pub(super) fn coarse(runs: &[Run], most: usize) -> usize {
+    if every(runs, most) > 1 { every(runs, (most / COARSE).max(1)) } else { 1 }
 }
 
 /// Thresholds with their weights and what they leave.
@@ -47,13 +53,25 @@ const STEPS: usize = 30;
 impl Search<'_> {
     /// The best weights for given thresholds.
     pub(super) fn project(&self, thresholds: &[f64]) -> Found {
-        let mut system = linear_problem(self.runs, thresholds, self.family, self.sign, self.offsets, self.every);
+        let mut system = linear_problem(self.runs, thresholds, self.family, self.sign, self.offsets);
+        let solution = system.solve(&self.free(thresholds));
+        Found { thresholds: thresholds.to_vec(), coefficients: solution.coefficients, squared_residual: solution.squared_residual }
+    }
+
+    /// What the best weights leave for given thresholds: with the sign of the search, and with the other.
+    pub(super) fn left_of_both_signs(&self, thresholds: &[f64]) -> [f64; 2] {
+        let mut system = linear_problem(self.runs, thresholds, self.family, self.sign, self.offsets);
+        let free = self.free(thresholds);
+        [system.solve(&free).squared_residual, system.solve_opposite(&free).squared_residual]
+    }
+
+    /// Weights are not negative, the constant is free.
+    fn free(&self, thresholds: &[f64]) -> Vec<bool> {
         let mut free = vec![false; thresholds.len()];
         if !self.offsets {
             free.push(true);
         }
-        let solution = system.solve(&free);
-        Found { thresholds: thresholds.to_vec(), coefficients: solution.coefficients, squared_residual: solution.squared_residual }
+        free
     }
 
     /// At most `count` free thresholds, ascending.
@@ -64,7 +82,12 @@ impl Search<'_> {
         while clusters.len() > count {
             merge_cheapest(&mut clusters);
         }
-        let mut found = self.refine(self.project(&clusters.iter().map(|cluster| cluster.0).collect::<Vec<_>>()));
+        self.settle(&clusters.iter().map(|cluster| cluster.0).collect::<Vec<_>>())
+    }
+
+    /// The best free thresholds near these.
+    pub(super) fn settle(&self, thresholds: &[f64]) -> Found {
+        let mut found = self.refine(self.project(thresholds));
         loop {
             let tidy = self.tidy(&found);
             if tidy.len() == found.thresholds.len() || tidy.is_empty() {
@@ -111,12 +134,10 @@ impl Search<'_> {
             let mut bank = Bank::new(&found.thresholds, self.family);
             let mut row = vec![1.0; 2 * n + 1];
             let constant = found.coefficients.get(n).copied().unwrap_or(0.0);
-            for (index, &input) in run.input.iter().enumerate() {
+            run.each(|input, output| {
                 bank.step(input);
-                if index < run.skip || !index.is_multiple_of(self.every) {
-                    continue;
-                }
-                let mut left = self.sign * run.output[index] - constant;
+                let Some(output) = output else { return };
+                let mut left = self.sign * output - constant;
                 for k in 0..n {
                     let (signal, weight) = (bank.signal(k, input), found.coefficients[k]);
                     left -= weight * signal;
@@ -125,7 +146,7 @@ impl Search<'_> {
                     row[1 + n + k] = weight * bank.slope(k);
                 }
                 own.push(&row, left);
-            }
+            });
             // One constant for each run, projected out: the common constant is a special case the next projection returns to.
             for row in &own.into_rows()[1..] {
                 system.push(&row[1..=2 * n], row[2 * n + 1]);
@@ -221,5 +242,7 @@ fn joined(first: (f64, f64), second: (f64, f64)) -> (f64, f64) {
 /// At most `count` thresholds, ascending and up to `largest`, that explain prepared runs best: free thresholds by variable projection.
 #[must_use]
 pub fn free_thresholds(runs: &[Run], family: Family, count: usize, largest: f64) -> Vec<f64> {
-    Search { runs, family, sign: 1.0, offsets: false, largest, every: every(runs) }.run(count).thresholds
+    let every = every(runs, MOST_EQUATIONS);
+    let runs: Vec<Samples<'_>> = runs.iter().map(|run| Samples::of(run, every)).collect();
+    Search { runs: &runs, family, sign: 1.0, offsets: false, largest }.run(count).thresholds
 }

@@ -77,7 +77,7 @@ pub struct TrainConfig {
     pub validation_fraction: f64,
     /// Validations spread evenly over the run.
     pub validations: u64,
-    /// The run ends early after this many validations without improvement; 0 never does. On rich sets of the all-effects rig the best came at
+    /// The run ends early after this many validations without improvement; 0 never does. On rich sets of the all-effects plant the best came at
     /// validation 3, 4, 9 and 13 of 26 (`hybrid` and `stream-1x32`, two seeds); at most three lay between one improvement and the next.
     pub patience: u64,
     /// CPU time of the whole run in s; decides the number of optimiser steps unless `epochs` does.

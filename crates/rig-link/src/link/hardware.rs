@@ -40,7 +40,7 @@ impl Muscle for RunningPlant {
     }
 }
 
-impl Muscle for virtual_rig::live::AllEffects {
+impl Muscle for virtual_rig::live::RealisticRig {
     fn step(&mut self, pressure_bar: f64) -> f64 {
         self.advance_ms(pressure_bar)
     }

@@ -111,9 +111,11 @@ impl Transport for Serial {
 mod tests {
     use std::thread;
 
-    use model_export::link::frame;
+    use model_export::link::frame::{self, Decoder};
     use model_export::link::hello::{Build, Hello};
+    use model_export::link::message::{Message as _, Refusal, Reply, ReplyFrame, Request, RequestFrame};
     use model_export::link::state::ResetCause;
+    use model_export::link::{Kind, PROTOCOL, SCHEMA_HASH};
 
     use super::super::client::Client;
     use super::*;
@@ -123,6 +125,19 @@ mod tests {
         let (port, mut device) = serial2::SerialPort::pair().expect("a pair of pseudo-terminals");
         device.set_read_timeout(Duration::from_secs(5)).expect("a timeout");
         (Serial { port, _reserved: Reserved::default(), place: "pair".to_owned(), opened: Instant::now() }, device)
+    }
+
+    fn hello(protocol: u16, schema_hash: u32) -> Hello {
+        Hello {
+            firmware: [0, 0, 9],
+            protocol,
+            schema_hash,
+            model_id: [0; 8],
+            reset_cause: ResetCause::Pin,
+            board: heapless::String::try_from("test").unwrap_or_default(),
+            session: 0,
+            build: Build::default(),
+        }
     }
 
     #[test]
@@ -147,23 +162,63 @@ mod tests {
         let old = thread::spawn(move || {
             let mut byte = [0; 64];
             while device.read(&mut byte).is_ok_and(|count| count == 0) {}
-            let board = heapless::String::try_from("old").unwrap_or_default();
-            let hello = Hello {
-                firmware: [0, 0, 9],
-                protocol: 0,
-                schema_hash: 1,
-                model_id: [0; 8],
-                reset_cause: ResetCause::Pin,
-                board,
-                session: 0,
-                build: Build::default(),
-            };
-            device.write_all(&frame::encode(&hello.encode()).expect("a frame")).expect("the host listens");
+            device.write_all(&frame::encode(&hello(0, 1).encode()).expect("a frame")).expect("the host listens");
             device
         });
         let met = Client::connect(port);
         assert!(matches!(&met, Err(LinkError::OldFirmware { firmware, .. }) if firmware == "0.0.9"), "{:?}", met.err());
         let _ = old.join();
+    }
+
+    /// A device that gives each request the answers of `script`, each with its token's distance from the request's own.
+    fn scripted(device: serial2::SerialPort, script: &'static [(u32, Reply)]) -> thread::JoinHandle<serial2::SerialPort> {
+        thread::spawn(move || {
+            let say = |wire: &[u8]| device.write_all(wire).expect("the host listens");
+            let (mut decoder, mut bytes, mut answered) = (Decoder::default(), [0; 256], false);
+            while !answered {
+                let count = device.read(&mut bytes).expect("a host");
+                for byte in &bytes[..count] {
+                    let Some(Ok(payload)) = decoder.push(*byte) else { continue };
+                    if payload.first() == Some(&Kind::HelloRequest.byte()) {
+                        say(&frame::encode(&hello(PROTOCOL, SCHEMA_HASH).encode()).expect("a frame"));
+                    } else if let Ok(request) = RequestFrame::from_payload(payload) {
+                        for (distance, reply) in script {
+                            let frame = ReplyFrame { token: request.token.wrapping_sub(*distance), reply: reply.clone() };
+                            say(&frame.to_wire().expect("a frame"));
+                        }
+                        answered = true;
+                    }
+                }
+            }
+            device
+        })
+    }
+
+    #[test]
+    fn a_reply_to_an_older_request_is_no_answer() {
+        const OLD: Reply = Reply::Refused(Refusal::Busy);
+        let (port, device) = pair();
+        let answers = scripted(device, &[(1, OLD), (5, OLD), (0, Reply::Done)]);
+        let mut client = Client::connect(port).expect("a device");
+        assert_eq!(client.ask(&Request::Vent).expect("the answer to this request"), Reply::Done);
+        drop(answers.join());
+
+        let (port, device) = pair();
+        let answers = scripted(device, &[(1, OLD), (5, OLD)]);
+        let mut client = Client::connect(port).expect("a device");
+        let met = client.ask(&Request::Vent);
+        assert!(matches!(met, Err(LinkError::NoAnswer { .. })), "{met:?}");
+        drop(answers.join());
+    }
+
+    #[test]
+    fn the_next_process_on_a_port_begins_with_other_tokens_so_that_it_takes_no_reply_to_the_one_before() {
+        let firsts: Vec<u32> = (0..8).map(|_| pair().0.token_before_the_first()).collect();
+        // Two of eight within a million of each other, as far as a session gets in hours, are a chance of one in forty: three pairs are not.
+        let near = |one: u32, other: u32| one.abs_diff(other) < 1_000_000;
+        let pairs = (0..8).flat_map(|one| (0..one).map(move |other| (one, other)));
+        assert!(pairs.filter(|(one, other)| near(firsts[*one], firsts[*other])).count() < 3, "{firsts:?}");
+        assert!(firsts.iter().all(|first| *first < 1 << 31), "half of the range is left for the session: {firsts:?}");
     }
 
     #[test]
