@@ -1,4 +1,4 @@
-//! Every kind of report in a real browser: on a desk, on a phone, in the dark and on paper; and what its buttons do.
+//! Every kind of report in a real browser: on a screen, on a phone, in the dark and on paper; and what its buttons do.
 
 use std::path::Path;
 use std::process::Command;
@@ -64,7 +64,7 @@ struct Sight {
 }
 
 const SIGHTS: [Sight; 4] = [
-    Sight { name: "desk", width: 1400, medium: "", colours: "light" },
+    Sight { name: "screen", width: 1400, medium: "", colours: "light" },
     Sight { name: "dark", width: 1400, medium: "", colours: "dark" },
     Sight { name: "phone", width: 400, medium: "", colours: "light" },
     // A4 within Chromium's margins of a centimetre.
@@ -224,7 +224,7 @@ async fn inspect(browser: &Browser, name: &str, page: &Path, kept: &Path) -> (Ve
 
 #[tokio::test]
 #[ignore = "needs Chromium and its driver: cargo xtask setup"]
-async fn every_report_is_whole_on_a_desk_a_phone_and_paper_and_its_buttons_work() {
+async fn every_report_is_whole_on_a_screen_a_phone_and_paper_and_its_buttons_work() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let place = folder.path();
     std::fs::create_dir(place.join("data")).expect("a folder");
