@@ -29,7 +29,7 @@ pub fn tests() -> Result<()> {
     run("board model: lints", own_cargo().args(["clippy", "--release", "--locked", "--all-targets", "--", "--deny", "warnings"]))?;
     run("board model: its own tests", own_cargo().args(["test", "--release", "--locked"]))?;
     let mut tests = cargo();
-    tests.args(["test", "--workspace", "--test", "board_model", "--", "--ignored", "--nocapture"]);
+    tests.args(["test", "--workspace", "--test", "board_model", "--test", "cli", "--", "--ignored", "--nocapture"]);
     run("board model: the flashable image", environment(&mut tests)?)
 }
 
