@@ -32,7 +32,7 @@ pub fn checks() -> Result<()> {
 /// The image on it: closed loop, settings, faults.
 pub fn tests() -> Result<()> {
     let mut tests = cargo();
-    tests.args(["test", "--workspace", "--test", "board_model", "--", "--ignored", "--nocapture"]);
+    tests.args(["test", "--workspace", "--test", "board_model", "--test", "cli", "--", "--ignored", "--nocapture"]);
     run("board model: the flashable image", environment(&mut tests)?)
 }
 
