@@ -43,6 +43,14 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// Where a value lies between the limits, 0 to 1.
+    #[must_use]
+    pub fn share(&self, value: f64) -> f64 {
+        let on_the_scale = |value: f64| if self.logarithmic { value.ln() } else { value };
+        let (low, high) = (on_the_scale(self.low), on_the_scale(self.high));
+        (on_the_scale(value.clamp(self.low, self.high)) - low) / (high - low)
+    }
+
     /// Name with unit and value in that unit.
     #[must_use]
     pub fn tell(&self, value: f64, session: &Session) -> (String, f64) {
@@ -180,6 +188,9 @@ pub struct Spec {
     pub starts: &'static [&'static [f64]],
     /// First step of the search around a start for each parameter (the last one for all further), in the logarithm or in a quarter of the range.
     pub steps: &'static [f64],
+    /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free. A file that
+    /// was written before there was such a parameter, one of the last, means this value.
+    pub simpler_at: &'static [(usize, f64)],
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -219,6 +230,7 @@ impl Spec {
             parameters: &[],
             starts: &[&[]],
             steps: &[0.15],
+            simpler_at: &[],
             weights: 0,
             cost: None,
             across: None,
@@ -268,6 +280,10 @@ pub trait Form: Sync {
             self.input(parameters, run, path);
         }
     }
+    /// Its parameters by those of a form of earlier files that it has taken the place of.
+    fn of_earlier(&self, _form: &str, _parameters: &[f64]) -> Option<Vec<f64>> {
+        None
+    }
     /// Changes the operators, if it leads them.
     fn operator_law(&self, _parameters: &[f64], _law: &mut OperatorLaw) {}
     /// Changes all columns, or adds some; `sum` is the model's output without constant (with it where a stick position or a zero is read from the output).
@@ -288,6 +304,8 @@ pub struct OfOperators {
     pub set: fn(&[f64], &mut OperatorLaw),
     /// Changes the input.
     pub curve: fn(&[f64], &mut [f64]),
+    /// As [`Form::of_earlier`].
+    pub of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>,
 }
 
 impl OfOperators {
@@ -299,7 +317,13 @@ impl OfOperators {
         starts: fn() -> Vec<Vec<f64>>,
         set: fn(&[f64], &mut OperatorLaw),
     ) -> Self {
-        Self { spec: Spec { parameters, ..Spec::new(name, form, Place::Operators) }, starts, set, curve: |_, _| {} }
+        Self {
+            spec: Spec { parameters, ..Spec::new(name, form, Place::Operators) },
+            starts,
+            set,
+            curve: |_, _| {},
+            of_earlier: |_, _| None,
+        }
     }
 }
 
@@ -315,6 +339,9 @@ impl Form for OfOperators {
     }
     fn operator_law(&self, parameters: &[f64], law: &mut OperatorLaw) {
         (self.set)(parameters, law);
+    }
+    fn of_earlier(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
+        (self.of_earlier)(form, parameters)
     }
 }
 
@@ -348,6 +375,25 @@ impl dyn Form + '_ {
     pub fn cost(&self) -> usize {
         let spec = self.spec();
         spec.cost.unwrap_or(spec.parameters.len() + spec.weights)
+    }
+    /// Whether it does without a parameter that lies between these values, as good as: there the law is a simpler one.
+    pub fn does_without(&self, parameter: usize, between: [f64; 2]) -> bool {
+        /// Share of a range that makes no difference.
+        const NEARLY: f64 = 0.05;
+        let of = |&&(at, _): &&(usize, f64)| at == parameter;
+        self.spec().simpler_at.iter().find(of).is_some_and(|&(_, simple)| {
+            let [low, high, simple] = [between[0], between[1], simple].map(|value| self.parameters()[parameter].share(value));
+            low - NEARLY < simple && simple < high + NEARLY
+        })
+    }
+    /// Its parameters by those that a file has, whatever form it had then; nothing where they do not fit.
+    pub fn of_a_file(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
+        if !self.is_called(form) {
+            return self.of_earlier(form, parameters);
+        }
+        let simple = |at: usize| self.spec().simpler_at.iter().find(|simpler| simpler.0 == at).map(|simpler| simpler.1);
+        let added = (parameters.len()..self.parameters().len()).map(simple);
+        parameters.iter().copied().map(Some).chain(added).collect()
     }
     /// First step of the search for one parameter.
     pub fn step(&self, parameter: usize) -> f64 {

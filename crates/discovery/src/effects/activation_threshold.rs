@@ -22,8 +22,9 @@ impl Form for Corner {
         Spec {
             parameters: &[
                 Parameter { name: "threshold", quantity: Quantity::Input, low: 0.005, high: 0.7, logarithmic: false },
-                Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
+                Parameter { name: "rounding", quantity: Quantity::Ratio, low: SHARPEST, high: 0.15, logarithmic: true },
             ],
+            simpler_at: &[(1, SHARPEST)],
             is_static: true,
             ..Spec::new("activation-threshold", ("rounded", "rounded corner"), Place::Muscle)
         }
@@ -41,6 +42,9 @@ fn beyond(value: f64, threshold: f64, rounding: f64) -> f64 {
     let above = value - threshold;
     0.5 * (above + (above * above + rounding * rounding).sqrt() + threshold - threshold.hypot(rounding))
 }
+
+/// A corner as sharp as any.
+const SHARPEST: f64 = 1e-3;
 
 /// Rounding of the corners of [`TwoSided`].
 const SHARP: f64 = 0.005;

@@ -69,6 +69,7 @@ static EACH: OfOperators = OfOperators {
             *value += 0.5 * v * (1.0 - v) * (of[0] + of[1] + (of[2] + of[3]) * (1.0 - 2.0 * v));
         }
     },
+    of_earlier: |_, _| None,
 };
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
-//! recording began, where the muscle recovers in between, or since the session began, where it does not. Or it is the largest load so far
+//! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not. Or it is the largest load so far
 //! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
 
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::ladder;
+use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
@@ -13,6 +13,9 @@ use crate::data::session::{Run, Session};
 pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting, &Largest { heals: true }, &Largest { heals: false }];
 
 struct Distance;
+
+/// A recovery that no session lasts for, s.
+const NEVER_S: f64 = 1e4;
 
 struct Lasting;
 
@@ -24,7 +27,11 @@ struct Largest {
 impl Form for Distance {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }],
+            parameters: &[
+                Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true },
+                Parameter { name: "recovery_time", quantity: Quantity::Time, low: 3.0, high: NEVER_S, logarithmic: true },
+            ],
+            simpler_at: &[(1, NEVER_S)],
             weights: 1,
             needs_sum: true,
             ..Spec::new(
@@ -35,15 +42,20 @@ impl Form for Distance {
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.3, 6.0, 6).into_iter().map(|value| vec![value]).collect()
+        grid(&ladder(0.3, 6.0, 6), &[20.0, NEVER_S])
     }
-    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
-        let mut travelled = 0.0;
-        let mut last = sum[0];
+    /// What is stiffer, `R`, goes with the distance travelled and comes back with time: `dR = (1 - R) dt / T - R |ds| / D`.
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let recovers_per_s = if parameters[1] < NEVER_S { 1.0 / parameters[1] } else { 0.0 };
+        let (mut stiff, mut last) = (1.0, sum[0]);
         columns.push(true, |sample| {
-            travelled += (sum[sample] - last).abs();
+            let back = recovers_per_s * run.period_s;
+            let gone = (sum[sample] - last).abs() / parameters[0] + back;
             last = sum[sample];
-            sum[sample] * (-travelled / parameters[0]).exp()
+            // Exact while both go on at the same speeds.
+            let settled = if gone > 0.0 { back / gone } else { 1.0 };
+            stiff = settled + (stiff - settled) * (-gone).exp();
+            sum[sample] * stiff
         });
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
@@ -169,7 +181,7 @@ mod tests {
         let virgin_part = |form: &dyn Form, run: usize, sample: usize| {
             let run = &session.runs[run];
             let mut columns = Columns::of(run.input.len());
-            form.output(&[4.0], run, &vec![1.0; run.input.len()], &mut columns);
+            form.output(&[4.0, NEVER_S][..form.parameters().len()], run, &vec![1.0; run.input.len()], &mut columns);
             columns.column(0)[sample]
         };
         assert!((virgin_part(&Lasting, 0, 0) - 1.0).abs() < 1e-12);

@@ -9,22 +9,11 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
-use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, OfOperators, OperatorLaw, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[
-    &ADDITIVE,
-    &PROPORTIONAL,
-    &ADDITIVE_LINEAR,
-    &PROPORTIONAL_LINEAR,
-    &ADDITIVE_FADING,
-    &PROPORTIONAL_FADING,
-    &VISCOUS,
-    &STIFFENING,
-    &Weights,
-    &LogarithmicWeights,
-];
+pub const FORMS: &[&dyn Form] = &[&ADDITIVE, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights, &LogarithmicWeights];
 
 struct Weights;
 
@@ -32,64 +21,71 @@ struct LogarithmicWeights;
 
 /// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
 /// above.
-const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
+const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: LINEAR, logarithmic: true };
 
-const OVERSTRESS: Parameter = Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true };
+/// A rate that no command reaches, spans per s: below it growth is in proportion.
+const LINEAR: f64 = 200.0;
 
-const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true };
+const OVERSTRESS: Parameter = Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 100.0, logarithmic: true };
 
-const VISCOUS_TIME: Parameter = Parameter { name: "viscous_time", quantity: Quantity::Time, ..OVERSTRESS };
+const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 2000.0, logarithmic: true };
 
-const GROWTH_AT_A_SPAN: Parameter = Parameter { name: "growth_at_a_span_per_s", ..GROWTH };
-
-/// Time constant of Maxwell's element.
+/// Time constant of Maxwell's element; as short as a sample it is none.
 const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
 
 const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true };
 
 const NAME: &str = "rate-dependent-hysteresis";
 
-static ADDITIVE: OfOperators = OfOperators::new(
-    (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
-    &[OVERSTRESS, RATE],
-    || grid(&ladder(0.003, 0.1, 4), &[0.1, 1.0]),
-    |parameters, law| [law.extra_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
-);
+/// Sizes at rates around `RATE`'s, each followed at once and with a memory.
+fn starts(sizes: &[f64]) -> Vec<Vec<f64>> {
+    let growths = [0.1, 1.0, LINEAR].map(|rate| sizes.iter().map(move |size| [size * f64::max(rate, 1.0), rate]));
+    growths.into_iter().flatten().flat_map(|[size, rate]| [FADING.low, 0.04].map(|fading_s| vec![size, rate, fading_s])).collect()
+}
 
-static PROPORTIONAL: OfOperators = OfOperators::new(
-    (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
-    &[GROWTH, RATE],
-    || grid(&ladder(0.03, 1.0, 4), &[0.1, 1.0]),
-    |parameters, law| [law.growth_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
-);
+/// A law with all three parameters by those of the forms that had fewer: growth in proportion to the rate, with a memory or none.
+fn of_fewer(stem: &str, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
+    match (form.strip_prefix(stem)?, parameters) {
+        ("-linear" | ", in proportion to the rate", &[growth]) => Some(vec![growth * LINEAR, LINEAR, FADING.low]),
+        ("-fading" | ", in proportion to the rate, and builds up and fades", &[growth, fading_s]) => {
+            Some(vec![growth * LINEAR, LINEAR, fading_s])
+        }
+        _ => None,
+    }
+}
 
-static ADDITIVE_LINEAR: OfOperators = OfOperators::new(
-    (NAME, ("overstress-linear", "every threshold grows by the same, in proportion to the rate")),
-    &[VISCOUS_TIME],
-    || row(&ladder(0.003, 0.15, 6)),
-    |parameters, law| law.extra_per_rate = parameters[0],
-);
+/// The memory, or none where it is as short as can be.
+fn memory_s(parameters: &[f64]) -> f64 {
+    if parameters[2] > FADING.low { parameters[2] } else { 0.0 }
+}
 
-static PROPORTIONAL_LINEAR: OfOperators = OfOperators::new(
-    (NAME, ("share-linear", "every threshold grows by a share of itself, in proportion to the rate")),
-    &[GROWTH_AT_A_SPAN],
-    || row(&ladder(0.05, 3.0, 5)),
-    |parameters, law| law.growth_per_rate = parameters[0],
-);
+const WITH_A_MEMORY: &[(usize, f64)] = &[(1, LINEAR), (2, FADING.low)];
 
-static ADDITIVE_FADING: OfOperators = OfOperators::new(
-    (NAME, ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades")),
-    &[VISCOUS_TIME, FADING],
-    || grid(&ladder(0.01, 0.1, 3), &[0.02, 0.06]),
-    |parameters, law| [law.extra_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
-);
+static ADDITIVE: OfOperators = {
+    let form = ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate");
+    let set = |parameters: &[f64], law: &mut OperatorLaw| {
+        [law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [parameters[0], parameters[1], memory_s(parameters)];
+    };
+    let mut own = OfOperators::new((NAME, form), &[OVERSTRESS, RATE, FADING], || starts(&ladder(0.003, 0.1, 4)), set);
+    own.spec.simpler_at = WITH_A_MEMORY;
+    own.of_earlier = |form, parameters| {
+        of_fewer("overstress", form, parameters).or_else(|| of_fewer("every threshold grows by the same", form, parameters))
+    };
+    own
+};
 
-static PROPORTIONAL_FADING: OfOperators = OfOperators::new(
-    (NAME, ("share-fading", "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades")),
-    &[GROWTH_AT_A_SPAN, FADING],
-    || grid(&ladder(0.08, 1.2, 3), &[0.02, 0.06]),
-    |parameters, law| [law.growth_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
-);
+static PROPORTIONAL: OfOperators = {
+    let form = ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate");
+    let set = |parameters: &[f64], law: &mut OperatorLaw| {
+        [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [parameters[0], parameters[1], memory_s(parameters)];
+    };
+    let mut own = OfOperators::new((NAME, form), &[GROWTH, RATE, FADING], || starts(&ladder(0.05, 1.0, 4)), set);
+    own.spec.simpler_at = WITH_A_MEMORY;
+    own.of_earlier = |form, parameters| {
+        of_fewer("share", form, parameters).or_else(|| of_fewer("every threshold grows by a share of itself", form, parameters))
+    };
+    own
+};
 
 static VISCOUS: OfOperators = OfOperators::new(
     (NAME, ("viscous", "operators follow their bounds late")),
@@ -107,13 +103,6 @@ static STIFFENING: OfOperators = OfOperators::new(
     || grid(&[0.05, 0.2, 0.8], &[0.01, 0.03, 0.1]),
     |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
 );
-
-/// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
-#[must_use]
-pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
-    let parameters = ADDITIVE_FADING.spec.parameters.iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
-    (&ADDITIVE_FADING, parameters)
-}
 
 /// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
 impl Form for Weights {

@@ -11,7 +11,7 @@ use crate::data::session::{Run, Session};
 use crate::effects::{dead_time, pneumatic_lag};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&TIP, &PartOfTip, &PRESSURE];
+pub const FORMS: &[&dyn Form] = &[&TIP, &Changing, &PartOfTip, &PRESSURE];
 
 /// Something that swings as a whole.
 struct Swinging {
@@ -109,6 +109,72 @@ impl Form for PartOfTip {
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
+    }
+}
+
+/// A tip whose drag grows with its speed, and whose stiffness changes with its deflection from where it would rest.
+struct Changing;
+
+/// How it would swing on its own: for each sample its drag and its frequency, by which the columns swing that add up to it.
+struct Along {
+    swings: Vec<Swing>,
+}
+
+impl Along {
+    /// Along a friction-free displacement, over its span: `w'' + 2 o (D + d |w'| / o) w' + o^2 (1 + k |s|) (w - s) = 0`.
+    fn new(parameters: &[f64], sum: &[f64], period_s: f64) -> Self {
+        let [frequency_hz, damping, drag, stiffening] = [parameters[0], parameters[1], parameters[2], parameters[3]];
+        let omega = 2.0 * PI * frequency_hz;
+        let begun = Swing::new(frequency_hz, damping, period_s);
+        let mut memory = begun.begin(sum[0]);
+        let swing = |&value: &f64| {
+            let stiff = (1.0 + stiffening * value).max(0.1).sqrt();
+            let damped = (damping + drag * memory[1].abs() / omega) / stiff;
+            let swing = Swing::new(frequency_hz * stiff, damped.min(MOST_DAMPING), period_s);
+            swing.step(&mut memory, value);
+            swing
+        };
+        Self { swings: sum.iter().map(swing).collect() }
+    }
+}
+
+/// Damping ratio that a swing is not damped by more.
+const MOST_DAMPING: f64 = 0.98;
+
+impl Filter<4> for Along {
+    fn begin(&self, first: f64) -> [f64; 4] {
+        [first, 0.0, first, 0.0]
+    }
+    #[inline(always)]
+    fn step(&self, [place, rate, last, sample]: &mut [f64; 4], value: f64) -> f64 {
+        let mut memory = [*place, *rate, *last];
+        let swung = self.swings[*sample as usize].step(&mut memory, value);
+        [*place, *rate, *last] = memory;
+        *sample += 1.0;
+        swung
+    }
+}
+
+impl Form for Changing {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                FREQUENCY,
+                DAMPING,
+                Parameter { name: "drag", quantity: Quantity::Ratio, low: 0.0, high: 10.0, logarithmic: false },
+                Parameter { name: "stiffening", quantity: Quantity::Ratio, low: -0.8, high: 3.0, logarithmic: false },
+            ],
+            steps: &[0.15, 0.15, 0.2, 0.2],
+            simpler_at: &[(2, 0.0), (3, 0.0)],
+            needs_sum: true,
+            ..Spec::new("resonance", ("changing-tip", "swinging tip, its drag or its stiffness not in proportion"), Place::Tip)
+        }
+    }
+    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.08, 0.3, 0.0]).collect()
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        columns.filter(&Along::new(parameters, sum, run.period_s));
     }
 }
 

@@ -86,6 +86,7 @@ impl Form for Gradual {
                 Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
                 Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
             ],
+            simpler_at: &[(1, 1e-3)],
             // While the limit is out of reach this is a lag.
             cost: Some(2 + usize::from(self.held)),
             ..Spec::new("slew-limit", self.form, Place::Flow)

@@ -15,6 +15,7 @@ impl Form for Corner {
                 Parameter { name: "limit", quantity: Quantity::Input, low: 0.3, high: 1.0, logarithmic: false },
                 Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
             ],
+            simpler_at: &[(1, 1e-3)],
             is_static: true,
             ..Spec::new("supply-saturation", ("rounded", "rounded corner"), Place::Supply)
         }
