@@ -185,12 +185,14 @@ pub struct Spec {
     /// Non-linear parameters.
     pub parameters: &'static [Parameter],
     /// Where to begin the search, where that does not hang on the session.
-    pub starts: &'static [&'static [f64]],
+    pub starts: fn() -> Vec<Vec<f64>>,
     /// First step of the search around a start for each parameter (the last one for all further), in the logarithm or in a quarter of the range.
     pub steps: &'static [f64],
     /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free. A file that
     /// was written before there was such a parameter, one of the last, means this value.
     pub simpler_at: &'static [(usize, f64)],
+    /// Its parameters by the form and parameters of earlier files that it has taken the place of.
+    pub of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>,
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -228,9 +230,10 @@ impl Spec {
             form,
             place,
             parameters: &[],
-            starts: &[&[]],
+            starts: || vec![Vec::new()],
             steps: &[0.15],
             simpler_at: &[],
+            of_earlier: |_, _| None,
             weights: 0,
             cost: None,
             across: None,
@@ -265,7 +268,7 @@ pub trait Form: Sync {
     }
     /// Where to begin the search.
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        self.spec().starts.iter().map(|start| start.to_vec()).collect()
+        (self.spec().starts)()
     }
     /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
     /// nothing is read.
@@ -279,10 +282,6 @@ pub trait Form: Sync {
         for (run, path) in runs.iter().zip(paths) {
             self.input(parameters, run, path);
         }
-    }
-    /// Its parameters by those of a form of earlier files that it has taken the place of.
-    fn of_earlier(&self, _form: &str, _parameters: &[f64]) -> Option<Vec<f64>> {
-        None
     }
     /// Changes the operators, if it leads them.
     fn operator_law(&self, _parameters: &[f64], _law: &mut OperatorLaw) {}
@@ -298,14 +297,10 @@ pub trait Form: Sync {
 pub struct OfOperators {
     /// What it says of itself.
     pub spec: Spec,
-    /// Where to begin the search.
-    pub starts: fn() -> Vec<Vec<f64>>,
     /// Sets the law.
     pub set: fn(&[f64], &mut OperatorLaw),
     /// Changes the input.
     pub curve: fn(&[f64], &mut [f64]),
-    /// As [`Form::of_earlier`].
-    pub of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>,
 }
 
 impl OfOperators {
@@ -317,13 +312,7 @@ impl OfOperators {
         starts: fn() -> Vec<Vec<f64>>,
         set: fn(&[f64], &mut OperatorLaw),
     ) -> Self {
-        Self {
-            spec: Spec { parameters, ..Spec::new(name, form, Place::Operators) },
-            starts,
-            set,
-            curve: |_, _| {},
-            of_earlier: |_, _| None,
-        }
+        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {} }
     }
 }
 
@@ -331,17 +320,11 @@ impl Form for OfOperators {
     fn spec(&self) -> Spec {
         self.spec
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        (self.starts)()
-    }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         (self.curve)(parameters, path);
     }
     fn operator_law(&self, parameters: &[f64], law: &mut OperatorLaw) {
         (self.set)(parameters, law);
-    }
-    fn of_earlier(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
-        (self.of_earlier)(form, parameters)
     }
 }
 
@@ -380,8 +363,7 @@ impl dyn Form + '_ {
     pub fn does_without(&self, parameter: usize, between: [f64; 2]) -> bool {
         /// Share of a range that makes no difference.
         const NEARLY: f64 = 0.05;
-        let of = |&&(at, _): &&(usize, f64)| at == parameter;
-        self.spec().simpler_at.iter().find(of).is_some_and(|&(_, simple)| {
+        self.spec().simpler_at.iter().find(|simpler| simpler.0 == parameter).is_some_and(|&(_, simple)| {
             let [low, high, simple] = [between[0], between[1], simple].map(|value| self.parameters()[parameter].share(value));
             low - NEARLY < simple && simple < high + NEARLY
         })
@@ -389,7 +371,7 @@ impl dyn Form + '_ {
     /// Its parameters by those that a file has, whatever form it had then; nothing where they do not fit.
     pub fn of_a_file(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
         if !self.is_called(form) {
-            return self.of_earlier(form, parameters);
+            return (self.spec().of_earlier)(form, parameters);
         }
         let simple = |at: usize| self.spec().simpler_at.iter().find(|simpler| simpler.0 == at).map(|simpler| simpler.1);
         let added = (parameters.len()..self.parameters().len()).map(simple);

@@ -26,11 +26,11 @@ impl Form for Corner {
             ],
             simpler_at: &[(1, SHARPEST)],
             is_static: true,
+            starts: || {
+                [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
+            },
             ..Spec::new("activation-threshold", ("rounded", "rounded corner"), Place::Muscle)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         path.iter_mut().for_each(|value| *value = beyond(*value, parameters[0], parameters[1]));
@@ -75,7 +75,7 @@ impl Form for Slack {
             parameters: &[Parameter { name: "slack", quantity: Quantity::Output, low: 0.01, high: 0.5, logarithmic: false }],
             weights: 1,
             needs_sum: true,
-            starts: &[&[0.04], &[0.1], &[0.18], &[0.3]],
+            starts: || vec![vec![0.04], vec![0.1], vec![0.18], vec![0.3]],
             ..Spec::new("activation-threshold", ("of-the-displacement", "of the displacement"), Place::Material)
         }
     }

@@ -3,8 +3,8 @@
 use crate::chain::columns::Filter;
 use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::chain::side_by_side;
-use crate::data::session::{Run, Session};
+use crate::chain::side_by_side::leads_input;
+use crate::data::session::Run;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Held];
@@ -22,19 +22,12 @@ impl Form for Held {
                 Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: 1e-3, high: 2.0, logarithmic: true },
             ],
             simpler_at: &[(1, 1e-3)],
+            // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
+            starts: || grid(&ladder(0.08, 1.5, 16), &[0.02, 0.08]),
             ..Spec::new("hold-after-reversal", ("for-a-time", "holds for a time, then catches up"), Place::Supply)
         }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
-        grid(&ladder(0.08, 1.5, 16), &[0.02, 0.08])
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Regulator::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Regulator::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Regulator::new(parameters, run));
 }
 
 /// What [`Held`] does to the input.
@@ -94,6 +87,7 @@ impl Filter<8> for Regulator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::session::Session;
     use recording::{Recording, Signal};
     use std::path::Path;
 

@@ -9,15 +9,17 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
-use crate::chain::form::{Form, OfOperators, OperatorLaw, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&ADDITIVE, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights, &LogarithmicWeights];
+pub const FORMS: &[&dyn Form] =
+    &[&ADDITIVE, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights { logarithmic: false }, &Weights { logarithmic: true }];
 
-struct Weights;
-
-struct LogarithmicWeights;
+/// Weights that change with the rate, or its logarithm.
+struct Weights {
+    logarithmic: bool,
+}
 
 /// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
 /// above.
@@ -59,33 +61,32 @@ fn memory_s(parameters: &[f64]) -> f64 {
     if parameters[2] > FADING.low { parameters[2] } else { 0.0 }
 }
 
-const WITH_A_MEMORY: &[(usize, f64)] = &[(1, LINEAR), (2, FADING.low)];
-
-static ADDITIVE: OfOperators = {
-    let form = ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate");
-    let set = |parameters: &[f64], law: &mut OperatorLaw| {
-        [law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [parameters[0], parameters[1], memory_s(parameters)];
-    };
-    let mut own = OfOperators::new((NAME, form), &[OVERSTRESS, RATE, FADING], || starts(&ladder(0.003, 0.1, 4)), set);
-    own.spec.simpler_at = WITH_A_MEMORY;
-    own.of_earlier = |form, parameters| {
-        of_fewer("overstress", form, parameters).or_else(|| of_fewer("every threshold grows by the same", form, parameters))
-    };
+/// A law of all thresholds with the inverse hyperbolic sine of the rate and a memory.
+const fn with_memory(mut own: OfOperators, of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>) -> OfOperators {
+    own.spec.simpler_at = &[(1, LINEAR), (2, FADING.low)];
+    own.spec.of_earlier = of_earlier;
     own
-};
+}
 
-static PROPORTIONAL: OfOperators = {
-    let form = ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate");
-    let set = |parameters: &[f64], law: &mut OperatorLaw| {
-        [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [parameters[0], parameters[1], memory_s(parameters)];
-    };
-    let mut own = OfOperators::new((NAME, form), &[GROWTH, RATE, FADING], || starts(&ladder(0.05, 1.0, 4)), set);
-    own.spec.simpler_at = WITH_A_MEMORY;
-    own.of_earlier = |form, parameters| {
-        of_fewer("share", form, parameters).or_else(|| of_fewer("every threshold grows by a share of itself", form, parameters))
-    };
-    own
-};
+static ADDITIVE: OfOperators = with_memory(
+    OfOperators::new(
+        (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
+        &[OVERSTRESS, RATE, FADING],
+        || starts(&ladder(0.003, 0.1, 4)),
+        |of, law| [law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
+    ),
+    |form, of| of_fewer("overstress", form, of).or_else(|| of_fewer("every threshold grows by the same", form, of)),
+);
+
+static PROPORTIONAL: OfOperators = with_memory(
+    OfOperators::new(
+        (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
+        &[GROWTH, RATE, FADING],
+        || starts(&ladder(0.05, 1.0, 4)),
+        |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
+    ),
+    |form, of| of_fewer("share", form, of).or_else(|| of_fewer("every threshold grows by a share of itself", form, of)),
+);
 
 static VISCOUS: OfOperators = OfOperators::new(
     (NAME, ("viscous", "operators follow their bounds late")),
@@ -104,54 +105,35 @@ static STIFFENING: OfOperators = OfOperators::new(
     |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
 );
 
-/// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
+/// `y = s + f (a s + b u)`: all weights change by one share of `f`, and the one without a threshold by another. `f` is the rate, or `ln(1 + |du/dt| / r)`:
+/// what Eyring's law makes of thermally activated friction, far above the rate `r`.
 impl Form for Weights {
     fn spec(&self) -> Spec {
-        Spec {
-            weights: 2,
-            cost: Some(3),
-            needs_sum: true,
-            ..Spec::new(NAME, ("weights-linear", "weights change with the rate"), Place::Material)
+        let of = |form: Told, cost: usize| Spec { weights: 2, cost: Some(cost), needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
+        if self.logarithmic {
+            Spec {
+                parameters: &[Parameter { low: 1e-2, high: 5.0, ..RATE }],
+                starts: || row(&[0.05, 0.4]),
+                ..of(("weights-logarithmic", "weights change with the logarithm of the rate"), 4)
+            }
+        } else {
+            of(("weights-linear", "weights change with the rate"), 3)
         }
-    }
-    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let rates = rates(&run.input, run.period_s);
-        columns.push(true, |sample| rates[sample] * sum[sample]);
-        columns.push(true, |sample| rates[sample] * run.input[sample]);
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let of = |weight: f64| weight / session.input_scale;
-        let per = format!("per_{}_per_s", session.input_unit);
-        BTreeMap::from([
-            (format!("weights_change_{per}"), of(weights[0])),
-            (format!("of_the_weight_without_threshold_{per}"), of(weights[0] + weights[1])),
-        ])
-    }
-}
-
-/// `y = s + ln(1 + |du/dt| / r) (a s + b u)`: what Eyring's law makes of thermally activated friction, far above the rate `r`.
-impl Form for LogarithmicWeights {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }],
-            weights: 2,
-            cost: Some(4),
-            needs_sum: true,
-            ..Spec::new(NAME, ("weights-logarithmic", "weights change with the logarithm of the rate"), Place::Material)
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![0.05], vec![0.4]]
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let folds: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();
-        columns.push(true, |sample| folds[sample] * sum[sample]);
-        columns.push(true, |sample| folds[sample] * run.input[sample]);
+        let mut change = rates(&run.input, run.period_s);
+        if self.logarithmic {
+            change.iter_mut().for_each(|rate| *rate = (*rate / parameters[0]).ln_1p());
+        }
+        columns.push(true, |sample| change[sample] * sum[sample]);
+        columns.push(true, |sample| change[sample] * run.input[sample]);
     }
-    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let per_rate = (format!("per_{}_per_s", session.input_unit), session.input_scale);
+        let (per, scale) = if self.logarithmic { ("per_e_fold".to_owned(), 1.0) } else { per_rate };
         BTreeMap::from([
-            ("weights_change_per_e_fold".to_owned(), weights[0]),
-            ("of_the_weight_without_threshold_per_e_fold".to_owned(), weights[0] + weights[1]),
+            (format!("weights_change_{per}"), weights[0] / scale),
+            (format!("of_the_weight_without_threshold_{per}"), (weights[0] + weights[1]) / scale),
         ])
     }
 }

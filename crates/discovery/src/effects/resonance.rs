@@ -7,7 +7,7 @@ use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side;
-use crate::data::session::{Run, Session};
+use crate::data::session::Run;
 use crate::effects::{dead_time, pneumatic_lag};
 
 /// All forms.
@@ -101,11 +101,9 @@ impl Form for PartOfTip {
                 DAMPING,
                 Parameter { name: "swinging_share", quantity: Quantity::Ratio, low: 0.02, high: 0.98, logarithmic: false },
             ],
+            starts: || ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect(),
             ..Spec::new("resonance", ("part-of-tip", "a part of the tip swings"), Place::Tip)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.5]).collect()
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
@@ -125,8 +123,7 @@ impl Along {
     fn new(parameters: &[f64], sum: &[f64], period_s: f64) -> Self {
         let [frequency_hz, damping, drag, stiffening] = [parameters[0], parameters[1], parameters[2], parameters[3]];
         let omega = 2.0 * PI * frequency_hz;
-        let begun = Swing::new(frequency_hz, damping, period_s);
-        let mut memory = begun.begin(sum[0]);
+        let mut memory = [sum[0], 0.0, sum[0]];
         let swing = |&value: &f64| {
             let stiff = (1.0 + stiffening * value).max(0.1).sqrt();
             let damped = (damping + drag * memory[1].abs() / omega) / stiff;
@@ -167,11 +164,9 @@ impl Form for Changing {
             steps: &[0.15, 0.15, 0.2, 0.2],
             simpler_at: &[(2, 0.0), (3, 0.0)],
             needs_sum: true,
+            starts: || ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.08, 0.3, 0.0]).collect(),
             ..Spec::new("resonance", ("changing-tip", "swinging tip, its drag or its stiffness not in proportion"), Place::Tip)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.08, 0.3, 0.0]).collect()
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         columns.filter(&Along::new(parameters, sum, run.period_s));
@@ -180,10 +175,8 @@ impl Form for Changing {
 
 impl Form for Swinging {
     fn spec(&self) -> Spec {
-        Spec { parameters: self.parameters, ..Spec::new("resonance", self.form, self.place) }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(1.2, 8.0, 8), &[0.08, 0.3])
+        let starts = || grid(&ladder(1.2, 8.0, 8), &[0.08, 0.3]);
+        Spec { parameters: self.parameters, starts, ..Spec::new("resonance", self.form, self.place) }
     }
     /// What follows a slow command hardly differently from a swing that is damped so much.
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {

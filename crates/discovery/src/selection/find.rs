@@ -94,8 +94,7 @@ impl First {
         // What the best effect leaves may be for another of its own forms to take away, before it is for a second effect.
         if let Some(best) = firsts.first().filter(|best| leaves(bench.session, best)) {
             let is_new = |one: &&Tried| {
-                base.names().all(|name| name != one.form.name())
-                    && best.model.names().any(|name| name == one.form.name())
+                best.model.names().any(|name| name == one.form.name())
                     && firsts.iter().all(|first| first.model.forms() != one.fitted.model.forms())
             };
             let others: Vec<Model> = tried.iter().filter(is_new).map(|one| one.fitted.model.clone()).collect();
