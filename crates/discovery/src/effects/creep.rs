@@ -56,12 +56,9 @@ fn gain(input: &[f64], output: &[f64]) -> f64 {
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[Parameter { name: "load_power", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }],
-            starts: || vec![vec![1.0], vec![2.0]],
-            simpler_at: &[(0, 1.0)],
             weights: TIMES_S.len(),
             // Weights that must not be negative are rarely all in use.
-            cost: Some(3),
+            cost: Some(2),
             needs_sum: true,
             ..Spec::new(
                 "creep",
@@ -74,16 +71,14 @@ impl Form for OfOutput {
             )
         }
     }
-    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let load = |value: &f64| if parameters[0] == 1.0 { *value } else { value.signum() * value.abs().powf(parameters[0]) };
-        let loads: Vec<f64> = sum.iter().map(load).collect();
+    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for (at, time_s) in TIMES_S.into_iter().enumerate() {
-            let mut slow = loads.clone();
+            let mut slow = sum.to_vec();
             lag(&mut slow, time_s, run.period_s);
             if self.remembers {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
                 let pseudo_measurements = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
-                let left = gain(&run.input, &loads) * pseudo_measurements.unwrap_or_else(|| left_of_earlier(run, time_s));
+                let left = gain(&run.input, sum) * pseudo_measurements.unwrap_or_else(|| left_of_earlier(run, time_s));
                 let keep = (-run.period_s / time_s).exp();
                 slow.iter_mut().fold(left, |left, value| {
                     *value += left;

@@ -147,3 +147,37 @@ fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
     };
     (0..input.len()).map(rate).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chain::form::OperatorLaw;
+
+    #[test]
+    fn forms_of_earlier_files_are_read_as_the_same_law() {
+        let law = |form: &str, parameters: &[f64]| {
+            let (own, parameters) = FORMS.iter().find_map(|own| Some((own, own.of_a_file(form, parameters)?))).expect("a form");
+            assert!(own.parameters().len() == parameters.len(), "{form}: {parameters:?}");
+            let mut law = OperatorLaw::default();
+            own.operator_law(&parameters, &mut law);
+            law
+        };
+        let growths = |law: &OperatorLaw, rate: f64| [law.extra_per_rate, law.growth_per_rate].map(|growth| growth * law.saturated(rate));
+        for (form, parameters, wanted, memory_s) in [
+            ("overstress-linear", &[0.05][..], [0.05, 0.0], 0.0),
+            ("every threshold grows by a share of itself, in proportion to the rate", &[0.4], [0.0, 0.4], 0.0),
+            ("share-fading", &[0.4, 0.03], [0.0, 0.4], 0.03),
+        ] {
+            let law = law(form, parameters);
+            assert_eq!(law.rate_memory_s, memory_s, "{form}");
+            for rate in [0.1, 3.0] {
+                let found = growths(&law, rate);
+                let near = |(found, wanted): (&f64, f64)| (found - wanted * rate).abs() < 1e-4 * rate;
+                assert!(found.iter().zip(wanted).all(near), "{form} at {rate}: {found:?}");
+            }
+        }
+        // A parameter that was not there yet: no memory.
+        let law = law("overstress-asinh", &[0.02, 0.1]);
+        assert_eq!((law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
+    }
+}

@@ -139,6 +139,28 @@ mod tests {
     }
 
     #[test]
+    fn what_follows_a_held_command_comes_up_to_it_exponentially() {
+        let session = session(&[0.3]);
+        let run = &session.runs[0];
+        let (period_s, first, follows_s) = (0.137, 0.3, 0.05);
+        let through = |follows_s: f64| {
+            let mut path = run.input.clone();
+            Held.input(&[period_s, first, follows_s], run, &mut path);
+            path
+        };
+        let mut state = run.input[0];
+        for (sample, value) in through(follows_s).iter().enumerate().skip(1) {
+            for look in 0..1000 {
+                let time_s = run.time_s[sample - 1] + (f64::from(look) + 0.5) * 1e-3 * run.period_s;
+                let look_s = (((time_s / period_s - first).floor() + first) * period_s).max(0.0);
+                let held = 0.5 - 0.5 * (TAU * 0.3 * look_s).cos();
+                state += 1e-3 * run.period_s / follows_s * (held - state);
+            }
+            assert!((value - state).abs() < 1e-3, "sample {sample}: {value} instead of {state}");
+        }
+    }
+
+    #[test]
     fn period_and_first_look_are_found_in_what_a_smooth_model_misses() {
         for (period_s, first) in [(0.0712, 0.9), (0.21, 0.4), (0.43, 0.2)] {
             let input_hz = [0.2, 0.37, 0.61, 0.8, 0.2, 0.37];

@@ -278,8 +278,8 @@ mod tests {
         let (lag, swing, creeping, mount) = (pneumatic_lag::FORMS[0], resonance::FORMS[0], creep::FORMS[0], setup_change::FORMS[0]);
         let models = [
             base.clone(),
-            with(creeping, &[1.0]),
-            with(creeping, &[1.3]).with(swing, vec![2.0, 0.2]),
+            with(creeping, &[]),
+            with(creeping, &[]).with(swing, vec![2.0, 0.2]),
             with(mount, &[2.5]),
             with(lag, &[0.1]),
             with(lag, &[0.1]),

@@ -133,7 +133,7 @@ mod tests {
         let lag_s = case.truth.parameters["pneumatic-lag.time_constant_s"];
         let lagging =
             Model::baseline(InitialState::carrying(case.truth.continuous), false).with(pneumatic_lag::FORMS[0], vec![1.3 * lag_s]);
-        for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![1.0])] {
+        for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![])] {
             let (before, _) = model.fit(&session, Scope::Fit);
             let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-8 };
             let by_simplex = simplex::simplex(&mut model.clone(), &session, &[0], effort);

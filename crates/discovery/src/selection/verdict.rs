@@ -59,7 +59,7 @@ fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
         let share = parameter.share(value);
         if slot.form.does_without(at, [value - half, value + half]) {
             0.0
-        } else if share < AT_A_LIMIT || share > 1.0 - AT_A_LIMIT {
+        } else if share.min(1.0 - share) < AT_A_LIMIT {
             1.0
         } else {
             parameter.share(value + half) - parameter.share(value - half)
