@@ -43,6 +43,14 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// Where a value lies between the limits, 0 to 1.
+    #[must_use]
+    pub fn share(&self, value: f64) -> f64 {
+        let on_the_scale = |value: f64| if self.logarithmic { value.ln() } else { value };
+        let (low, high) = (on_the_scale(self.low), on_the_scale(self.high));
+        (on_the_scale(value.clamp(self.low, self.high)) - low) / (high - low)
+    }
+
     /// Name with unit and value in that unit.
     #[must_use]
     pub fn tell(&self, value: f64, session: &Session) -> (String, f64) {
@@ -177,9 +185,14 @@ pub struct Spec {
     /// Non-linear parameters.
     pub parameters: &'static [Parameter],
     /// Where to begin the search, where that does not hang on the session.
-    pub starts: &'static [&'static [f64]],
+    pub starts: fn() -> Vec<Vec<f64>>,
     /// First step of the search around a start for each parameter (the last one for all further), in the logarithm or in a quarter of the range.
     pub steps: &'static [f64],
+    /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free. A file that
+    /// was written before there was such a parameter, one of the last, means this value.
+    pub simpler_at: &'static [(usize, f64)],
+    /// Its parameters by the form and parameters of earlier files that it has taken the place of.
+    pub of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>,
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -217,8 +230,10 @@ impl Spec {
             form,
             place,
             parameters: &[],
-            starts: &[&[]],
+            starts: || vec![Vec::new()],
             steps: &[0.15],
+            simpler_at: &[],
+            of_earlier: |_, _| None,
             weights: 0,
             cost: None,
             across: None,
@@ -253,7 +268,7 @@ pub trait Form: Sync {
     }
     /// Where to begin the search.
     fn starts(&self, _session: &Session, _residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        self.spec().starts.iter().map(|start| start.to_vec()).collect()
+        (self.spec().starts)()
     }
     /// Seconds of measured output, at the start of a recording, from which a simulation reads what the recording has of its own; zero when
     /// nothing is read.
@@ -282,8 +297,6 @@ pub trait Form: Sync {
 pub struct OfOperators {
     /// What it says of itself.
     pub spec: Spec,
-    /// Where to begin the search.
-    pub starts: fn() -> Vec<Vec<f64>>,
     /// Sets the law.
     pub set: fn(&[f64], &mut OperatorLaw),
     /// Changes the input.
@@ -299,16 +312,13 @@ impl OfOperators {
         starts: fn() -> Vec<Vec<f64>>,
         set: fn(&[f64], &mut OperatorLaw),
     ) -> Self {
-        Self { spec: Spec { parameters, ..Spec::new(name, form, Place::Operators) }, starts, set, curve: |_, _| {} }
+        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {} }
     }
 }
 
 impl Form for OfOperators {
     fn spec(&self) -> Spec {
         self.spec
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        (self.starts)()
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         (self.curve)(parameters, path);
@@ -348,6 +358,24 @@ impl dyn Form + '_ {
     pub fn cost(&self) -> usize {
         let spec = self.spec();
         spec.cost.unwrap_or(spec.parameters.len() + spec.weights)
+    }
+    /// Whether it does without a parameter that lies between these values, as good as: there the law is a simpler one.
+    pub fn does_without(&self, parameter: usize, between: [f64; 2]) -> bool {
+        /// Share of a range that makes no difference.
+        const NEARLY: f64 = 0.05;
+        self.spec().simpler_at.iter().find(|simpler| simpler.0 == parameter).is_some_and(|&(_, simple)| {
+            let [low, high, simple] = [between[0], between[1], simple].map(|value| self.parameters()[parameter].share(value));
+            low - NEARLY < simple && simple < high + NEARLY
+        })
+    }
+    /// Its parameters by those that a file has, whatever form it had then; nothing where they do not fit.
+    pub fn of_a_file(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
+        if !self.is_called(form) {
+            return (self.spec().of_earlier)(form, parameters);
+        }
+        let simple = |at: usize| self.spec().simpler_at.iter().find(|simpler| simpler.0 == at).map(|simpler| simpler.1);
+        let added = (parameters.len()..self.parameters().len()).map(simple);
+        parameters.iter().copied().map(Some).chain(added).collect()
     }
     /// First step of the search for one parameter.
     pub fn step(&self, parameter: usize) -> f64 {

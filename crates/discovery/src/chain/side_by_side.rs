@@ -32,6 +32,19 @@ pub fn filter<const STATES: usize, F: Filter<STATES> + PartialEq>(runs: &[&Run],
     }
 }
 
+/// Lets a form change its input by the filter that an expression makes of parameters and a recording.
+macro_rules! leads_input {
+    (|$form:ident, $parameters:ident, $run:ident| $filter:expr) => {
+        fn input(&$form, $parameters: &[f64], $run: &Run, path: &mut [f64]) {
+            $filter.run(path);
+        }
+        fn inputs(&$form, $parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
+            $crate::chain::side_by_side::filter(runs, paths, |$run| $filter);
+        }
+    };
+}
+pub(crate) use leads_input;
+
 /// As many paths as there are `LANES`, or fewer, and what they go through.
 struct Leading<'a, const LANES: usize, const STATES: usize, F> {
     filter: &'a F,

@@ -22,14 +22,15 @@ impl Form for Corner {
         Spec {
             parameters: &[
                 Parameter { name: "threshold", quantity: Quantity::Input, low: 0.005, high: 0.7, logarithmic: false },
-                Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
+                Parameter { name: "rounding", quantity: Quantity::Ratio, low: SHARPEST, high: 0.15, logarithmic: true },
             ],
+            simpler_at: &[(1, SHARPEST)],
             is_static: true,
+            starts: || {
+                [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
+            },
             ..Spec::new("activation-threshold", ("rounded", "rounded corner"), Place::Muscle)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.03, 0.07, 0.12, 0.18, 0.25, 0.33, 0.45].into_iter().flat_map(|level| [vec![level, 0.005], vec![level, 0.04]]).collect()
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         path.iter_mut().for_each(|value| *value = beyond(*value, parameters[0], parameters[1]));
@@ -41,6 +42,9 @@ fn beyond(value: f64, threshold: f64, rounding: f64) -> f64 {
     let above = value - threshold;
     0.5 * (above + (above * above + rounding * rounding).sqrt() + threshold - threshold.hypot(rounding))
 }
+
+/// A corner as sharp as any.
+const SHARPEST: f64 = 1e-3;
 
 /// Rounding of the corners of [`TwoSided`].
 const SHARP: f64 = 0.005;
@@ -71,7 +75,7 @@ impl Form for Slack {
             parameters: &[Parameter { name: "slack", quantity: Quantity::Output, low: 0.01, high: 0.5, logarithmic: false }],
             weights: 1,
             needs_sum: true,
-            starts: &[&[0.04], &[0.1], &[0.18], &[0.3]],
+            starts: || vec![vec![0.04], vec![0.1], vec![0.18], vec![0.3]],
             ..Spec::new("activation-threshold", ("of-the-displacement", "of the displacement"), Place::Material)
         }
     }

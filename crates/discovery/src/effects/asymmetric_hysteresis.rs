@@ -57,10 +57,10 @@ static EACH: OfOperators = OfOperators {
             Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.4, high: 0.8, logarithmic: false },
         ],
         is_static: true,
+        starts: || {
+            grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
+        },
         ..Spec::new(NAME, ("each-curves", "each branch has a curve of its own"), Place::Operators)
-    },
-    starts: || {
-        grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
     },
     set: |of, law| law.envelopes = [0.5 * of[4], 0.5 * (of[1] - of[0]), 0.5 * (of[3] - of[2])],
     curve: |of, path| {

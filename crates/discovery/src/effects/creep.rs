@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, ladder, lag};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::chain::side_by_side;
+use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -105,18 +105,11 @@ impl Form for OfInput {
                 Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-3, high: 1.0, logarithmic: true },
                 Parameter { name: "first_time_constant", quantity: Quantity::Time, low: 0.1, high: 8.0, logarithmic: true },
             ],
+            starts: || ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect(),
             ..Spec::new("creep", ("of-the-pressure", "of the pressure's effect"), Place::Muscle)
         }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Giving::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Giving::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Giving::new(parameters, run));
 }
 
 /// What [`OfInput`] does to the input: three lags beside it, each five times as long as the one before.

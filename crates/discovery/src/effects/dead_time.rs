@@ -2,7 +2,7 @@
 
 use crate::chain::filters::{ladder, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::data::session::{Run, Session};
+use crate::data::session::Run;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Tube];
@@ -14,11 +14,9 @@ impl Form for Tube {
         Spec {
             parameters: &[Parameter { name: "delay", quantity: Quantity::Time, low: 1e-3, high: 0.8, logarithmic: true }],
             keeps_turning_points: true,
+            starts: || ladder(0.01, 0.5, 8).into_iter().map(|value| vec![value]).collect(),
             ..Spec::new("dead-time", ("constant", "constant"), Place::Tube)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.01, 0.5, 8).into_iter().map(|value| vec![value]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let before = path.to_vec();

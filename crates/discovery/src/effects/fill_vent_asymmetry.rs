@@ -32,36 +32,31 @@ struct TwoLags {
     held: bool,
 }
 
-static TWO_LAGS: TwoLags = TwoLags { form: ("by-error", "two time constants"), law: Law::Error, held: false };
+const fn lags(form: Told, law: Law, held: bool) -> TwoLags {
+    TwoLags { form, law, held }
+}
 
-static TWO_LAGS_HELD: TwoLags =
-    TwoLags { form: ("by-error-held", "two time constants, of a command that holds between samples"), law: Law::Error, held: true };
-static COMMANDED: TwoLags =
-    TwoLags { form: ("by-command", "two time constants, by which way the command goes"), law: Law::Command, held: false };
+static TWO_LAGS: TwoLags = lags(("by-error", "two time constants"), Law::Error, false);
 
-static COMMANDED_HELD: TwoLags = TwoLags {
-    form: ("by-command-held", "two time constants, by which way a command goes that holds between samples"),
-    law: Law::Command,
-    held: true,
-};
-static DRIVEN: TwoLags = TwoLags {
-    form: ("fading", "two time constants, filling slower near the supply's pressure and venting slower near the room's"),
-    law: Law::Drive,
-    held: false,
-};
+static TWO_LAGS_HELD: TwoLags = lags(("by-error-held", "two time constants, of a command that holds between samples"), Law::Error, true);
+static COMMANDED: TwoLags = lags(("by-command", "two time constants, by which way the command goes"), Law::Command, false);
 
-static DRIVEN_HELD: TwoLags = TwoLags {
-    form: (
+static COMMANDED_HELD: TwoLags =
+    lags(("by-command-held", "two time constants, by which way a command goes that holds between samples"), Law::Command, true);
+static DRIVEN: TwoLags =
+    lags(("fading", "two time constants, filling slower near the supply's pressure and venting slower near the room's"), Law::Drive, false);
+
+static DRIVEN_HELD: TwoLags = lags(
+    (
         "fading-held",
         "two time constants, filling slower near the supply's pressure and venting slower near the room's, of a command that holds between \
          samples",
     ),
-    law: Law::Drive,
-    held: true,
-};
+    Law::Drive,
+    true,
+);
 
-static ORIFICE: TwoLags =
-    TwoLags { form: ("orifices", "two orifices, flow with a power of the difference"), law: Law::Orifice, held: false };
+static ORIFICE: TwoLags = lags(("orifices", "two orifices, flow with a power of the difference"), Law::Orifice, false);
 
 const FILL: Parameter = Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
 
@@ -106,22 +101,20 @@ impl Form for TwoLags {
         grid(&times, &times).into_iter().filter(|pair| pair[0] != pair[1]).map(of).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let held = self.held;
         match self.law {
-            Law::Error => Following::<ERROR>::new(parameters, run, held).run(path),
-            Law::Command => Following::<COMMAND>::new(parameters, run, held).run(path),
-            Law::Drive => Following::<DRIVE>::new(parameters, run, held).run(path),
-            Law::Orifice => Following::<POWER_LAW>::new(parameters, run, held).run(path),
+            Law::Error => Following::<ERROR>::new(parameters, run, self.held).run(path),
+            Law::Command => Following::<COMMAND>::new(parameters, run, self.held).run(path),
+            Law::Drive => Following::<DRIVE>::new(parameters, run, self.held).run(path),
+            Law::Orifice => Following::<POWER_LAW>::new(parameters, run, self.held).run(path),
         }
     }
     fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        let held = self.held;
         match self.law {
-            Law::Error => side_by_side::filter(runs, paths, |run| Following::<ERROR>::new(parameters, run, held)),
+            Law::Error => side_by_side::filter(runs, paths, |run| Following::<ERROR>::new(parameters, run, self.held)),
             // So little to do that bringing them side by side takes longer.
             Law::Command => runs.iter().zip(paths).for_each(|(run, path)| self.input(parameters, run, path)),
-            Law::Drive => side_by_side::filter(runs, paths, |run| Following::<DRIVE>::new(parameters, run, held)),
-            Law::Orifice => side_by_side::filter(runs, paths, |run| Following::<POWER_LAW>::new(parameters, run, held)),
+            Law::Drive => side_by_side::filter(runs, paths, |run| Following::<DRIVE>::new(parameters, run, self.held)),
+            Law::Orifice => side_by_side::filter(runs, paths, |run| Following::<POWER_LAW>::new(parameters, run, self.held)),
         }
     }
 }

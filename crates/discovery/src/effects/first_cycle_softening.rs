@@ -1,138 +1,108 @@
 //! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
-//! recording began, where the muscle recovers in between, or since the session began, where it does not. Or it is the largest load so far
+//! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not. Or it is the largest load so far
 //! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
 
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::ladder;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::filters::{grid, ladder, row};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Distance, &Lasting, &Largest { heals: true }, &Largest { heals: false }];
+pub const FORMS: &[&dyn Form] =
+    &[&Softening::Distance, &Softening::Lasting, &Softening::Largest { heals: true }, &Softening::Largest { heals: false }];
 
-struct Distance;
-
-struct Lasting;
-
-/// The highest input counts, since the recording began where the muscle heals in between, or since the session began.
-struct Largest {
-    heals: bool,
+/// What softens.
+enum Softening {
+    /// The distance travelled in a recording.
+    Distance,
+    /// That in the session.
+    Lasting,
+    /// The highest input, since the recording began where the muscle heals in between, or since the session began.
+    Largest { heals: bool },
 }
 
-impl Form for Distance {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true }],
-            weights: 1,
-            needs_sum: true,
-            ..Spec::new(
-                "first-cycle-softening",
-                ("distance-in-recording", "with the distance that the displacement has travelled since the recording began"),
-                Place::Material,
-            )
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.3, 6.0, 6).into_iter().map(|value| vec![value]).collect()
-    }
-    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
-        let mut travelled = 0.0;
-        let mut last = sum[0];
-        columns.push(true, |sample| {
-            travelled += (sum[sample] - last).abs();
-            last = sum[sample];
-            sum[sample] * (-travelled / parameters[0]).exp()
-        });
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
-    }
-}
+/// A recovery that no session lasts for, s.
+const NEVER_S: f64 = 1e4;
 
 /// Way up and down that an input takes.
 fn travel(input: &[f64]) -> f64 {
     input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
 }
 
-impl Form for Lasting {
+impl Form for Softening {
     fn spec(&self) -> Spec {
-        Spec {
-            // First cycles are few: what goes on for many recordings is a drift of the gain.
-            parameters: &[Parameter {
-                name: "distance_in_input_spans",
-                quantity: Quantity::Ratio,
-                low: 0.3,
-                high: 20.0,
-                logarithmic: true,
-            }],
-            weights: 1,
-            // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
-            cost: Some(3),
-            needs_sum: true,
-            ..Spec::new(
-                "first-cycle-softening",
-                ("distance-in-session", "with the distance that the input has travelled since the session began"),
-                Place::Material,
-            )
+        let of = |form: Told| Spec { weights: 1, needs_sum: true, ..Spec::new("first-cycle-softening", form, Place::Material) };
+        match self {
+            Self::Distance => Spec {
+                parameters: &[
+                    Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true },
+                    Parameter { name: "recovery_time", quantity: Quantity::Time, low: 3.0, high: NEVER_S, logarithmic: true },
+                ],
+                simpler_at: &[(1, NEVER_S)],
+                starts: || grid(&ladder(0.3, 6.0, 6), &[20.0, NEVER_S]),
+                ..of(("distance-in-recording", "with the distance that the displacement has travelled since the recording began"))
+            },
+            Self::Lasting => Spec {
+                // First cycles are few: what goes on for many recordings is a drift of the gain.
+                parameters: &[Parameter {
+                    name: "distance_in_input_spans",
+                    quantity: Quantity::Ratio,
+                    low: 0.3,
+                    high: 20.0,
+                    logarithmic: true,
+                }],
+                // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
+                cost: Some(3),
+                starts: || row(&ladder(1.0, 15.0, 4)),
+                ..of(("distance-in-session", "with the distance that the input has travelled since the session began"))
+            },
+            Self::Largest { heals: true } => {
+                Spec { cost: Some(2), ..of(("highest-in-recording", "by the highest input since the recording began")) }
+            }
+            Self::Largest { heals: false } => {
+                Spec { cost: Some(2), ..of(("highest-in-session", "by the highest input since the session began")) }
+            }
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(1.0, 15.0, 4).into_iter().map(|value| vec![value]).collect()
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // A model from a file goes on with a muscle that has been worked long ago.
         let worked = run.session.is_empty() && run.index > 0;
-        let mut travelled = match &run.earlier {
-            Some(earlier) => earlier.travelled,
-            None if worked => f64::INFINITY,
-            None => travelled_before(run),
-        };
-        let mut last = run.input[0];
-        columns.push(true, |sample| {
-            travelled += (run.input[sample] - last).abs();
-            last = run.input[sample];
-            sum[sample] * (-travelled / parameters[0]).exp()
-        });
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
-    }
-}
-
-impl Form for Largest {
-    fn spec(&self) -> Spec {
-        Spec {
-            weights: 1,
-            cost: Some(2),
-            needs_sum: true,
-            ..Spec::new(
-                "first-cycle-softening",
-                if self.heals {
-                    ("highest-in-recording", "by the highest input since the recording began")
-                } else {
-                    ("highest-in-session", "by the highest input since the session began")
-                },
-                Place::Material,
-            )
+        match self {
+            // What is stiffer, `R`, goes with the distance travelled and comes back with time: `dR = (1 - R) dt / T - R |ds| / D`.
+            Self::Distance => {
+                let recovers_per_s = if parameters[1] < NEVER_S { 1.0 / parameters[1] } else { 0.0 };
+                let (mut stiff, mut last) = (1.0, sum[0]);
+                columns.push(true, |sample| {
+                    let back = recovers_per_s * run.period_s;
+                    let gone = (sum[sample] - last).abs() / parameters[0] + back;
+                    last = sum[sample];
+                    // Exact while both go on at the same speeds.
+                    let settled = if gone > 0.0 { back / gone } else { 1.0 };
+                    stiff = settled + (stiff - settled) * (-gone).exp();
+                    sum[sample] * stiff
+                });
+            }
+            Self::Lasting => {
+                let before = || if worked { f64::INFINITY } else { travelled_before(run) };
+                let mut travelled = run.earlier.as_ref().map_or_else(before, |earlier| earlier.travelled);
+                let mut last = run.input[0];
+                columns.push(true, |sample| {
+                    travelled += (run.input[sample] - last).abs();
+                    last = run.input[sample];
+                    sum[sample] * (-travelled / parameters[0]).exp()
+                });
+            }
+            Self::Largest { heals } => {
+                let before = || if worked { 1.0 } else { highest_before(run) };
+                let mut highest: f64 = if *heals { 0.0 } else { run.earlier.as_ref().map_or_else(before, |earlier| earlier.highest) };
+                columns.push(true, |sample| {
+                    highest = highest.max(run.input[sample]);
+                    sum[sample] * (1.0 - highest)
+                });
+            }
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![Vec::new()]
-    }
-    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let mut highest: f64 = match &run.earlier {
-            _ if self.heals => 0.0,
-            Some(earlier) => earlier.highest,
-            // A model from a file goes on with a muscle that has been worked long ago.
-            None if run.session.is_empty() && run.index > 0 => 1.0,
-            None => highest_before(run),
-        };
-        columns.push(true, |sample| {
-            highest = highest.max(run.input[sample]);
-            sum[sample] * (1.0 - highest)
-        });
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
@@ -169,12 +139,12 @@ mod tests {
         let virgin_part = |form: &dyn Form, run: usize, sample: usize| {
             let run = &session.runs[run];
             let mut columns = Columns::of(run.input.len());
-            form.output(&[4.0], run, &vec![1.0; run.input.len()], &mut columns);
+            form.output(&[4.0, NEVER_S][..form.parameters().len()], run, &vec![1.0; run.input.len()], &mut columns);
             columns.column(0)[sample]
         };
-        assert!((virgin_part(&Lasting, 0, 0) - 1.0).abs() < 1e-12);
-        assert!((virgin_part(&Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Lasting, 1, 0));
-        assert!((virgin_part(&Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
-        assert_eq!(virgin_part(&Distance, 1, 0), 1.0);
+        assert!((virgin_part(&Softening::Lasting, 0, 0) - 1.0).abs() < 1e-12);
+        assert!((virgin_part(&Softening::Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Softening::Lasting, 1, 0));
+        assert!((virgin_part(&Softening::Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
+        assert_eq!(virgin_part(&Softening::Distance, 1, 0), 1.0);
     }
 }

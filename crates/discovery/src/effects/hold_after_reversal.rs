@@ -3,8 +3,8 @@
 use crate::chain::columns::Filter;
 use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::chain::side_by_side;
-use crate::data::session::{Run, Session};
+use crate::chain::side_by_side::leads_input;
+use crate::data::session::Run;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Held];
@@ -21,18 +21,13 @@ impl Form for Held {
                 Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: 5.0, logarithmic: true },
                 Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: 1e-3, high: 2.0, logarithmic: true },
             ],
+            simpler_at: &[(1, 1e-3)],
+            // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
+            starts: || grid(&ladder(0.08, 1.5, 16), &[0.02, 0.08]),
             ..Spec::new("hold-after-reversal", ("for-a-time", "holds for a time, then catches up"), Place::Supply)
         }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(0.1, 1.5, 4), &[0.02, 0.15])
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Regulator::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Regulator::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Regulator::new(parameters, run));
 }
 
 /// What [`Held`] does to the input.
@@ -52,24 +47,30 @@ impl Regulator {
     }
 }
 
-impl Filter<6> for Regulator {
-    fn begin(&self, first: f64) -> [f64; 6] {
-        [first, first, first, 0.0, 0.0, 0.0]
+impl Filter<8> for Regulator {
+    fn begin(&self, first: f64) -> [f64; 8] {
+        [first, first, first, 0.0, 0.0, 0.0, 0.0, 0.0]
     }
     #[inline(always)]
-    fn step(&self, [state, last, farthest, direction, since_s, left_s]: &mut [f64; 6], value: f64) -> f64 {
+    fn step(&self, [state, last, farthest, direction, since_s, left_s, step, early_s]: &mut [f64; 8], value: f64) -> f64 {
         let onward = (value - *farthest) * *direction;
         if onward >= 0.0 {
             if value != *farthest && *direction == 0.0 {
                 *direction = (value - *farthest).signum();
             }
-            (*farthest, *since_s) = (value, 0.0);
+            (*step, *farthest, *since_s) = (value - *last, value, 0.0);
         } else {
+            if *since_s == 0.0 {
+                // The turn lies where a parabola through the samples about the farthest has its top; a command that rested turns as it leaves.
+                let back = value - *farthest;
+                *early_s = if *step * *direction > 0.0 { -0.5 * self.period_s * (*step + back) / (*step - back) } else { 0.0 };
+            }
             *since_s += self.period_s;
             if onward < -BACK {
                 // What turns while it holds goes on holding.
-                *left_s = if *left_s > 0.0 { *left_s } else { self.hold_s - *since_s + self.period_s };
-                (*farthest, *direction, *since_s) = (value, -*direction, 0.0);
+                let ago_s = *since_s + *early_s;
+                *left_s = if *left_s - self.period_s + ago_s > 0.0 { *left_s } else { self.hold_s - ago_s + self.period_s };
+                (*step, *farthest, *direction, *since_s) = (value - *last, value, -*direction, 0.0);
             }
         }
         let open_s = self.period_s - left_s.clamp(0.0, self.period_s);
@@ -86,6 +87,7 @@ impl Filter<6> for Regulator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::session::Session;
     use recording::{Recording, Signal};
     use std::path::Path;
 

@@ -4,9 +4,10 @@
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
 use crate::chain::columns::Filter;
+use crate::chain::elementary;
 use crate::chain::filters::{grid, ladder, lag_coefficients, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::{elementary, side_by_side};
+use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -72,18 +73,11 @@ impl Form for Turbulent {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[TIME, Parameter { name: "pressure_power", quantity: Quantity::Ratio, low: 0.4, high: 1.6, logarithmic: true }],
+            starts: || ladder(2.0, 60.0, 4).into_iter().map(|value| vec![value, 0.7]).collect(),
             ..Spec::new("leakage", ("turbulent", "held pressure decays with a power of itself"), Place::Tube)
         }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(2.0, 60.0, 4).into_iter().map(|value| vec![value, 0.7]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Draining::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Draining::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Draining::new(parameters, run));
 }
 
 /// What [`Turbulent`] does to the input.
@@ -121,18 +115,11 @@ impl Form for Filling {
                 Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 5e-3, high: 2.0, logarithmic: true },
                 Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
             ],
+            starts: || grid(&ladder(0.03, 0.4, 3), &[0.04, 0.15]),
             ..Spec::new("leakage", ("behind-restriction", "a hole behind the restriction that fills"), Place::Tube)
         }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(0.03, 0.4, 3), &[0.04, 0.15])
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Filled::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Filled::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Filled::new(parameters, run));
 }
 
 /// What [`Filling`] does to the input.

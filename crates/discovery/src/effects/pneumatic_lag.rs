@@ -2,9 +2,9 @@
 //! converter that holds the command between samples, or through a tube in which the denser air flows more easily.
 
 use crate::chain::columns::{Columns, Filter};
-use crate::chain::filters::{Lag, ladder, lag, lag_coefficients, lag_of_held};
+use crate::chain::filters::{Lag, grid, ladder, lag, lag_coefficients, lag_of_held, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::side_by_side;
+use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -24,8 +24,11 @@ const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::T
 /// A spool before the volume, or a volume behind a volume: the second is the faster one.
 const SECOND: Parameter = Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true };
 
-static BEFORE: Restriction =
-    Restriction { form: ("before", "before the hysteresis"), place: Place::Flow, parameters: &[TIME], held: false };
+const fn lags(form: Told, place: Place, parameters: &'static [Parameter], held: bool) -> Restriction {
+    Restriction { form, place, parameters, held }
+}
+
+static BEFORE: Restriction = lags(("before", "before the hysteresis"), Place::Flow, &[TIME], false);
 
 /// Shorter lags of a held command are hardly more than half a sample of delay: they must not pass for a dead time.
 static HELD: Restriction = Restriction {
@@ -35,16 +38,10 @@ static HELD: Restriction = Restriction {
     held: true,
 };
 
-static BEHIND: Restriction = Restriction { form: ("behind", "behind the hysteresis"), place: Place::Tip, parameters: &[TIME], held: false };
+static BEHIND: Restriction = lags(("behind", "behind the hysteresis"), Place::Tip, &[TIME], false);
 
-static TWO_POLES: Restriction = Restriction {
-    form: ("two-before", "two in a row before the hysteresis"),
-    place: Place::Flow,
-    parameters: &[TIME, SECOND],
-    held: false,
-};
-static TWO_POLES_BEHIND: Restriction =
-    Restriction { form: ("two-behind", "two in a row behind the hysteresis"), place: Place::Tip, parameters: &[TIME, SECOND], held: false };
+static TWO_POLES: Restriction = lags(("two-before", "two in a row before the hysteresis"), Place::Flow, &[TIME, SECOND], false);
+static TWO_POLES_BEHIND: Restriction = lags(("two-behind", "two in a row behind the hysteresis"), Place::Tip, &[TIME, SECOND], false);
 
 impl Form for Restriction {
     fn spec(&self) -> Spec {
@@ -56,10 +53,8 @@ impl Form for Restriction {
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        if self.parameters.len() == 1 {
-            return ladder(0.02, 1.0, 7).into_iter().map(|value| vec![value]).collect();
-        }
-        ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect()
+        let two = || ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect();
+        if self.parameters.len() == 1 { row(&ladder(0.02, 1.0, 7)) } else { two() }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         if self.place > Place::Operators {
@@ -82,8 +77,6 @@ impl Form for Restriction {
 struct Changing {
     form: Told,
     parameters: &'static [Parameter],
-    /// Where the search for the change begins.
-    start: f64,
     /// Whether it slows.
     slows: bool,
 }
@@ -93,7 +86,6 @@ struct Changing {
 static DENSE: Changing = Changing {
     form: ("faster-under-pressure", "before the hysteresis, faster under pressure"),
     parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
-    start: 2.0,
     slows: false,
 };
 
@@ -101,7 +93,6 @@ static DENSE: Changing = Changing {
 static GROWING: Changing = Changing {
     form: ("slower-under-pressure", "before the hysteresis, slower under pressure"),
     parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
-    start: 0.5,
     slows: true,
 };
 
@@ -110,14 +101,9 @@ impl Form for Changing {
         Spec { parameters: self.parameters, steps: &[0.15, 0.4], ..Spec::new("pneumatic-lag", self.form, Place::Flow) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.04, 1.0, 5).into_iter().map(|time_s| vec![time_s, self.start]).collect()
+        grid(&ladder(0.04, 1.0, 5), &[if self.slows { 0.5 } else { 2.0 }])
     }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        self.filter(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| self.filter(parameters, run));
-    }
+    leads_input!(|self, parameters, run| self.filter(parameters, run));
 }
 
 impl Changing {

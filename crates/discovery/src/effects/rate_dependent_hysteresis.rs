@@ -9,86 +9,83 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
-use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[
-    &ADDITIVE,
-    &PROPORTIONAL,
-    &ADDITIVE_LINEAR,
-    &PROPORTIONAL_LINEAR,
-    &ADDITIVE_FADING,
-    &PROPORTIONAL_FADING,
-    &VISCOUS,
-    &STIFFENING,
-    &Weights,
-    &LogarithmicWeights,
-];
+pub const FORMS: &[&dyn Form] =
+    &[&ADDITIVE, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights { logarithmic: false }, &Weights { logarithmic: true }];
 
-struct Weights;
-
-struct LogarithmicWeights;
+/// Weights that change with the rate, or its logarithm.
+struct Weights {
+    logarithmic: bool,
+}
 
 /// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
 /// above.
-const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: 20.0, logarithmic: true };
+const RATE: Parameter = Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 0.01, high: LINEAR, logarithmic: true };
 
-const OVERSTRESS: Parameter = Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 0.5, logarithmic: true };
+/// A rate that no command reaches, spans per s: below it growth is in proportion.
+const LINEAR: f64 = 200.0;
 
-const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 10.0, logarithmic: true };
+const OVERSTRESS: Parameter = Parameter { name: "overstress", quantity: Quantity::Input, low: 1e-4, high: 100.0, logarithmic: true };
 
-const VISCOUS_TIME: Parameter = Parameter { name: "viscous_time", quantity: Quantity::Time, ..OVERSTRESS };
+const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio, low: 1e-3, high: 2000.0, logarithmic: true };
 
-const GROWTH_AT_A_SPAN: Parameter = Parameter { name: "growth_at_a_span_per_s", ..GROWTH };
-
-/// Time constant of Maxwell's element.
+/// Time constant of Maxwell's element; as short as a sample it is none.
 const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
 
 const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true };
 
 const NAME: &str = "rate-dependent-hysteresis";
 
-static ADDITIVE: OfOperators = OfOperators::new(
-    (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
-    &[OVERSTRESS, RATE],
-    || grid(&ladder(0.003, 0.1, 4), &[0.1, 1.0]),
-    |parameters, law| [law.extra_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
+/// Sizes at rates around `RATE`'s, each followed at once and with a memory.
+fn starts(sizes: &[f64]) -> Vec<Vec<f64>> {
+    let growths = [0.1, 1.0, LINEAR].map(|rate| sizes.iter().map(move |size| [size * f64::max(rate, 1.0), rate]));
+    growths.into_iter().flatten().flat_map(|[size, rate]| [FADING.low, 0.04].map(|fading_s| vec![size, rate, fading_s])).collect()
+}
+
+/// A law with all three parameters by those of the forms that had fewer: growth in proportion to the rate, with a memory or none.
+fn of_fewer(stem: &str, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
+    match (form.strip_prefix(stem)?, parameters) {
+        ("-linear" | ", in proportion to the rate", &[growth]) => Some(vec![growth * LINEAR, LINEAR, FADING.low]),
+        ("-fading" | ", in proportion to the rate, and builds up and fades", &[growth, fading_s]) => {
+            Some(vec![growth * LINEAR, LINEAR, fading_s])
+        }
+        _ => None,
+    }
+}
+
+/// The memory, or none where it is as short as can be.
+fn memory_s(parameters: &[f64]) -> f64 {
+    if parameters[2] > FADING.low { parameters[2] } else { 0.0 }
+}
+
+/// A law of all thresholds with the inverse hyperbolic sine of the rate and a memory.
+const fn with_memory(mut own: OfOperators, of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>) -> OfOperators {
+    own.spec.simpler_at = &[(1, LINEAR), (2, FADING.low)];
+    own.spec.of_earlier = of_earlier;
+    own
+}
+
+static ADDITIVE: OfOperators = with_memory(
+    OfOperators::new(
+        (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
+        &[OVERSTRESS, RATE, FADING],
+        || starts(&ladder(0.003, 0.1, 4)),
+        |of, law| [law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
+    ),
+    |form, of| of_fewer("overstress", form, of).or_else(|| of_fewer("every threshold grows by the same", form, of)),
 );
 
-static PROPORTIONAL: OfOperators = OfOperators::new(
-    (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
-    &[GROWTH, RATE],
-    || grid(&ladder(0.03, 1.0, 4), &[0.1, 1.0]),
-    |parameters, law| [law.growth_per_rate, law.rate_scale_per_s] = [parameters[0], parameters[1]],
-);
-
-static ADDITIVE_LINEAR: OfOperators = OfOperators::new(
-    (NAME, ("overstress-linear", "every threshold grows by the same, in proportion to the rate")),
-    &[VISCOUS_TIME],
-    || row(&ladder(0.003, 0.15, 6)),
-    |parameters, law| law.extra_per_rate = parameters[0],
-);
-
-static PROPORTIONAL_LINEAR: OfOperators = OfOperators::new(
-    (NAME, ("share-linear", "every threshold grows by a share of itself, in proportion to the rate")),
-    &[GROWTH_AT_A_SPAN],
-    || row(&ladder(0.05, 3.0, 5)),
-    |parameters, law| law.growth_per_rate = parameters[0],
-);
-
-static ADDITIVE_FADING: OfOperators = OfOperators::new(
-    (NAME, ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades")),
-    &[VISCOUS_TIME, FADING],
-    || grid(&ladder(0.01, 0.1, 3), &[0.02, 0.06]),
-    |parameters, law| [law.extra_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
-);
-
-static PROPORTIONAL_FADING: OfOperators = OfOperators::new(
-    (NAME, ("share-fading", "every threshold grows by a share of itself, in proportion to the rate, and builds up and fades")),
-    &[GROWTH_AT_A_SPAN, FADING],
-    || grid(&ladder(0.08, 1.2, 3), &[0.02, 0.06]),
-    |parameters, law| [law.growth_per_rate, law.rate_memory_s] = [parameters[0], parameters[1]],
+static PROPORTIONAL: OfOperators = with_memory(
+    OfOperators::new(
+        (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
+        &[GROWTH, RATE, FADING],
+        || starts(&ladder(0.05, 1.0, 4)),
+        |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
+    ),
+    |form, of| of_fewer("share", form, of).or_else(|| of_fewer("every threshold grows by a share of itself", form, of)),
 );
 
 static VISCOUS: OfOperators = OfOperators::new(
@@ -108,61 +105,35 @@ static STIFFENING: OfOperators = OfOperators::new(
     |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
 );
 
-/// What is like a lag of `time_s` to second order: growth by the same for each unit of the rate, that takes as long to build up.
-#[must_use]
-pub fn like_a_lag(time_s: f64) -> (&'static dyn Form, Vec<f64>) {
-    let parameters = ADDITIVE_FADING.spec.parameters.iter().map(|parameter| time_s.clamp(parameter.low, parameter.high)).collect();
-    (&ADDITIVE_FADING, parameters)
-}
-
-/// `y = s + |du/dt| (a s + b u)`: all weights change by one share for each unit of the rate, and the one without a threshold by another.
+/// `y = s + f (a s + b u)`: all weights change by one share of `f`, and the one without a threshold by another. `f` is the rate, or `ln(1 + |du/dt| / r)`:
+/// what Eyring's law makes of thermally activated friction, far above the rate `r`.
 impl Form for Weights {
     fn spec(&self) -> Spec {
-        Spec {
-            weights: 2,
-            cost: Some(3),
-            needs_sum: true,
-            ..Spec::new(NAME, ("weights-linear", "weights change with the rate"), Place::Material)
+        let of = |form: Told, cost: usize| Spec { weights: 2, cost: Some(cost), needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
+        if self.logarithmic {
+            Spec {
+                parameters: &[Parameter { low: 1e-2, high: 5.0, ..RATE }],
+                starts: || row(&[0.05, 0.4]),
+                ..of(("weights-logarithmic", "weights change with the logarithm of the rate"), 4)
+            }
+        } else {
+            of(("weights-linear", "weights change with the rate"), 3)
         }
-    }
-    fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let rates = rates(&run.input, run.period_s);
-        columns.push(true, |sample| rates[sample] * sum[sample]);
-        columns.push(true, |sample| rates[sample] * run.input[sample]);
-    }
-    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let of = |weight: f64| weight / session.input_scale;
-        let per = format!("per_{}_per_s", session.input_unit);
-        BTreeMap::from([
-            (format!("weights_change_{per}"), of(weights[0])),
-            (format!("of_the_weight_without_threshold_{per}"), of(weights[0] + weights[1])),
-        ])
-    }
-}
-
-/// `y = s + ln(1 + |du/dt| / r) (a s + b u)`: what Eyring's law makes of thermally activated friction, far above the rate `r`.
-impl Form for LogarithmicWeights {
-    fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "reference_rate", quantity: Quantity::InputRate, low: 1e-2, high: 5.0, logarithmic: true }],
-            weights: 2,
-            cost: Some(4),
-            needs_sum: true,
-            ..Spec::new(NAME, ("weights-logarithmic", "weights change with the logarithm of the rate"), Place::Material)
-        }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![0.05], vec![0.4]]
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let folds: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();
-        columns.push(true, |sample| folds[sample] * sum[sample]);
-        columns.push(true, |sample| folds[sample] * run.input[sample]);
+        let mut change = rates(&run.input, run.period_s);
+        if self.logarithmic {
+            change.iter_mut().for_each(|rate| *rate = (*rate / parameters[0]).ln_1p());
+        }
+        columns.push(true, |sample| change[sample] * sum[sample]);
+        columns.push(true, |sample| change[sample] * run.input[sample]);
     }
-    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let per_rate = (format!("per_{}_per_s", session.input_unit), session.input_scale);
+        let (per, scale) = if self.logarithmic { ("per_e_fold".to_owned(), 1.0) } else { per_rate };
         BTreeMap::from([
-            ("weights_change_per_e_fold".to_owned(), weights[0]),
-            ("of_the_weight_without_threshold_per_e_fold".to_owned(), weights[0] + weights[1]),
+            (format!("weights_change_{per}"), weights[0] / scale),
+            (format!("of_the_weight_without_threshold_{per}"), (weights[0] + weights[1]) / scale),
         ])
     }
 }
@@ -175,4 +146,38 @@ fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
         (input[after] - input[before]).abs() / ((after - before) as f64 * period_s)
     };
     (0..input.len()).map(rate).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chain::form::OperatorLaw;
+
+    #[test]
+    fn forms_of_earlier_files_are_read_as_the_same_law() {
+        let law = |form: &str, parameters: &[f64]| {
+            let (own, parameters) = FORMS.iter().find_map(|own| Some((own, own.of_a_file(form, parameters)?))).expect("a form");
+            assert!(own.parameters().len() == parameters.len(), "{form}: {parameters:?}");
+            let mut law = OperatorLaw::default();
+            own.operator_law(&parameters, &mut law);
+            law
+        };
+        let growths = |law: &OperatorLaw, rate: f64| [law.extra_per_rate, law.growth_per_rate].map(|growth| growth * law.saturated(rate));
+        for (form, parameters, wanted, memory_s) in [
+            ("overstress-linear", &[0.05][..], [0.05, 0.0], 0.0),
+            ("every threshold grows by a share of itself, in proportion to the rate", &[0.4], [0.0, 0.4], 0.0),
+            ("share-fading", &[0.4, 0.03], [0.0, 0.4], 0.03),
+        ] {
+            let law = law(form, parameters);
+            assert_eq!(law.rate_memory_s, memory_s, "{form}");
+            for rate in [0.1, 3.0] {
+                let found = growths(&law, rate);
+                let near = |(found, wanted): (&f64, f64)| (found - wanted * rate).abs() < 1e-4 * rate;
+                assert!(found.iter().zip(wanted).all(near), "{form} at {rate}: {found:?}");
+            }
+        }
+        // A parameter that was not there yet: no memory.
+        let law = law("overstress-asinh", &[0.02, 0.1]);
+        assert_eq!((law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
+    }
 }

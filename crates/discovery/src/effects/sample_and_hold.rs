@@ -1,4 +1,5 @@
-//! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`.
+//! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`,
+//! and followed at once or like a volume behind a restriction.
 
 use std::f64::consts::TAU;
 
@@ -11,6 +12,9 @@ pub const FORMS: &[&dyn Form] = &[&Held];
 
 struct Held;
 
+/// Time constant of what follows the held command; as short as can be it follows at once.
+const FOLLOWS: Parameter = Parameter { name: "follow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true };
+
 /// Longest period that is looked for, s.
 const LONGEST_S: f64 = 0.6;
 
@@ -18,7 +22,7 @@ const LONGEST_S: f64 = 0.6;
 const FEWEST_SAMPLES: f64 = 3.0;
 
 /// Periods that are tried.
-const PEAKS: usize = 3;
+const PEAKS: usize = 8;
 
 impl Form for Held {
     fn spec(&self) -> Spec {
@@ -26,8 +30,10 @@ impl Form for Held {
             parameters: &[
                 Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true },
                 Parameter { name: "first_look", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false },
+                FOLLOWS,
             ],
-            steps: &[2e-4, 0.05],
+            steps: &[2e-4, 0.05, 0.3],
+            simpler_at: &[(2, FOLLOWS.low)],
             ..Spec::new(
                 "sample-and-hold",
                 ("of-each-recording", "held for a period, counted from the start of each recording"),
@@ -43,8 +49,12 @@ impl Form for Held {
             let slope = |sample: usize| run.input[(sample + 1).min(run.input.len() - 1)] - run.input[sample.saturating_sub(1)];
             // A step between two samples says nothing of a period and would outweigh all that moves.
             let moves = |sample: usize| slope(sample).abs() <= 2.0 * run.period_s * session.fastest_per_s;
-            let product = |sample| if counts(sample) && moves(sample) { residual[run.index][sample] * slope(sample) } else { 0.0 };
-            (0..run.input.len()).map(product).collect()
+            let slopes: Vec<f64> =
+                (0..run.input.len()).map(|sample| if counts(sample) && moves(sample) { slope(sample) } else { 0.0 }).collect();
+            // The mean delay goes first: with it the command's own lines would show.
+            let squares = slopes.iter().map(|slope| slope * slope).sum::<f64>().max(1e-30);
+            let delay = residual[run.index].iter().zip(&slopes).map(|(missed, slope)| missed * slope).sum::<f64>() / squares;
+            residual[run.index].iter().zip(&slopes).map(|(missed, slope)| (missed - delay * slope) * slope).collect()
         };
         let products: Vec<Vec<f64>> = session.worked().map(of).collect();
         let sums = |frequencies_hz: &[f64]| -> Vec<[f64; 2]> {
@@ -67,20 +77,30 @@ impl Form for Held {
             // The sawtooth is `-sum sin(2 pi k (t - t_0) / P) P / (pi k)`.
             let first = best.0[1].atan2(best.0[0]) / TAU - 0.25;
             // It comes out early by as much as strokes bend within a period.
-            [0.0, 0.05].map(|late| vec![1.0 / best.1, (first + late).rem_euclid(1.0)])
+            let of = |late: f64, follows_s: f64| vec![1.0 / best.1, (first + late).rem_euclid(1.0), follows_s];
+            [of(0.0, FOLLOWS.low), of(0.05, FOLLOWS.low), of(0.0, 0.02)]
         };
         peaks.into_iter().take(PEAKS).flat_map(tuned).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let samples = parameters[0] / run.period_s;
         let before = path.to_vec();
+        let is_followed = parameters[2] > FOLLOWS.low;
+        let keep = |samples: f64| (-samples * run.period_s / parameters[2]).exp();
+        let (mut held, mut state) = (before[0], before[0]);
         for (sample, value) in path.iter_mut().enumerate() {
             // A look at the moment of a sample counts.
             let look = (sample as f64 / samples - parameters[1] + 1e-9).floor() + parameters[1];
             let place = (look * samples).clamp(0.0, sample as f64);
             let below = place as usize;
             let share = place - below as f64;
-            *value = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
+            let looked_at = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
+            // The last look is some time ago, and until then the one before it counted.
+            let since = (sample as f64 - place).min(1.0);
+            state = held + (state - held) * keep(1.0 - since);
+            state = looked_at + (state - looked_at) * keep(since);
+            held = looked_at;
+            *value = if is_followed { state } else { looked_at };
         }
     }
 }
@@ -107,7 +127,7 @@ mod tests {
         let run = &session.runs[0];
         let (period_s, first) = (0.137, 0.3);
         let mut path = run.input.clone();
-        Held.input(&[period_s, first], run, &mut path);
+        Held.input(&[period_s, first, FOLLOWS.low], run, &mut path);
         // The last of all looks before each sample, found by counting them.
         let looks: Vec<f64> = (0..150).map(|look| (f64::from(look) + first) * period_s).collect();
         for (time_s, value) in run.time_s.iter().zip(path) {
@@ -115,6 +135,28 @@ mod tests {
             let exact = 0.5 - 0.5 * (TAU * 0.3 * look_s).cos();
             // Straight lines between samples miss a sine by (omega dt)^2 / 16.
             assert!((value - exact).abs() < 1e-4, "at {time_s} s: {value} instead of {exact}");
+        }
+    }
+
+    #[test]
+    fn what_follows_a_held_command_comes_up_to_it_exponentially() {
+        let session = session(&[0.3]);
+        let run = &session.runs[0];
+        let (period_s, first, follows_s) = (0.137, 0.3, 0.05);
+        let through = |follows_s: f64| {
+            let mut path = run.input.clone();
+            Held.input(&[period_s, first, follows_s], run, &mut path);
+            path
+        };
+        let mut state = run.input[0];
+        for (sample, value) in through(follows_s).iter().enumerate().skip(1) {
+            for look in 0..1000 {
+                let time_s = run.time_s[sample - 1] + (f64::from(look) + 0.5) * 1e-3 * run.period_s;
+                let look_s = (((time_s / period_s - first).floor() + first) * period_s).max(0.0);
+                let held = 0.5 - 0.5 * (TAU * 0.3 * look_s).cos();
+                state += 1e-3 * run.period_s / follows_s * (held - state);
+            }
+            assert!((value - state).abs() < 1e-3, "sample {sample}: {value} instead of {state}");
         }
     }
 

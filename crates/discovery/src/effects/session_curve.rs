@@ -84,6 +84,8 @@ impl Form for TowardsALimit {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[Parameter { name: "time_constant", quantity: Quantity::Time, low: 10.0, high: 1e5, logarithmic: true }],
+            // A drift that goes on and on.
+            simpler_at: &[(0, 1e5)],
             weights: 1,
             is_between_recordings: !self.inside,
             needs_sum: self.drifts == Drifts::Gain,

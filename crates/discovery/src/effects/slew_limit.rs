@@ -1,9 +1,10 @@
 //! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or one that sets in gradually.
 
 use crate::chain::columns::Filter;
+use crate::chain::elementary;
 use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::{elementary, side_by_side};
+use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -24,18 +25,18 @@ const RISING: Parameter = Parameter { name: "rising_limit", ..ONE };
 
 const FALLING: Parameter = Parameter { name: "falling_limit", ..ONE };
 
-static SYMMETRIC: Limit = Limit { form: ("one", "one limit"), parameters: &[ONE], held: false };
+const fn limit(form: Told, parameters: &'static [Parameter], held: bool) -> Limit {
+    Limit { form, parameters, held }
+}
 
-static SYMMETRIC_HELD: Limit =
-    Limit { form: ("one-held", "one limit, of a command that holds between samples"), parameters: &[ONE], held: true };
+static SYMMETRIC: Limit = limit(("one", "one limit"), &[ONE], false);
 
-static TWO_SIDED: Limit = Limit { form: ("two-sided", "a limit for each direction"), parameters: &[RISING, FALLING], held: false };
+static SYMMETRIC_HELD: Limit = limit(("one-held", "one limit, of a command that holds between samples"), &[ONE], true);
 
-static TWO_SIDED_HELD: Limit = Limit {
-    form: ("two-sided-held", "a limit for each direction, of a command that holds between samples"),
-    parameters: &[RISING, FALLING],
-    held: true,
-};
+static TWO_SIDED: Limit = limit(("two-sided", "a limit for each direction"), &[RISING, FALLING], false);
+
+static TWO_SIDED_HELD: Limit =
+    limit(("two-sided-held", "a limit for each direction, of a command that holds between samples"), &[RISING, FALLING], true);
 
 /// One limit that sets in gradually.
 struct Gradual {
@@ -86,6 +87,7 @@ impl Form for Gradual {
                 Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
                 Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
             ],
+            simpler_at: &[(1, 1e-3)],
             // While the limit is out of reach this is a lag.
             cost: Some(2 + usize::from(self.held)),
             ..Spec::new("slew-limit", self.form, Place::Flow)
@@ -94,12 +96,7 @@ impl Form for Gradual {
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()
     }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Saturating::new(parameters, run, self.held).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Saturating::new(parameters, run, self.held));
-    }
+    leads_input!(|self, parameters, run| Saturating::new(parameters, run, self.held));
 }
 
 /// What [`Gradual`] does to the input: a lag while the error is small, the limit when it is large, `a e / (1 + |a e / S h|^3)^(1/3)` a step of

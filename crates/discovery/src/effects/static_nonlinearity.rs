@@ -45,15 +45,13 @@ impl Form for Pressure {
                 Parameter { name: "cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
             ],
             is_static: true,
+            starts: || [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect(),
             ..Spec::new(
                 "static-nonlinearity",
                 ("input-cubic", "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)"),
                 Place::Muscle,
             )
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect()
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
@@ -70,7 +68,7 @@ impl Form for Power {
         Spec {
             parameters: &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }],
             is_static: true,
-            starts: &[&[0.6], &[0.85], &[1.2], &[1.6]],
+            starts: || vec![vec![0.6], vec![0.85], vec![1.2], vec![1.6]],
             ..Spec::new("static-nonlinearity", ("input-power", "power of the input: v = u^n"), Place::Muscle)
         }
     }

@@ -32,11 +32,9 @@ impl Form for Sticking {
             jumps: Some(self.drive),
             feels_sensor: self.feels,
             needs_sum: true,
+            starts: || Vec::new(),
             ..Spec::new(self.name, self.form, Place::Reading)
         }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        Vec::new()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         follow(parameters, run, path);

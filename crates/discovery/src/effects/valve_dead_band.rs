@@ -4,7 +4,7 @@
 use crate::chain::columns::Filter;
 use crate::chain::filters::{best_starts, ladder, lag_coefficients};
 use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
-use crate::chain::side_by_side;
+use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Role, Run, Session};
 use crate::effects::pneumatic_lag;
 use crate::effects::sticking::Sticking;
@@ -186,21 +186,14 @@ impl Form for Overlap {
                 Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.3, logarithmic: true },
                 Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
             ],
+            starts: || [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect(),
             ..Spec::new("valve-dead-band", ("overlap", "flow in proportion to the error beyond the band"), Place::Supply)
         }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
     }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect()
-    }
-    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        Edge::new(parameters, run).run(path);
-    }
-    fn inputs(&self, parameters: &[f64], runs: &[&Run], paths: &mut [Vec<f64>]) {
-        side_by_side::filter(runs, paths, |run| Edge::new(parameters, run));
-    }
+    leads_input!(|self, parameters, run| Edge::new(parameters, run));
 }
 
 /// Band up to which a lag is tried in the place of the overlap.

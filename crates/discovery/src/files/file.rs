@@ -254,18 +254,19 @@ impl DiscoveredModel {
         let forms = catalogue::forms();
         let mut slots = Vec::new();
         for entry in &self.effects {
-            let form = match &entry.definition {
-                Some(definition) => definition.form().map_err(|error| error.to_string())?,
+            let (form, parameters) = match &entry.definition {
+                Some(definition) => (definition.form().map_err(|error| error.to_string())?, entry.normalised.clone()),
                 None => forms
                     .iter()
                     .copied()
-                    .find(|form| form.name() == entry.name && form.is_called(&entry.form))
+                    .filter(|form| form.name() == entry.name)
+                    .find_map(|form| Some((form, form.of_a_file(&entry.form, &entry.normalised)?)))
                     .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?,
             };
-            if form.parameters().len() != entry.normalised.len() || form.spec().weights != entry.weights.len() {
+            if form.parameters().len() != parameters.len() || form.spec().weights != entry.weights.len() {
                 return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
             }
-            for (parameter, &value) in form.parameters().iter().zip(&entry.normalised) {
+            for (parameter, &value) in form.parameters().iter().zip(&parameters) {
                 if !(parameter.low..=parameter.high).contains(&value) {
                     return Err(format!(
                         "{} of {:?} is {value}, outside {} to {}",
@@ -273,7 +274,7 @@ impl DiscoveredModel {
                     ));
                 }
             }
-            slots.push(Slot { form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
+            slots.push(Slot { form, parameters, weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {

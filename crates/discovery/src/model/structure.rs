@@ -152,10 +152,14 @@ impl Model {
         self.slots.iter().map(|slot| (slot.form.name(), slot.form.form())).collect()
     }
 
-    /// Number of parameters that the effects add.
+    /// Number of parameters that the effects add, without those that they do without.
     #[must_use]
     pub fn cost(&self) -> usize {
-        self.slots.iter().map(|slot| slot.form.cost()).sum()
+        let of = |slot: &Slot| {
+            let idle = |(at, &value): (usize, &f64)| slot.form.does_without(at, [value; 2]);
+            slot.form.cost() - slot.parameters.iter().enumerate().filter(|one| idle(*one)).count()
+        };
+        self.slots.iter().map(of).sum()
     }
 
     /// Whether some effect needs the model's own output.

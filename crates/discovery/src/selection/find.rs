@@ -90,7 +90,17 @@ impl First {
                 });
             }
         }
-        let firsts = bench.polished(&leaders(&tried), POLISH);
+        let mut firsts = bench.polished(&leaders(&tried), POLISH);
+        // What the best effect leaves may be for another of its own forms to take away, before it is for a second effect.
+        if let Some(best) = firsts.first().filter(|best| leaves(bench.session, best)) {
+            let is_new = |one: &&Tried| {
+                best.model.names().any(|name| name == one.form.name())
+                    && firsts.iter().all(|first| first.model.forms() != one.fitted.model.forms())
+            };
+            let others: Vec<Model> = tried.iter().filter(is_new).map(|one| one.fitted.model.clone()).collect();
+            firsts.extend(bench.polished(&others, POLISH));
+            firsts.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
+        }
         let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, PENALTY));
         Self { base, bare, tried, firsts, pays, candidates }
     }

@@ -50,19 +50,22 @@ fn is_confounded(session: &Session, slot: &Slot) -> bool {
 const AT_A_LIMIT: f64 = 1e-3;
 
 /// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`HALF`] when
-/// one could lie anywhere in its range. One at a limit could lie anywhere beyond.
+/// one could lie anywhere in its range. One at a limit of the search could lie anywhere beyond; where the law is a simpler one, none is missed.
 fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
     if slot.form.spec().discrete {
         return 1.0;
     }
-    let of = |((parameter, &value), &half): ((&Parameter, &f64), &f64)| {
-        let on_the_scale = |value: f64| if parameter.logarithmic { value.ln() } else { value };
-        let (low, high) = (on_the_scale(parameter.low), on_the_scale(parameter.high));
-        let share = |value: f64| (on_the_scale(value.clamp(parameter.low, parameter.high)) - low) / (high - low);
-        let is_at_a_limit = share(value) < AT_A_LIMIT || share(value) > 1.0 - AT_A_LIMIT;
-        if is_at_a_limit { 1.0 } else { share(value + half) - share(value - half) }
+    let of = |((at, parameter), (&value, &half)): ((usize, &Parameter), (&f64, &f64))| {
+        let share = parameter.share(value);
+        if slot.form.does_without(at, [value - half, value + half]) {
+            0.0
+        } else if share.min(1.0 - share) < AT_A_LIMIT {
+            1.0
+        } else {
+            parameter.share(value + half) - parameter.share(value - half)
+        }
     };
-    let widest = slot.form.parameters().iter().zip(&slot.parameters).zip(half_widths).map(of).fold(0.0, f64::max);
+    let widest = slot.form.parameters().iter().enumerate().zip(slot.parameters.iter().zip(half_widths)).map(of).fold(0.0, f64::max);
     1.0 - (1.0 - HALF) * widest
 }
 
