@@ -203,7 +203,8 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
             let one = |controller: &Controller| -> Result<Run> {
                 bar.set_message(controller.name);
                 bar.tick();
-                let mut settings = control.settings(*controller);
+                let mut settings = mover.settings();
+                settings.extend(control.settings(*controller));
                 settings.push(look_ahead);
                 let blob = control.blob_for(*controller, inverse.as_deref());
                 let on = Simulated { arguments, mover: &mover, settings, blob, controller: *controller, reference: &reference };

@@ -153,6 +153,7 @@ pub fn record_for_tuning(mover: &Mover, seed: u64) -> Result<Vec<Recording>, Com
     let (mut client, _) = rig::in_process(mover, seed, 0)?;
     let mut settings = rig::rig_settings();
     settings.push(setting("telemetry.period_ms", SettingValue::Integer(20)));
+    settings.extend(mover.settings());
     run::prepare(&mut client, &settings, None)?;
     let mut recordings = Vec::new();
     for (index, pressures_bar) in tune::excitation(HIGHEST_BAR, seed).iter().enumerate() {

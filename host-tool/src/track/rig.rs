@@ -142,6 +142,16 @@ impl Mover {
         }
     }
 
+    /// Settings that it needs beside [`rig_settings`]: a plant with a dead time and a tip that sticks stands still for longer than the laser may by
+    /// default.
+    #[must_use]
+    pub fn settings(&self) -> SettingValues {
+        match self {
+            Self::Realistic => Vec::new(),
+            Self::Plant(_) => vec![setting("plausibility.stuck_ms", SettingValue::Integer(1000))],
+        }
+    }
+
     /// What it is, for a replay log.
     #[must_use]
     pub fn description(&self, seed: u64) -> String {

@@ -77,7 +77,7 @@ fn tune_finds_the_actuator_and_its_gains_keep_their_margins_and_track_takes_its_
     assert!((first / second - 1.0).abs() < 0.02, "{first} and {second} mm");
 
     // A plant's name is one rig, whatever the option that names it was called.
-    bench.write("short.csv", "time_s,reference_mm\n0,3\n2,7\n4,4\n");
+    bench.write("short.csv", "time_s,reference_mm\n0,0.4\n2,1.2\n4,0.6\n");
     let on = |option: &str| {
         let run = bench.run(&format!(
             "track {option} --settings tuned/settings.toml --model tuned/control.blob --reference short.csv --controllers open-loop --json plant.json --force"
