@@ -142,13 +142,12 @@ impl Mover {
         }
     }
 
-    /// Settings that it needs beside [`rig_settings`]: a plant with a dead time and a tip that sticks stands still for longer than the laser may by
-    /// default.
+    /// Settings that it needs beside [`rig_settings`]: a plant with a dead time and a lag moves later than the laser is expected to by default.
     #[must_use]
     pub fn settings(&self) -> SettingValues {
         match self {
             Self::Realistic => Vec::new(),
-            Self::Plant(_) => vec![setting("plausibility.stuck_ms", SettingValue::Integer(1000))],
+            Self::Plant(_) => vec![setting("plausibility.still_response_ms", SettingValue::Float(600.0))],
         }
     }
 
