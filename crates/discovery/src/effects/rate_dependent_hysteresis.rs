@@ -14,7 +14,7 @@ use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] =
-    &[&ADDITIVE, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights { logarithmic: false }, &Weights { logarithmic: true }];
+    &[&ADDITIVE, &ADDITIVE_FADING, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights { logarithmic: false }, &Weights { logarithmic: true }];
 
 /// Weights that change with the rate, or its logarithm.
 struct Weights {
@@ -39,54 +39,56 @@ const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Qua
 
 const NAME: &str = "rate-dependent-hysteresis";
 
-/// Sizes at rates around `RATE`'s, each followed at once and with a memory.
+/// Sizes at rates around `RATE`'s.
 fn starts(sizes: &[f64]) -> Vec<Vec<f64>> {
-    let growths = [0.1, 1.0, LINEAR].map(|rate| sizes.iter().map(move |size| [size * f64::max(rate, 1.0), rate]));
-    growths.into_iter().flatten().flat_map(|[size, rate]| [FADING.low, 0.04].map(|fading_s| vec![size, rate, fading_s])).collect()
+    [0.1, 1.0, LINEAR].iter().flat_map(|&rate| sizes.iter().map(move |size| vec![size * rate.max(1.0), rate])).collect()
 }
 
-/// A law with all three parameters by those of the forms that had fewer: growth in proportion to the rate, with a memory or none.
-fn of_fewer(stem: &str, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
-    match (form.strip_prefix(stem)?, parameters) {
-        ("-linear" | ", in proportion to the rate", &[growth]) => Some(vec![growth * LINEAR, LINEAR, FADING.low]),
-        ("-fading" | ", in proportion to the rate, and builds up and fades", &[growth, fading_s]) => {
-            Some(vec![growth * LINEAR, LINEAR, fading_s])
-        }
-        _ => None,
-    }
-}
-
-/// The memory, or none where it is as short as can be.
-fn memory_s(parameters: &[f64]) -> f64 {
-    if parameters[2] > FADING.low { parameters[2] } else { 0.0 }
-}
-
-/// A law of all thresholds with the inverse hyperbolic sine of the rate and a memory.
-const fn with_memory(mut own: OfOperators, of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>) -> OfOperators {
-    own.spec.simpler_at = &[(1, LINEAR), (2, FADING.low)];
-    own.spec.of_earlier = of_earlier;
-    own
-}
-
-static ADDITIVE: OfOperators = with_memory(
-    OfOperators::new(
+/// Without a memory: with both, and beside another effect, it is whatever a lag is.
+static ADDITIVE: OfOperators = {
+    let mut own = OfOperators::new(
         (NAME, ("overstress-asinh", "every threshold grows by the same overstress, with the inverse hyperbolic sine of the rate")),
-        &[OVERSTRESS, RATE, FADING],
+        &[OVERSTRESS, RATE],
         || starts(&ladder(0.003, 0.1, 4)),
-        |of, law| [law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
-    ),
-    |form, of| of_fewer("overstress", form, of).or_else(|| of_fewer("every threshold grows by the same", form, of)),
+        |of, law| [law.extra_per_rate, law.rate_scale_per_s] = [of[0], of[1]],
+    );
+    own.spec.simpler_at = &[(1, LINEAR)];
+    own.spec.of_earlier = |form, of| {
+        let is_linear = ["overstress-linear", "every threshold grows by the same, in proportion to the rate"].contains(&form);
+        of.first().filter(|_| is_linear).map(|growth| vec![growth * LINEAR, LINEAR])
+    };
+    own
+};
+
+static ADDITIVE_FADING: OfOperators = OfOperators::new(
+    (NAME, ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades")),
+    &[Parameter { name: "viscous_time", quantity: Quantity::Time, high: 0.5, ..OVERSTRESS }, FADING],
+    || grid(&ladder(0.01, 0.1, 3), &[0.02, 0.06]),
+    |of, law| [law.extra_per_rate, law.rate_memory_s] = [of[0], of[1]],
 );
 
-static PROPORTIONAL: OfOperators = with_memory(
-    OfOperators::new(
+static PROPORTIONAL: OfOperators = {
+    let mut own = OfOperators::new(
         (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
         &[GROWTH, RATE, FADING],
-        || starts(&ladder(0.05, 1.0, 4)),
-        |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], memory_s(of)],
-    ),
-    |form, of| of_fewer("share", form, of).or_else(|| of_fewer("every threshold grows by a share of itself", form, of)),
-);
+        || {
+            starts(&ladder(0.05, 1.0, 4))
+                .iter()
+                .flat_map(|start| [FADING.low, 0.04].map(|memory| [&start[..], &[memory]].concat()))
+                .collect()
+        },
+        // As short as can be it is none.
+        |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], of[2] * f64::from(of[2] > FADING.low)],
+    );
+    own.spec.simpler_at = &[(1, LINEAR), (2, FADING.low)];
+    own.spec.of_earlier = |form, of| {
+        let rest = form.strip_prefix("share").or_else(|| form.strip_prefix("every threshold grows by a share of itself"))?;
+        let is_known = ["-linear", "-fading"].contains(&rest) || rest.starts_with(", in proportion to the rate");
+        let fading_s = of.get(1).copied().unwrap_or(FADING.low);
+        of.first().filter(|_| is_known).map(|growth| vec![growth * LINEAR, LINEAR, fading_s])
+    };
+    own
+};
 
 static VISCOUS: OfOperators = OfOperators::new(
     (NAME, ("viscous", "operators follow their bounds late")),
@@ -177,7 +179,7 @@ mod tests {
             }
         }
         // A parameter that was not there yet: no memory.
-        let law = law("overstress-asinh", &[0.02, 0.1]);
-        assert_eq!((law.extra_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
+        let law = law("share-asinh", &[0.02, 0.1]);
+        assert_eq!((law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
     }
 }
