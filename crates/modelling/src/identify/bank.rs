@@ -193,7 +193,7 @@ mod tests {
             let wave = |k: u32| 1.5 + (f64::from(k) * 0.013).sin() + 0.4 * (f64::from(k) * 0.17).sin();
             let mut value = |k: u32| wave(k) + noise * (random.random::<f64>() - 0.5);
             let input: Vec<f64> =
-                (0..3000).map(|k| value(k)).map(|value| if step > 0.0 { (value / step).round() * step } else { value }).collect();
+                (0..3000).map(&mut value).map(|value| if step > 0.0 { (value / step).round() * step } else { value }).collect();
             let run = Run { output: (0..3000).map(f64::from).collect(), input, skip: 100 };
             let thresholds = [0.0, 0.03, 0.2, 0.7];
             let seen = |samples: &Samples<'_>| {
@@ -202,7 +202,7 @@ mod tests {
                 samples.each(|input, output| {
                     bank.step(input);
                     count += 1;
-                    if output.is_some_and(|output| output as usize % every == 0) {
+                    if output.is_some_and(|output| (output as usize).is_multiple_of(every)) {
                         seen.push((output, (0..4).map(|k| (bank.signal(k, input), bank.slope(k))).collect::<Vec<_>>()));
                     }
                 });

@@ -111,10 +111,13 @@ pub(super) fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Fo
         Thresholds::Grid(count) => on_all.project(&grid(*count)),
         Thresholds::Given(thresholds) => on_all.project(thresholds),
         Thresholds::Free(count) if first == 1 => search.run(*count),
-        // From near the best on few steps are left; the weights, and what they leave, are those of all samples.
+        // How many there are is told by many samples, about where they are by few, exactly where again by many: few steps are left then. The
+        // weights, and what they leave, are those of all samples.
         Thresholds::Free(count) => {
-            let begun = search.run(*count).thresholds;
-            on_all.project(&Search { runs: &samples(second), ..search }.settle(&begun).thresholds)
+            let many = samples(second);
+            let fine = Search { runs: &many, ..search };
+            let near = search.settle(&fine.start(*count)).thresholds;
+            on_all.project(&fine.settle(&near).thresholds)
         }
     };
     (found, family, sign)

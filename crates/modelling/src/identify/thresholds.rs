@@ -76,13 +76,18 @@ impl Search<'_> {
 
     /// At most `count` free thresholds, ascending.
     pub(super) fn run(&self, count: usize) -> Found {
+        self.settle(&self.start(count))
+    }
+
+    /// Thresholds to begin with, at most `count`.
+    pub(super) fn start(&self, count: usize) -> Vec<f64> {
         let grid: Vec<f64> = (0..GRID).map(|index| self.largest * index as f64 / GRID as f64).collect();
         let start = self.project(&grid);
         let mut clusters = clusters(&start);
         while clusters.len() > count {
             merge_cheapest(&mut clusters);
         }
-        self.settle(&clusters.iter().map(|cluster| cluster.0).collect::<Vec<_>>())
+        clusters.into_iter().map(|cluster| cluster.0).collect()
     }
 
     /// The best free thresholds near these.
