@@ -15,7 +15,7 @@ impl Form for Gear {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[Parameter { name: "depth", quantity: Quantity::Ratio, low: 0.005, high: 0.3, logarithmic: true }],
-            starts: &[&[0.02], &[0.05], &[0.15]],
+            starts: || vec![vec![0.02], vec![0.05], vec![0.15]],
             is_static: true,
             ..Spec::new("gear", ("three-teeth", "three teeth"), Place::Muscle)
         }

@@ -31,6 +31,7 @@
 
 pub mod choice;
 mod columns;
+mod filters;
 pub mod interval;
 pub mod linear;
 mod model;
