@@ -13,7 +13,7 @@ pub fn desktop() -> Result<()> {
     let mut documentation = cargo();
     documentation.args(["doc", "--workspace", "--no-deps", "--lib", "--bins", "--examples"]);
     run("documentation", documentation.env("RUSTDOCFLAGS", "--deny warnings"))?;
-    run("tests", cargo().args(["test", "--workspace"]))
+    run("tests", cargo().args(["test", "--workspace", "--no-fail-fast"]))
 }
 
 /// The packages that run on the microcontroller, built for it, its binaries linked against `memory.x`.
