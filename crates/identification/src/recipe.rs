@@ -64,7 +64,7 @@ pub struct Recipe {
     pub dead_quarters: u16,
     /// Lag of the inputs by `lag_s`; 0 is none.
     pub lag: u16,
-    /// How thresholds follow the speed: from a half range in the `lag_s` of this step on, and the gain by [`gain`].
+    /// How thresholds follow the speed: from a half range in the `lag_s` of this step on, and a step of the gain.
     pub widening: Option<(u16, i8)>,
     /// Filter of the sum.
     pub output: OutputKey,
