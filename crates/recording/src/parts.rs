@@ -339,6 +339,12 @@ impl Part {
         let extra = columns.extra.iter().map(|name| ExtraColumn { name: name.clone(), values: next() }).collect();
         let signals = (map.input.signal.clone(), map.output.signal.clone());
         let steps = if order.is_some() { extremes::step_bounds(&time_s) } else { steps };
+        let rows = time_s.len();
+        let more = more_inputs.iter().map(|channel| channel.values.len());
+        let (inputs, outputs) = (more.fold(input.len(), usize::min), output.len());
+        if inputs != rows || outputs != rows {
+            return Err(RecordingError::Lengths { path: path.into(), time: rows, input: inputs, output: outputs });
+        }
         // Every value is readable; a clock at a rate without end does not increase.
         let mut recording = if steps.0 > 0.0 && steps.1.is_finite() {
             Recording::of_checked(path, signals, (time_s, input, output), steps)?
