@@ -207,6 +207,8 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
 /// The line of the fault that struck last stands where the samples say.
 pub async fn fault_is_marked(browser: &Browser, served: &Served) {
     browser.click("pause").await;
+    // What was on its way is drawn.
+    tokio::time::sleep(std::time::Duration::from_millis(500)).await;
     let seen = ends(browser).await;
     let samples = served.api("/api/samples?last=10000");
     let [struck, _] = times(&samples, "fault", seen, |fault| fault != 0).expect("a fault struck");
