@@ -206,6 +206,11 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
 
 /// The line of the fault that struck last stands where the samples say.
 pub async fn fault_is_marked(browser: &Browser, served: &Served) {
+    // A window that is full: left of the device's start the crosshair has nothing to stand on.
+    browser.run("const it = document.getElementById('window'); it.value = '5'; it.dispatchEvent(new Event('change'))").await;
+    while numbers(&served.api("/api/samples?last=1"), "time_ms")[0] < 5_500.0 {
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
     browser.click("pause").await;
     // What was on its way is drawn.
     tokio::time::sleep(std::time::Duration::from_millis(500)).await;
