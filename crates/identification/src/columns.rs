@@ -10,7 +10,8 @@
 //! ```
 //!
 //! `T_n` are Chebyshev polynomials of the first kind; those above the first are held at the ends of the data, where they would run
-//! away. The play operator is eq. (2) of the paper; its threshold may follow the speed, see [`Widening`]. The output path filters the sum of all columns, which is the same as filtering each.
+//! away. The play operator is eq. (2) of the paper; its threshold may follow the speed, see [`Widening`]. The output path filters the sum of
+//! all columns, which is the same as filtering each.
 
 use std::ops::Range;
 

@@ -94,7 +94,7 @@ impl TakesRows for TextRows<'_> {
         if let Some(column) = columns.sequence
             && let Some(wrong) = (before..before + taken.rows).find(|&row| !increases(&part.values[column][..=row]))
         {
-            // The row that goes back is told with its line.
+            // The row that goes back is named by its line.
             part.values.iter_mut().for_each(|values| values.truncate(before));
             taken = plain.take(text, wrong - before, &columns.wanted, &mut part.values);
         }

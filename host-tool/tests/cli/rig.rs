@@ -217,7 +217,7 @@ fn a_recording_and_a_replay_log_of_another_run_are_no_pair() {
     for swapped in ["run.csv", "other.csv"] {
         bench.refuses(&format!("replay {swapped} --json pair.json"), &[swapped, "belongs to another recording"]);
     }
-    assert!(!bench.path("pair.json").exists(), "nothing is told of a pair that is none");
+    assert!(!bench.path("pair.json").exists(), "nothing is written of a pair that is none");
     // Each log for itself is whole.
     assert!(bench.works("replay run.journal").stdout.contains("identical to the bit"));
     // The recording itself, changed in one digit, is another one too.

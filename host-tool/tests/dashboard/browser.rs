@@ -244,6 +244,14 @@ impl Browser {
         }
     }
 
+    /// From idle to running, by the buttons.
+    pub async fn arm_and_start(&self) {
+        self.click("arm").await;
+        self.until_state("armed").await;
+        self.click("start").await;
+        self.until_state("running").await;
+    }
+
     pub async fn until_state(&self, state: &str) {
         self.until(state, &format!("return document.getElementById('now-state').textContent === '{state}'")).await;
     }

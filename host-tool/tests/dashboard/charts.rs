@@ -120,10 +120,7 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
     browser.set("control.feed_forward", 1.0, 2).await;
     browser.run("document.querySelector('input[name=mode][value=displacement]').click()").await;
     browser.run("const it = document.getElementById('window'); it.value = '5'; it.dispatchEvent(new Event('change'))").await;
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
+    browser.arm_and_start().await;
     tokio::time::sleep(Duration::from_millis(1500)).await;
     browser.slide(20.0).await;
     tokio::time::sleep(Duration::from_millis(700)).await;
@@ -159,7 +156,7 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
         for (value, column) in [(told[1], "command_bar"), (told[2], "pressure_bar"), (beside[1], "displacement_mm")] {
             let (low, high) =
                 near(column).into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), one| (low.min(one), high.max(one)));
-            // Three digits are told.
+            // Three digits are shown.
             assert!((low - 0.0006..=high + 0.0006).contains(&value), "{column} at {} s: {value} told, {low} to {high} in truth", told[0]);
         }
     }

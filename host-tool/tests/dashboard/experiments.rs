@@ -224,10 +224,7 @@ async fn a_reference_is_followed_and_the_error_told() {
 
 /// Plays the excitation that is loaded, to its end.
 async fn play(browser: &Browser) {
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
+    browser.arm_and_start().await;
     let begun = Instant::now();
     while browser.text("now-state").await != "idle" {
         assert!(begun.elapsed() < STEP_WITHIN, "it does not end; the page says: {}", browser.said().await);
@@ -315,20 +312,19 @@ async fn a_recording_that_somebody_has_is_loaded_and_computed_on() {
         setting["name"].as_str().is_some_and(|name| name.starts_with("control.")) && setting["value"] != setting["default"]
     });
     assert!(changed.count() >= 2, "the settings that belong to the controller");
-    // What may take minutes tells how far it is, and ends when somebody wants that; on a fast machine so short a recording may be done first.
+    // What takes long tells how far it is, and ends when somebody wants that: of ten minutes the ladder takes many seconds on any machine.
+    let long = served.folder.path().join("long.csv");
+    std::fs::write(&long, recordings::actuator(600, 0.0004)).expect("a file");
+    choose(&long, "long: 30000 samples, 600.0 s.").await;
+    browser.run("document.querySelector('[aria-label=\"Use actuator\"]').click()").await;
     browser.run("document.getElementById('jobs-kinds').scrollIntoView({ block: 'center' })").await;
     browser.press("Fit with networks: minutes").await;
-    let title = "document.getElementById('job-title').textContent";
-    let told = format!("return {title}.startsWith('fit of actuator: ') && document.getElementById('job-lines').textContent !== ''");
-    browser.until("progress", &told).await;
+    let moves = "const now = document.getElementById('job-lines').textContent; const before = window.before; window.before = now;
+                 return document.getElementById('job-title').textContent === 'fit of long: running' && Boolean(before) && now !== before";
+    browser.until("progress", moves).await;
     println!("progress: {}", browser.text("job-lines").await.lines().last().unwrap_or_default());
-    let ended = browser
-        .run("const end = document.getElementById('job-end'); const can = !end.hidden && !end.disabled; end.click(); return can")
-        .await;
-    browser.until("an end", &format!("return {title}.startsWith('fit of actuator: ') && !{title}.endsWith('running')")).await;
-    if ended != true || browser.text("job-title").await != "fit of actuator: ended" {
-        return;
-    }
+    browser.click("job-end").await;
+    computed(&browser, "fit of long: ended").await;
     assert_eq!(browser.run("return document.getElementById('job-use').hidden").await, true, "what was ended made no model");
 }
 

@@ -70,10 +70,7 @@ async fn set_points_end_at_the_ceiling_and_settings_are_searched_compared_and_ta
                  return [Math.abs(beyond.left - slider.right) < 2, beyond.width > 20, getComputedStyle(document.getElementById('beyond')).backgroundImage.startsWith('repeating'),
                    Math.abs(box(tick).left + box(tick).width / 2 - slider.left - slider.width / 2) < 3]";
     assert_eq!(browser.run(drawn).await, serde_json::json!([true, true, true, true]), "the scale and what lies beyond it");
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
+    browser.arm_and_start().await;
     // Beyond the ceiling: by the slider it is the ceiling, by its number it is nothing, by a script it is refused.
     browser.slide(2.7).await;
     browser.until("the pressure", "return Number(document.getElementById('now-pressure').textContent) > 1.9").await;

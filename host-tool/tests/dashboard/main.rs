@@ -40,10 +40,7 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
     browser.be_patient().await;
     browser.picture("dashboard-settings.png").await;
     browser.until_state("idle").await;
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
+    browser.arm_and_start().await;
     // Two slow loops by hand.
     for step in 0..80 {
         browser.slide(1.2 - 1.2 * (std::f64::consts::TAU * f64::from(step) / 40.0).cos()).await;
@@ -143,10 +140,7 @@ async fn an_excitation_is_drawn_checked_loaded_and_played() {
     browser.click("tab-learn").await;
     browser.click("record").await;
     browser.until("the recording", "return document.getElementById('record').textContent === 'End recording'").await;
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
+    browser.arm_and_start().await;
     tokio::time::sleep(Duration::from_secs(4)).await;
     browser.run("scrollTo(0, 0)").await;
     browser.picture("dashboard-dark.png").await;
@@ -168,13 +162,7 @@ async fn an_injected_fault_is_explained_with_what_to_do_and_an_effect_is_hidden_
     let browser = Browser::open(Look::Desktop, &served.address).await;
     browser.be_patient().await;
     browser.click("tab-teach").await;
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
-    browser.slide(1.5).await;
-    tokio::time::sleep(Duration::from_millis(1500)).await;
-    let at_rest_mm = held_mm(&served);
+    let at_rest_mm = held_mm(&browser, &served).await;
     // What moves the tip is not exchanged under pressure, and the page says why.
     browser.press("Hidden: dead zone and saturation").await;
     browser
@@ -199,21 +187,18 @@ async fn an_injected_fault_is_explained_with_what_to_do_and_an_effect_is_hidden_
     let pressed = "return [...document.querySelectorAll('#teach-plants [aria-pressed=true]')].map((it) => it.textContent).join()
                    + document.getElementById('identity').textContent.includes('plant saturation')";
     browser.until("the plant", &format!("return (() => {{ {pressed} }})() === 'Hidden: dead zone and saturationtrue'")).await;
-    browser.click("arm").await;
-    browser.until_state("armed").await;
-    browser.click("start").await;
-    browser.until_state("running").await;
-    browser.slide(1.5).await;
-    tokio::time::sleep(Duration::from_millis(1500)).await;
-    let hidden_mm = held_mm(&served);
+    let hidden_mm = held_mm(&browser, &served).await;
     println!("held at 1.5 bar: {at_rest_mm} mm by play operators alone, {hidden_mm} mm with a dead zone and saturation");
     assert!((at_rest_mm - hidden_mm).abs() > 0.1, "{at_rest_mm} mm, then {hidden_mm} mm");
     browser.run("document.getElementById('tab-teach').scrollIntoView()").await;
     browser.look("teach.png").await;
 }
 
-/// Where the tip is held, by the mean of the last samples.
-fn held_mm(served: &Served) -> f64 {
+/// Runs the rig up to 1.5 bar and gives where the tip is held then, by the mean of the last samples.
+async fn held_mm(browser: &Browser, served: &Served) -> f64 {
+    browser.arm_and_start().await;
+    browser.slide(1.5).await;
+    tokio::time::sleep(Duration::from_millis(1500)).await;
     let displacement = numbers(&served.api("/api/samples?last=200"), "displacement_mm");
     displacement.iter().sum::<f64>() / displacement.len() as f64
 }

@@ -111,7 +111,7 @@ pub(super) fn best_family(runs: &[Run], config: &FitConfig, largest: f64) -> (Fo
         Thresholds::Grid(count) => on_all.project(&grid(*count)),
         Thresholds::Given(thresholds) => on_all.project(thresholds),
         Thresholds::Free(count) if first == 1 => search.run(*count),
-        // How many there are is told by many samples, about where they are by few, exactly where again by many: few steps are left then. The
+        // Their number and a start come from many samples, their place roughly from few and exactly from many: few steps are left then. The
         // weights, and what they leave, are those of all samples.
         Thresholds::Free(count) => {
             let many = samples(second);
