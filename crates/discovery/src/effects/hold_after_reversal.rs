@@ -1,15 +1,45 @@
-//! `hold-after-reversal`: a regulator passes no flow for a time after each reversal of the command; otherwise `T dv/dt = u - v`.
+//! `hold-after-reversal`: a regulator passes no flow for a time after a reversal of the command; otherwise `T dv/dt = u - v`, within a limit of
+//! the rate. A command that turns again while it holds changes nothing, or begins the time anew.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{grid, ladder, lag_coefficients};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::filters::{ladder, lag_coefficients};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::Run;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Held];
+pub const FORMS: &[&dyn Form] = &[&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST];
 
-struct Held;
+struct Held {
+    form: Told,
+    /// Whether each reversal begins the time anew.
+    anew: bool,
+    /// Whether a command that first rises turns: what vented before the recording began fell.
+    from_rest: bool,
+}
+
+static ONCE: Held = Held { form: ("for-a-time", "holds for a time, then catches up"), anew: false, from_rest: false };
+
+static ANEW: Held =
+    Held { form: ("for-a-time-anew", "holds for a time, anew with each reversal, then catches up"), anew: true, from_rest: false };
+
+static ONCE_FROM_REST: Held = Held {
+    form: ("for-a-time-from-rest", "holds for a time, when the command first rises too, then catches up"),
+    anew: false,
+    from_rest: true,
+};
+
+static ANEW_FROM_REST: Held = Held {
+    form: ("for-a-time-anew-from-rest", "holds for a time, anew with each reversal and when the command first rises, then catches up"),
+    anew: true,
+    from_rest: true,
+};
+
+/// A time constant that is none, s.
+const AT_ONCE_S: f64 = 1e-3;
+
+/// A limit of the rate that is none, spans per s.
+const ANY_RATE: f64 = 200.0;
 
 /// Motion back from an extremum that counts as a reversal, spans: more than the rounding of a recorded command.
 const BACK: f64 = 1e-3;
@@ -19,15 +49,19 @@ impl Form for Held {
         Spec {
             parameters: &[
                 Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: 5.0, logarithmic: true },
-                Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: 1e-3, high: 2.0, logarithmic: true },
+                Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: AT_ONCE_S, high: 2.0, logarithmic: true },
+                Parameter { name: "catch_up_rate", quantity: Quantity::InputRate, low: 0.2, high: ANY_RATE, logarithmic: true },
             ],
-            simpler_at: &[(1, 1e-3)],
+            simpler_at: &[(1, AT_ONCE_S), (2, ANY_RATE)],
             // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
-            starts: || grid(&ladder(0.08, 1.5, 16), &[0.02, 0.08]),
-            ..Spec::new("hold-after-reversal", ("for-a-time", "holds for a time, then catches up"), Place::Supply)
+            starts: || {
+                let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
+                ladder(0.08, 1.5, 16).iter().flat_map(|hold| catching_up.map(|[time, rate]| vec![*hold, time, rate])).collect()
+            },
+            ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }
     }
-    leads_input!(|self, parameters, run| Regulator::new(parameters, run));
+    leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }
 
 /// What [`Held`] does to the input.
@@ -35,21 +69,25 @@ impl Form for Held {
 struct Regulator {
     hold_s: f64,
     catch_up_s: f64,
+    rate_per_s: f64,
+    anew: bool,
+    from_rest: bool,
     period_s: f64,
     /// Coefficients of the lag over a whole sample.
     lag: (f64, f64, f64),
 }
 
 impl Regulator {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        let [hold_s, catch_up_s] = [parameters[0], parameters[1]];
-        Self { hold_s, catch_up_s, period_s: run.period_s, lag: lag_coefficients(catch_up_s, run.period_s) }
+    fn new(parameters: &[f64], form: &Held, run: &Run) -> Self {
+        let [hold_s, catch_up_s, rate_per_s] = [parameters[0], parameters[1], parameters[2]];
+        let lag = lag_coefficients(catch_up_s, run.period_s);
+        Self { hold_s, catch_up_s, rate_per_s, anew: form.anew, from_rest: form.from_rest, period_s: run.period_s, lag }
     }
 }
 
 impl Filter<8> for Regulator {
     fn begin(&self, first: f64) -> [f64; 8] {
-        [first, first, first, 0.0, 0.0, 0.0, 0.0, 0.0]
+        [first, first, first, if self.from_rest { -1.0 } else { 0.0 }, 0.0, 0.0, 0.0, 0.0]
     }
     #[inline(always)]
     fn step(&self, [state, last, farthest, direction, since_s, left_s, step, early_s]: &mut [f64; 8], value: f64) -> f64 {
@@ -69,7 +107,7 @@ impl Filter<8> for Regulator {
             if onward < -BACK {
                 // What turns while it holds goes on holding.
                 let ago_s = *since_s + *early_s;
-                *left_s = if *left_s - self.period_s + ago_s > 0.0 { *left_s } else { self.hold_s - ago_s + self.period_s };
+                *left_s = if !self.anew && *left_s - self.period_s + ago_s > 0.0 { *left_s } else { self.hold_s - ago_s + self.period_s };
                 (*step, *farthest, *direction, *since_s) = (value - *last, value, -*direction, 0.0);
             }
         }
@@ -77,7 +115,9 @@ impl Filter<8> for Regulator {
         *left_s -= self.period_s;
         if open_s > 0.0 {
             let (keep, now, then) = if open_s < self.period_s { lag_coefficients(self.catch_up_s, open_s) } else { self.lag };
-            *state = keep * *state + now * value + then * (value - (value - *last) * open_s / self.period_s);
+            let caught_up = keep * *state + now * value + then * (value - (value - *last) * open_s / self.period_s);
+            let most = self.rate_per_s * open_s;
+            *state = caught_up.clamp(*state - most, *state + most);
         }
         *last = value;
         *state
@@ -102,7 +142,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut path = run.input.clone();
-        Held.input(&[hold_s, catch_up_s], run, &mut path);
+        ONCE.input(&[hold_s, catch_up_s, ANY_RATE], run, &mut path);
         // T v' = u - v: on a ramp of slope a it follows a T behind, and from any other place exponentially.
         let slope = 0.5;
         let top = 1.0 - slope * catch_up_s;
@@ -131,7 +171,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let (mut path, mut lagging) = (run.input.clone(), run.input.clone());
-        Held.input(&[1.0, 0.1], run, &mut path);
+        ONCE.input(&[1.0, 0.1, ANY_RATE], run, &mut path);
         crate::chain::filters::lag(&mut lagging, 0.1, run.period_s);
         assert!(path.iter().zip(&lagging).all(|(x, y)| (x - y).abs() < 1e-12));
     }

@@ -1,11 +1,10 @@
 //! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`,
 //! and followed at once or like a volume behind a restriction.
 
-use std::f64::consts::TAU;
-
+use crate::chain::filters::best_starts;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
-use crate::data::phasors::{spacing_hz, transform};
-use crate::data::session::{Run, Session};
+use crate::data::phasors::spacing_hz;
+use crate::data::session::{Role, Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&Held];
@@ -21,8 +20,11 @@ const LONGEST_S: f64 = 0.6;
 /// Fewest samples in a period that is looked for: with fewer, a dead time of half of it does as well.
 const FEWEST_SAMPLES: f64 = 3.0;
 
-/// Periods that are tried.
-const PEAKS: usize = 8;
+/// Places of the first look that are looked at, over the period.
+const FIRST_LOOKS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
+
+/// Starts that are made finer.
+const BEST: usize = 8;
 
 impl Form for Held {
     fn spec(&self) -> Spec {
@@ -41,46 +43,39 @@ impl Form for Held {
             )
         }
     }
-    /// Behind a held command the output misses `u' (t - t_k - P / 2)` of a smooth one, a sawtooth: its product with `u'` has a line at `1 / P`.
+    /// What holding does to the steps of the command against what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let period_s = session.runs[0].period_s;
-        let of = |run: &Run| -> Vec<f64> {
-            let counts = |sample: usize| run.keep[sample] && run.role[sample].is_worked_with();
-            let slope = |sample: usize| run.input[(sample + 1).min(run.input.len() - 1)] - run.input[sample.saturating_sub(1)];
-            // A step between two samples says nothing of a period and would outweigh all that moves.
-            let moves = |sample: usize| slope(sample).abs() <= 2.0 * run.period_s * session.fastest_per_s;
-            let slopes: Vec<f64> =
-                (0..run.input.len()).map(|sample| if counts(sample) && moves(sample) { slope(sample) } else { 0.0 }).collect();
-            // The mean delay goes first: with it the command's own lines would show.
-            let squares = slopes.iter().map(|slope| slope * slope).sum::<f64>().max(1e-30);
-            let delay = residual[run.index].iter().zip(&slopes).map(|(missed, slope)| missed * slope).sum::<f64>() / squares;
-            residual[run.index].iter().zip(&slopes).map(|(missed, slope)| (missed - delay * slope) * slope).collect()
-        };
-        let products: Vec<Vec<f64>> = session.worked().map(of).collect();
-        let sums = |frequencies_hz: &[f64]| -> Vec<[f64; 2]> {
-            let all: Vec<[Vec<f64>; 2]> = products.iter().map(|values| transform(values, 0.0, period_s, frequencies_hz)).collect();
-            (0..frequencies_hz.len()).map(|at| [0, 1].map(|part: usize| all.iter().map(|one| one[part][at]).sum())).collect()
-        };
-        let power = |[re, im]: &[f64; 2]| re * re + im * im;
-        let spacing_hz = spacing_hz(session);
-        let count = ((1.0 / (FEWEST_SAMPLES * period_s) - 1.0 / LONGEST_S) / spacing_hz).max(0.0) as usize;
-        let frequencies: Vec<f64> = (0..count).map(|step| 1.0 / LONGEST_S + step as f64 * spacing_hz).collect();
-        let powers: Vec<f64> = sums(&frequencies).iter().map(power).collect();
-        let mut peaks: Vec<usize> = (1..count.saturating_sub(1)).filter(|&at| powers[at] >= powers[at - 1].max(powers[at + 1])).collect();
-        peaks.sort_by(|x, y| powers[*y].total_cmp(&powers[*x]));
-        let tuned = |at: usize| {
-            let mut best = ([0.0; 2], frequencies[at]);
-            for finer in [0.1, 0.01] {
-                let comb: Vec<f64> = (-10..=10).map(|step| best.1 + finer * f64::from(step) * spacing_hz).collect();
-                best = sums(&comb).into_iter().zip(comb).fold(best, |best, one| if power(&one.0) > power(&best.0) { one } else { best });
+        let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
+        let score = |parameters: &Vec<f64>| {
+            let (mut cross, mut energy) = (0.0, 1e-30);
+            for run in &runs {
+                let mut path = run.input.clone();
+                self.input(parameters, run, &mut path);
+                let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
+                for (behind, missed) in behind.windows(2).zip(residual[run.index].windows(2)) {
+                    let (x, y) = (behind[1] - behind[0], missed[1] - missed[0]);
+                    cross += x * y;
+                    energy += x * x;
+                }
             }
-            // The sawtooth is `-sum sin(2 pi k (t - t_0) / P) P / (pi k)`.
-            let first = best.0[1].atan2(best.0[0]) / TAU - 0.25;
-            // It comes out early by as much as strokes bend within a period.
-            let of = |late: f64, follows_s: f64| vec![1.0 / best.1, (first + late).rem_euclid(1.0), follows_s];
-            [of(0.0, FOLLOWS.low), of(0.05, FOLLOWS.low), of(0.0, 0.02)]
+            cross / energy.sqrt()
         };
-        peaks.into_iter().take(PEAKS).flat_map(tuned).collect()
+        let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * session.runs[0].period_s));
+        let spacing_hz = spacing_hz(session);
+        let count = ((fastest_hz - slowest_hz) / spacing_hz).max(0.0) as usize;
+        let of = |step: usize| {
+            let period_s = 1.0 / (slowest_hz + step as f64 * spacing_hz);
+            FIRST_LOOKS.into_iter().map(move |first| vec![period_s, first, FOLLOWS.low])
+        };
+        let best = best_starts((0..count).flat_map(of), score, BEST);
+        // Finer steps about each, until a period is as near as a recording can tell.
+        let finer = |start: Vec<f64>| {
+            let around = |step: i32| 1.0 / (1.0 / start[0] + 0.1 * f64::from(step) * spacing_hz);
+            let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (around(step), 0.06 * f64::from(late))));
+            let all = places.map(|(period_s, late)| vec![period_s, (start[1] + late).rem_euclid(1.0), FOLLOWS.low]);
+            best_starts(all, score, 1)
+        };
+        best.into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let samples = parameters[0] / run.period_s;
@@ -107,6 +102,8 @@ impl Form for Held {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
     use recording::{Recording, Signal};
     use std::path::Path;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::chain::form::Parameter;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
+use crate::effects::catalogue;
 use crate::explanation::diagnosis::Residual;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
@@ -123,6 +124,11 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Opt
 /// What the mask names.
 const OUTLIERS: &str = "outliers";
 
+/// Names of effects with a form that jumps.
+fn names_that_jump() -> Vec<&'static str> {
+    catalogue::forms().iter().filter(|form| form.jumps().is_some()).map(|form| form.name()).collect()
+}
+
 /// The verdict and the figures.
 pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decision, found: &Found) -> Discovery {
     let after = &decision.model;
@@ -138,7 +144,9 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     let rmse_after = rmse(session, &residual_after, Role::Select, &in_a_gap, false);
     // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
-    let jumps = after.slots.iter().any(|slot| slot.form.jumps().is_some());
+    // A simulation of what jumps misses the times of the jumps as much as an observer does.
+    let jumping = names_that_jump();
+    let jumps = after.names().any(|name| jumping.contains(&name));
     let confounded = after.slots.iter().any(|slot| is_confounded(session, slot));
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
     let Left { stands_out, share: unexplained } = Left::new(was, is - scatter, floor * floor);

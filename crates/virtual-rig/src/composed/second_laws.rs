@@ -104,6 +104,21 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
                 place
             }))
         }
+        "hold-after-reversal" => {
+            // Shut anew by each turn of the command; a valve that lets through so much and no more catches up.
+            let (hold_s, most) = (draw.log(0.1, 0.4), span * draw.log(1.0, 4.0));
+            draw.tell("hold-after-reversal.hold_s", hold_s);
+            let (mut state, mut last, mut falls, mut left_s) = (0.0_f64, 0.0_f64, false, 0.0_f64);
+            Drawn::Before(stage(move |value, _| {
+                let turns = if falls { value > last + 1e-9 } else { value < last - 1e-9 };
+                left_s = if turns { hold_s } else { left_s - STEP_S };
+                (falls, last) = (falls != turns, value);
+                if left_s <= 0.0 {
+                    state += (value - state).clamp(-most * STEP_S, most * STEP_S);
+                }
+                state
+            }))
+        }
         other => laws::tuning(other, draw),
     }
 }
