@@ -363,7 +363,7 @@ impl dyn Form + '_ {
     pub fn does_without(&self, parameter: usize, between: [f64; 2]) -> bool {
         /// Share of a range that makes no difference.
         const NEARLY: f64 = 0.05;
-        self.spec().simpler_at.iter().find(|simpler| simpler.0 == parameter).is_some_and(|&(_, simple)| {
+        self.spec().simpler_at.iter().filter(|simpler| simpler.0 == parameter).any(|&(_, simple)| {
             let [low, high, simple] = [between[0], between[1], simple].map(|value| self.parameters()[parameter].share(value));
             low - NEARLY < simple && simple < high + NEARLY
         })

@@ -32,6 +32,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
     // A reading between two steps of the sensor flickers by one.
     let output_step = session.output_step;
     let flicker = 2.5 * output_step;
+    let mut alone: Vec<(usize, Vec<Range<usize>>)> = Vec::new();
     for (run, residual) in session.runs.iter_mut().zip(residual).filter(|(run, _)| run.is_worked_with()) {
         masked += bursts(run, output_step);
         let noise = fast_noise(&worked_with(run, residual)).max(fast_noise(&worked_with(run, &run.output))).max(1e-9);
@@ -83,15 +84,49 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
             sample += 1;
         }
         if kind == Residual::OfModel {
-            masked += lonely(run, residual, threshold) + frozen::off_the_model(run, residual, threshold);
+            alone.push((run.index, lonely(run, residual, threshold)));
+            masked += frozen::off_the_model(run, residual, threshold);
+        }
+    }
+    if !go_with_motion(session, &alone) {
+        for (run, bursts) in alone {
+            masked += bursts.into_iter().map(|burst| frozen::mask(&mut session.runs[run], burst)).sum::<usize>();
         }
     }
     masked
 }
 
-/// Masks short bursts in which residual and output both leave the level of their surroundings, while those keep still.
-fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
-    const AROUND: usize = 9;
+/// Deviations from which on a mean rank is no chance.
+const NO_CHANCE: f64 = 3.0;
+
+/// Whether bursts prefer the moments when the input moves: a sensor errs at any time, and a model lacks something where the rig moves. By the mean rank
+/// of the input's steps about each burst among those of all samples (Wilcoxon 1945).
+fn go_with_motion(session: &Session, bursts: &[(usize, Vec<Range<usize>>)]) -> bool {
+    let steps = |run: &Run, at: usize| {
+        let around = &run.input[at.saturating_sub(AROUND)..(at + AROUND + 1).min(run.input.len())];
+        around.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
+    };
+    let mut all: Vec<f64> = session.worked().flat_map(|run| (0..run.input.len()).step_by(AROUND).map(|at| steps(run, at))).collect();
+    all.sort_by(f64::total_cmp);
+    let rank = |value: f64| {
+        let below = all.partition_point(|other| *other < value);
+        let up_to = all.partition_point(|other| *other <= value);
+        0.5 * (below + up_to) as f64 / all.len() as f64
+    };
+    let of = |(run, bursts): &(usize, Vec<Range<usize>>)| -> Vec<f64> {
+        bursts.iter().map(|burst| rank(steps(&session.runs[*run], burst.start))).collect()
+    };
+    let ranks: Vec<f64> = bursts.iter().flat_map(of).collect();
+    // Ranks over their number are even between 0 and 1: their variance is a twelfth.
+    let deviation = (12.0 * ranks.len() as f64).sqrt().recip();
+    ranks.iter().sum::<f64>() > (0.5 + NO_CHANCE * deviation) * ranks.len() as f64
+}
+
+/// Samples on either side that a burst is seen against.
+const AROUND: usize = 9;
+
+/// Short bursts in which residual and output both leave the level of their surroundings, while those keep still.
+fn lonely(run: &Run, residual: &[f64], threshold: f64) -> Vec<Range<usize>> {
     let samples = residual.len();
     let deviation = |values: &[f64], at: usize| {
         let mut window: Vec<f64> = values[at.saturating_sub(AROUND)..(at + AROUND + 1).min(samples)].to_vec();
@@ -115,19 +150,9 @@ fn lonely(run: &mut Run, residual: &[f64], threshold: f64) -> usize {
         }
     }
     // Longer stretches are motion that the model lacks, and what a recording begins with hangs on a past that nobody recorded.
-    let mut masked = 0;
-    let mut start = 0;
-    while start < wrong.len() {
-        let end = (start + 1..wrong.len()).find(|&next| wrong[next] != wrong[next - 1] + 1).unwrap_or(wrong.len());
-        if end - start <= LONGEST && wrong[start] > LONGEST && returns(run, &of_residual, wrong[start]..wrong[end - 1] + 1) {
-            for &at in &wrong[start..end] {
-                run.keep[at] = false;
-                masked += 1;
-            }
-        }
-        start = end;
-    }
-    masked
+    let rows = wrong.chunk_by(|one, next| *next == one + 1).map(|row| row[0]..row[row.len() - 1] + 1);
+    let is_short = |row: &Range<usize>| row.len() <= LONGEST && row.start > LONGEST;
+    rows.filter(|row| is_short(row) && returns(run, &of_residual, row.clone())).collect()
 }
 
 /// Whether the output is back behind the burst where it was before, but for what the input did meanwhile: what jumps and stays there is a stick position

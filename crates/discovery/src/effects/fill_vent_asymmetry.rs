@@ -4,9 +4,9 @@
 use crate::chain::columns::Filter;
 use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::{elementary, side_by_side};
+use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
-use crate::effects::pneumatic_lag;
+use crate::effects::pneumatic_lag::{self, POWER, through_orifice_s};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&TWO_LAGS, &TWO_LAGS_HELD, &COMMANDED, &COMMANDED_HELD, &DRIVEN, &DRIVEN_HELD, &ORIFICE];
@@ -64,16 +64,8 @@ const VENT: Parameter = Parameter { name: "vent_time_constant", ..FILL };
 
 const FADING: Parameter = Parameter { name: "fading", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false };
 
-const POWER: Parameter = Parameter { name: "flow_power", quantity: Quantity::Ratio, low: 0.4, high: 1.2, logarithmic: false };
-
 /// Logarithm of the ratio of time constants up to which they are tried as one.
 const ALIKE: f64 = 0.4;
-
-/// Difference, in spans, at which the power law has the time constants as they are told.
-const TOLD_AT: f64 = 0.1;
-
-/// Smallest difference that the power law is followed to.
-const LAMINAR: f64 = 1e-3;
 
 impl Form for TwoLags {
     fn spec(&self) -> Spec {
@@ -91,8 +83,10 @@ impl Form for TwoLags {
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         let [fill_s, vent_s] = [parameters[0], parameters[1]];
-        let lag = pneumatic_lag::FORMS[usize::from(self.held)];
-        if (fill_s / vent_s).ln().abs() < ALIKE { vec![(lag, vec![(fill_s * vent_s).sqrt()])] } else { Vec::new() }
+        let lag: &'static dyn Form =
+            if self.law == Law::Orifice { &pneumatic_lag::ORIFICE } else { pneumatic_lag::FORMS[usize::from(self.held)] };
+        let rest = if self.law == Law::Orifice { &parameters[2..] } else { &[] };
+        if (fill_s / vent_s).ln().abs() < ALIKE { vec![(lag, [&[(fill_s * vent_s).sqrt()], rest].concat())] } else { Vec::new() }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let times = ladder(0.03, 0.5, 4);
@@ -173,10 +167,7 @@ impl<const LAW: usize> Filter<3> for Following<LAW> {
                 // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
                 lag_coefficients(time_s / (1.0 - self.third * (1.0 - drive)), self.period_s)
             }
-            POWER_LAW => {
-                let difference = (target - *state).abs().max(LAMINAR) / TOLD_AT;
-                lag_coefficients(time_s * elementary::power(difference, 1.0 - self.third), self.period_s)
-            }
+            POWER_LAW => lag_coefficients(through_orifice_s(time_s, target - *state, self.third), self.period_s),
             _ => {
                 let [fill, vent] = self.lags;
                 let of = |fill: f64, vent: f64| if fills { fill } else { vent };

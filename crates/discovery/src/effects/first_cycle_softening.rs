@@ -1,5 +1,6 @@
 //! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
-//! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not. Or it is the largest load so far
+//! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not; or with the number of
+//! strokes done. Or it is the largest load so far
 //! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
 
 use std::collections::BTreeMap;
@@ -10,14 +11,21 @@ use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] =
-    &[&Softening::Distance, &Softening::Lasting, &Softening::Largest { heals: true }, &Softening::Largest { heals: false }];
+pub const FORMS: &[&dyn Form] = &[
+    &Softening::Distance,
+    &Softening::Strokes,
+    &Softening::Lasting,
+    &Softening::Largest { heals: true },
+    &Softening::Largest { heals: false },
+];
 
 /// What softens.
 enum Softening {
     /// The distance travelled in a recording.
     Distance,
-    /// That in the session.
+    /// The strokes that are done in a recording.
+    Strokes,
+    /// That distance in the session.
     Lasting,
     /// The highest input, since the recording began where the muscle heals in between, or since the session began.
     Largest { heals: bool },
@@ -25,6 +33,9 @@ enum Softening {
 
 /// A recovery that no session lasts for, s.
 const NEVER_S: f64 = 1e4;
+
+/// Shortest way up that is a stroke, spans.
+const LEAST_STROKE: f64 = 0.1;
 
 /// Way up and down that an input takes.
 fn travel(input: &[f64]) -> f64 {
@@ -43,6 +54,11 @@ impl Form for Softening {
                 simpler_at: &[(1, NEVER_S)],
                 starts: || grid(&ladder(0.3, 6.0, 6), &[20.0, NEVER_S]),
                 ..of(("distance-in-recording", "with the distance that the displacement has travelled since the recording began"))
+            },
+            Self::Strokes => Spec {
+                parameters: &[Parameter { name: "strokes", quantity: Quantity::Ratio, low: 0.2, high: 10.0, logarithmic: true }],
+                starts: || row(&[0.5, 1.5, 4.0]),
+                ..of(("strokes-in-recording", "with the strokes that are done since the recording began"))
             },
             Self::Lasting => Spec {
                 // First cycles are few: what goes on for many recordings is a drift of the gain.
@@ -82,6 +98,17 @@ impl Form for Softening {
                     let settled = if gone > 0.0 { back / gone } else { 1.0 };
                     stiff = settled + (stiff - settled) * (-gone).exp();
                     sum[sample] * stiff
+                });
+            }
+            Self::Strokes => {
+                let (mut done, mut highest, mut lowest) = (0.0, run.input[0], run.input[0]);
+                columns.push(true, |sample| {
+                    (highest, lowest) = (run.input[sample].max(highest), run.input[sample].min(lowest));
+                    // A stroke is done when half of its way is taken back.
+                    if highest - run.input[sample] > 0.5 * (highest - lowest).max(LEAST_STROKE) {
+                        (done, highest, lowest) = (done + 1.0, run.input[sample], run.input[sample]);
+                    }
+                    sum[sample] * (-done / parameters[0]).exp()
                 });
             }
             Self::Lasting => {

@@ -51,12 +51,15 @@ impl Form for Held {
                 Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: 5.0, logarithmic: true },
                 Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: AT_ONCE_S, high: 2.0, logarithmic: true },
                 Parameter { name: "catch_up_rate", quantity: Quantity::InputRate, low: 0.2, high: ANY_RATE, logarithmic: true },
+                // A regulator that vents by another valve than it fills by need not hold at both ends.
+                Parameter { name: "trough_over_peak", quantity: Quantity::Ratio, low: 0.0, high: 3.0, logarithmic: false },
             ],
-            simpler_at: &[(1, AT_ONCE_S), (2, ANY_RATE)],
+            simpler_at: &[(1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0)],
             // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
             starts: || {
                 let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
-                ladder(0.08, 1.5, 16).iter().flat_map(|hold| catching_up.map(|[time, rate]| vec![*hold, time, rate])).collect()
+                let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
+                ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of).collect()
             },
             ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }
@@ -68,6 +71,8 @@ impl Form for Held {
 #[derive(PartialEq)]
 struct Regulator {
     hold_s: f64,
+    /// The same at a trough.
+    trough_s: f64,
     catch_up_s: f64,
     rate_per_s: f64,
     anew: bool,
@@ -80,8 +85,8 @@ struct Regulator {
 impl Regulator {
     fn new(parameters: &[f64], form: &Held, run: &Run) -> Self {
         let [hold_s, catch_up_s, rate_per_s] = [parameters[0], parameters[1], parameters[2]];
-        let lag = lag_coefficients(catch_up_s, run.period_s);
-        Self { hold_s, catch_up_s, rate_per_s, anew: form.anew, from_rest: form.from_rest, period_s: run.period_s, lag }
+        let (trough_s, lag) = (parameters[3] * hold_s, lag_coefficients(catch_up_s, run.period_s));
+        Self { hold_s, trough_s, catch_up_s, rate_per_s, anew: form.anew, from_rest: form.from_rest, period_s: run.period_s, lag }
     }
 }
 
@@ -107,7 +112,9 @@ impl Filter<8> for Regulator {
             if onward < -BACK {
                 // What turns while it holds goes on holding.
                 let ago_s = *since_s + *early_s;
-                *left_s = if !self.anew && *left_s - self.period_s + ago_s > 0.0 { *left_s } else { self.hold_s - ago_s + self.period_s };
+                let hold_s = if *direction > 0.0 { self.hold_s } else { self.trough_s };
+                let again_s = hold_s - ago_s + self.period_s;
+                *left_s = if !self.anew && *left_s - self.period_s + ago_s > 0.0 { *left_s } else { again_s.max(*left_s) };
                 (*step, *farthest, *direction, *since_s) = (value - *last, value, -*direction, 0.0);
             }
         }
@@ -142,7 +149,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut path = run.input.clone();
-        ONCE.input(&[hold_s, catch_up_s, ANY_RATE], run, &mut path);
+        ONCE.input(&[hold_s, catch_up_s, ANY_RATE, 1.0], run, &mut path);
         // T v' = u - v: on a ramp of slope a it follows a T behind, and from any other place exponentially.
         let slope = 0.5;
         let top = 1.0 - slope * catch_up_s;
@@ -171,7 +178,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let (mut path, mut lagging) = (run.input.clone(), run.input.clone());
-        ONCE.input(&[1.0, 0.1, ANY_RATE], run, &mut path);
+        ONCE.input(&[1.0, 0.1, ANY_RATE, 1.0], run, &mut path);
         crate::chain::filters::lag(&mut lagging, 0.1, run.period_s);
         assert!(path.iter().zip(&lagging).all(|(x, y)| (x - y).abs() < 1e-12));
     }

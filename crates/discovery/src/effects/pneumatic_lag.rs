@@ -1,14 +1,15 @@
 //! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row, behind a
-//! converter that holds the command between samples, or through a tube in which the denser air flows more easily.
+//! converter that holds the command between samples, through a tube in which the denser air flows more easily, or through an orifice.
 
 use crate::chain::columns::{Columns, Filter};
+use crate::chain::elementary;
 use crate::chain::filters::{Lag, grid, ladder, lag, lag_coefficients, lag_of_held, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &DENSE, &GROWING];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &DENSE, &GROWING, &ORIFICE];
 
 /// One lag, or two in a row.
 struct Restriction {
@@ -139,6 +140,61 @@ impl Filter<2> for Condensing {
         }
         *state
     }
+}
+
+/// An orifice: the flow grows with a power of the difference of pressures.
+pub struct Orifice;
+
+/// It as a form.
+pub static ORIFICE: Orifice = Orifice;
+
+/// One is laminar flow, a half turbulent.
+pub const POWER: Parameter = Parameter { name: "flow_power", quantity: Quantity::Ratio, low: 0.4, high: 1.2, logarithmic: false };
+
+/// Difference, in spans, at which the power law has the time constant as it is told.
+const TOLD_AT: f64 = 0.1;
+
+/// Smallest difference that the power law is followed to.
+const LAMINAR: f64 = 1e-3;
+
+impl Form for Orifice {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[TIME, POWER],
+            starts: || grid(&ladder(0.03, 0.6, 5), &[0.75]),
+            simpler_at: &[(1, 1.0)],
+            ..Spec::new("pneumatic-lag", ("orifice", "an orifice before the hysteresis, flow with a power of the difference"), Place::Flow)
+        }
+    }
+    leads_input!(|self, parameters, run| Flow { time_s: parameters[0], power: parameters[1], period_s: run.period_s });
+}
+
+/// What [`Orifice`] does to the input.
+#[derive(PartialEq)]
+struct Flow {
+    time_s: f64,
+    power: f64,
+    period_s: f64,
+}
+
+impl Filter<2> for Flow {
+    fn begin(&self, first: f64) -> [f64; 2] {
+        [first; 2]
+    }
+    #[inline(always)]
+    fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
+        let time_s = through_orifice_s(self.time_s, 0.5 * (value + *last) - *state, self.power);
+        let (keep, now, before) = lag_coefficients(time_s, self.period_s);
+        *state = keep * *state + now * value + before * *last;
+        *last = value;
+        *state
+    }
+}
+
+/// Time constant of a flow that grows with a power of the difference of pressures, s, where the difference is this one.
+#[inline(always)]
+pub fn through_orifice_s(time_s: f64, difference: f64, power: f64) -> f64 {
+    time_s * elementary::power(difference.abs().max(LAMINAR) / TOLD_AT, 1.0 - power)
 }
 
 /// Steps inside a sample, over which the tube's time constant stands still.

@@ -2,14 +2,23 @@
 //! and followed at once or like a volume behind a restriction.
 
 use crate::chain::filters::best_starts;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::phasors::spacing_hz;
 use crate::data::session::{Role, Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Held];
+pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON];
 
-struct Held;
+struct Held {
+    form: Told,
+    /// Whether the clock runs on from recording to recording.
+    runs_on: bool,
+}
+
+static OF_EACH_RECORDING: Held =
+    Held { form: ("of-each-recording", "held for a period, counted from the start of each recording"), runs_on: false };
+
+static RUNNING_ON: Held = Held { form: ("of-the-session", "held for a period of a clock that runs on through the session"), runs_on: true };
 
 /// Time constant of what follows the held command; as short as can be it follows at once.
 const FOLLOWS: Parameter = Parameter { name: "follow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true };
@@ -36,67 +45,100 @@ impl Form for Held {
             ],
             steps: &[2e-4, 0.05, 0.3],
             simpler_at: &[(2, FOLLOWS.low)],
-            ..Spec::new(
-                "sample-and-hold",
-                ("of-each-recording", "held for a period, counted from the start of each recording"),
-                Place::Supply,
-            )
+            ..Spec::new("sample-and-hold", self.form, Place::Supply)
         }
     }
-    /// What holding does to the steps of the command against what the model misses of those of the output.
+    /// Periods and first looks of which what holding does to the steps of the command goes best with what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
-        let score = |parameters: &Vec<f64>| {
-            let (mut cross, mut energy) = (0.0, 1e-30);
-            for run in &runs {
-                let mut path = run.input.clone();
-                self.input(parameters, run, &mut path);
-                let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
-                for (behind, missed) in behind.windows(2).zip(residual[run.index].windows(2)) {
-                    let (x, y) = (behind[1] - behind[0], missed[1] - missed[0]);
-                    cross += x * y;
-                    energy += x * x;
-                }
-            }
+        let products = |run: &Run, period_s: f64, first: f64| {
+            let mut path = run.input.clone();
+            hold(&mut path, period_s, first, FOLLOWS.low, run.period_s);
+            let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
+            let steps = behind.windows(2).zip(residual[run.index].windows(2)).map(|(x, y)| (x[1] - x[0], y[1] - y[0]));
+            steps.fold((0.0, 1e-30), |(cross, energy), (x, y)| (cross + x * y, energy + x * x))
+        };
+        let over = |sums: &mut dyn Iterator<Item = (f64, f64)>| {
+            let (cross, energy) = sums.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
             cross / energy.sqrt()
         };
+        let score = |start: &Vec<f64>| over(&mut runs.iter().map(|run| products(run, start[0], self.first_look(start, run))));
+        // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
+        let best_looks = |start: &Vec<f64>| {
+            let best = |run: &&Run| {
+                let of = FIRST_LOOKS.map(|first| products(run, start[0], first));
+                of.into_iter().fold(of[0], |best, one| if one.0 / one.1.sqrt() > best.0 / best.1.sqrt() { one } else { best })
+            };
+            over(&mut runs.iter().map(best))
+        };
+        let of_recordings = spacing_hz(session);
+        let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low];
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * session.runs[0].period_s));
-        let spacing_hz = spacing_hz(session);
-        let count = ((fastest_hz - slowest_hz) / spacing_hz).max(0.0) as usize;
-        let of = |step: usize| {
-            let period_s = 1.0 / (slowest_hz + step as f64 * spacing_hz);
-            FIRST_LOOKS.into_iter().map(move |first| vec![period_s, first, FOLLOWS.low])
+        let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
+        let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
+        let mut begun = if self.runs_on {
+            let best = best_starts(frequencies.map(|hz| with(hz, 0.0)), best_looks, BEST);
+            let of_session = of_recordings * session.runs[0].input.len() as f64 * session.runs[0].period_s / session_length_s(session);
+            let steps = (of_recordings / of_session).ceil() as i32;
+            let near = |start: Vec<f64>| {
+                let all =
+                    (-steps..=steps).flat_map(|step| FIRST_LOOKS.map(|first| with(1.0 / start[0] + f64::from(step) * of_session, first)));
+                best_starts(all, score, 1)
+            };
+            (of_session, best.into_iter().flat_map(near).collect::<Vec<_>>())
+        } else {
+            let all = frequencies.flat_map(|hz| FIRST_LOOKS.map(|first| with(hz, first)));
+            (of_recordings, best_starts(all, score, BEST))
         };
-        let best = best_starts((0..count).flat_map(of), score, BEST);
-        // Finer steps about each, until a period is as near as a recording can tell.
+        // Finer steps about each, until a period is as near as can be told.
         let finer = |start: Vec<f64>| {
-            let around = |step: i32| 1.0 / (1.0 / start[0] + 0.1 * f64::from(step) * spacing_hz);
-            let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (around(step), 0.06 * f64::from(late))));
-            let all = places.map(|(period_s, late)| vec![period_s, (start[1] + late).rem_euclid(1.0), FOLLOWS.low]);
-            best_starts(all, score, 1)
+            let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
+            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * begun.0, start[1] + late)), score, 1)
         };
-        best.into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
+        std::mem::take(&mut begun.1).into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let samples = parameters[0] / run.period_s;
-        let before = path.to_vec();
-        let is_followed = parameters[2] > FOLLOWS.low;
-        let keep = |samples: f64| (-samples * run.period_s / parameters[2]).exp();
-        let (mut held, mut state) = (before[0], before[0]);
-        for (sample, value) in path.iter_mut().enumerate() {
-            // A look at the moment of a sample counts.
-            let look = (sample as f64 / samples - parameters[1] + 1e-9).floor() + parameters[1];
-            let place = (look * samples).clamp(0.0, sample as f64);
-            let below = place as usize;
-            let share = place - below as f64;
-            let looked_at = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
+        hold(path, parameters[0], self.first_look(parameters, run), parameters[2], run.period_s);
+    }
+}
+
+impl Held {
+    /// The first look of a recording behind its start, over the period.
+    fn first_look(&self, parameters: &[f64], run: &Run) -> f64 {
+        let begun = if self.runs_on { run.session_s[0] / parameters[0] } else { 0.0 };
+        (parameters[1] - begun).rem_euclid(1.0)
+    }
+}
+
+/// From the start of the first recording to the end of the last, s.
+fn session_length_s(session: &Session) -> f64 {
+    let ends = session.runs.iter().map(|run| (run.session_s[0], run.session_s[run.session_s.len() - 1]));
+    let (from, to) = ends.fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
+    to - from
+}
+
+/// Holds what is looked at once in a period, and follows it with a time constant.
+fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64) {
+    let samples = look_s / period_s;
+    let before = path.to_vec();
+    let is_followed = follows_s > FOLLOWS.low;
+    let keep = |samples: f64| (-samples * period_s / follows_s).exp();
+    let (mut held, mut state) = (before[0], before[0]);
+    for (sample, value) in path.iter_mut().enumerate() {
+        // A look at the moment of a sample counts.
+        let look = (sample as f64 / samples - first + 1e-9).floor() + first;
+        let place = (look * samples).clamp(0.0, sample as f64);
+        let below = place as usize;
+        let share = place - below as f64;
+        let looked_at = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
+        if is_followed {
             // The last look is some time ago, and until then the one before it counted.
             let since = (sample as f64 - place).min(1.0);
             state = held + (state - held) * keep(1.0 - since);
             state = looked_at + (state - looked_at) * keep(since);
             held = looked_at;
-            *value = if is_followed { state } else { looked_at };
         }
+        *value = if is_followed { state } else { looked_at };
     }
 }
 
@@ -124,7 +166,7 @@ mod tests {
         let run = &session.runs[0];
         let (period_s, first) = (0.137, 0.3);
         let mut path = run.input.clone();
-        Held.input(&[period_s, first, FOLLOWS.low], run, &mut path);
+        OF_EACH_RECORDING.input(&[period_s, first, FOLLOWS.low], run, &mut path);
         // The last of all looks before each sample, found by counting them.
         let looks: Vec<f64> = (0..150).map(|look| (f64::from(look) + first) * period_s).collect();
         for (time_s, value) in run.time_s.iter().zip(path) {
@@ -142,7 +184,7 @@ mod tests {
         let (period_s, first, follows_s) = (0.137, 0.3, 0.05);
         let through = |follows_s: f64| {
             let mut path = run.input.clone();
-            Held.input(&[period_s, first, follows_s], run, &mut path);
+            OF_EACH_RECORDING.input(&[period_s, first, follows_s], run, &mut path);
             path
         };
         let mut state = run.input[0];
@@ -169,7 +211,7 @@ mod tests {
                 run.time_s.iter().map(|&time_s| u(look_s(time_s)) - u(time_s - 0.5 * period_s)).collect()
             };
             let residual: Vec<Vec<f64>> = session.runs.iter().zip(input_hz).map(of).collect();
-            let starts = Held.starts(&session, &residual);
+            let starts = OF_EACH_RECORDING.starts(&session, &residual);
             let near = |start: &&Vec<f64>| (start[0] / period_s - 1.0).abs() < 1e-3 && (start[1] - first).abs() < 0.05;
             assert!(starts.iter().any(|start| near(&start)), "{period_s} s, {first}: {starts:?}");
         }

@@ -80,6 +80,8 @@ pub(super) struct ThresholdLaw {
     pub(super) logarithmic_rate: f64,
     /// Thresholds grow by this times the root of the rate over a bar per second.
     pub(super) root_of_rate: f64,
+    /// Thresholds grow by this times the rate over a bar per second.
+    pub(super) linear_rate: f64,
     /// Time constant of the operators' own motion at high load, s.
     pub(super) sliding_s: f64,
 }

@@ -1,6 +1,7 @@
 //! A third virtual rig, composed at random: a bank of play operators of any density, laws from [`laws`], a random order, sampling and noise.
 //!
-//! Every effect has several laws, split into two sets; in that to tune on, some have a second law, for odd seeds. Choices about discovery look at [`Set::Tuning`] alone; [`Set::Reporting`] judges, so no
+//! Every effect has several laws, split into two sets; in that to tune on, some have a second law, for odd
+//! seeds, and a third, for every third seed from [`FIRST_OF_THREE`]. Choices about discovery look at [`Set::Tuning`] alone; [`Set::Reporting`] judges, so no
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
 mod draw;
@@ -9,6 +10,7 @@ mod muscle;
 mod reporting;
 mod second_laws;
 mod session;
+mod third_laws;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -27,6 +29,9 @@ use session::{LENGTH_S, RECORDINGS, REST_S, commands};
 
 /// Effects that the catalogue does not have, of this rig.
 pub const ALIENS: [&str; 3] = ["alien-two-way-gain", "alien-temperature-steps", "alien-input-noise"];
+
+/// First seed of which every third draws a third law: earlier ones stay what they were.
+pub const FIRST_OF_THREE: u64 = 4000;
 
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
@@ -51,6 +56,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            Set::Tuning if config.seed >= FIRST_OF_THREE && config.seed % 3 == 2 => third_laws::tuning(name, &mut draw),
             Set::Tuning if config.seed % 2 == 1 => second_laws::tuning(name, &mut draw),
             Set::Tuning => laws::tuning(name, &mut draw),
             Set::Reporting => reporting::reporting(name, &mut draw),

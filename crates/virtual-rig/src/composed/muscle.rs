@@ -63,7 +63,8 @@ impl Muscle {
             (None, Some(bends)) => bends.map(|bend| self.span_bar * (bend * share).tanh() / bend.tanh()),
             (None, None) => [input; 2],
         };
-        let wider = 1.0 + law.taper * share + law.logarithmic_rate * self.rate.ln_1p() + law.root_of_rate * self.rate.sqrt();
+        let faster = law.logarithmic_rate * self.rate.ln_1p() + law.root_of_rate * self.rate.sqrt() + law.linear_rate * self.rate;
+        let wider = 1.0 + law.taper * share + faster;
         let mut sum = 0.0;
         for ((threshold, weight), state) in self.thresholds_bar.iter().zip(&self.weights_mm_per_bar).zip(&mut self.states) {
             let gap = threshold * wider;
