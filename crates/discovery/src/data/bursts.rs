@@ -1,11 +1,12 @@
-//! Bursts of wrong readings that scatter up and down from sample to sample, masked whole.
+//! Bursts of wrong readings that scatter up and down from sample to sample, found whole.
 //!
 //! A reading inside a burst that happens to lie near the truth cannot be told from a right one, and does not have to be: it goes with its
 //! neighbours. What moves by jumps (a sticking tip, a valve, a step of the input) jumps one way and stays, and what rings goes to and fro
 //! slowly against the sample period and after something that set it off.
 
+use std::ops::Range;
+
 use crate::data::fast_noise::fast_noise;
-use crate::data::frozen::mask;
 use crate::data::session::Run;
 
 /// Second difference of the output that no motion makes, over the deviation of its noise (whose own second differences scatter by 2.4 of it).
@@ -28,8 +29,8 @@ const TURNS: usize = 3;
 /// How long a step of the input may set something ringing, s.
 const RINGS_S: f64 = 1.0;
 
-/// Masks bursts; returns how many samples are masked. `step` is that of a sensor that reads in steps.
-pub fn bursts(run: &mut Run, step: f64) -> usize {
+/// Where they are. `step` is that of a sensor that reads in steps.
+pub fn bursts(run: &Run, step: f64) -> Vec<Range<usize>> {
     let output = &run.output;
     // A reading between two steps of the sensor flickers by one.
     let rough = (OVER_NOISE * fast_noise(output)).max(OVER_SPAN).max(2.5 * step);
@@ -38,7 +39,7 @@ pub fn bursts(run: &mut Run, step: f64) -> usize {
     let groups: Vec<(usize, usize)> =
         marks.chunk_by(|one, next| next - one <= INCONSPICUOUS + 1).map(|group| (group[0], group[group.len() - 1])).collect();
     let before = (RINGS_S / run.period_s).ceil() as usize;
-    let mut masked = 0;
+    let mut found = Vec::new();
     for (first, last) in groups {
         if !(SHORTEST..=LONGEST).contains(&(last - first + 1)) {
             continue;
@@ -52,10 +53,10 @@ pub fn bursts(run: &mut Run, step: f64) -> usize {
         let input = &run.input[first.saturating_sub(before)..=last];
         let caused = input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
         if turns >= TURNS && caused < 0.5 * usual {
-            masked += mask(run, first..last + 1);
+            found.push(first..last + 1);
         }
     }
-    masked
+    found
 }
 
 #[cfg(test)]
@@ -76,9 +77,9 @@ mod tests {
         let output =
             input.iter().enumerate().map(|(at, value)| value + 0.02 * draw(&mut rng) + wrong(at, *value, draw(&mut rng))).collect();
         let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
-        let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
-        let masked = bursts(&mut session.runs[0], 0.0);
-        (masked, session.runs[0].keep[400..412].iter().all(|keep| !keep))
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let found = bursts(&session.runs[0], 0.0);
+        (found.iter().map(|burst| burst.len()).sum(), (400..412).all(|at| found.iter().any(|burst| burst.contains(&at))))
     }
 
     fn sine(time: f64) -> f64 {

@@ -29,71 +29,76 @@ pub enum Residual {
 pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) -> usize {
     // What the readings show by themselves, whatever the model.
     let mut masked = frozen::stopped(session);
-    // A reading between two steps of the sensor flickers by one.
-    let output_step = session.output_step;
-    let flicker = 2.5 * output_step;
-    let mut alone: Vec<(usize, Vec<Range<usize>>)> = Vec::new();
-    for (run, residual) in session.runs.iter_mut().zip(residual).filter(|(run, _)| run.is_worked_with()) {
-        masked += bursts(run, output_step);
+    let threshold = |session: &Session, run: &Run| {
+        let residual = &residual[run.index];
         let noise = fast_noise(&worked_with(run, residual)).max(fast_noise(&worked_with(run, &run.output))).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
         // the model misses everywhere.
         let mut sizes: Vec<f64> = worked_with(run, residual).into_iter().map(f64::abs).collect();
         let usual = if kind != Residual::Output { 5.0 * median(&mut sizes) / 0.6745 } else { 0.0 };
-        let threshold = (7.0 * noise).max(0.02).max(usual).max(flicker);
-        let output = run.output.clone();
-        let samples = output.len();
-        let mut sample = 1;
-        while sample < samples {
-            let jump = output[sample] - output[sample - 1];
-            let length = (1..=LONGEST).find(|&length| {
-                let end = sample + length;
-                if end >= samples || jump.abs() < threshold {
-                    return false;
-                }
-                let back = output[end] - output[end - 1];
-                let level = output[end] - output[sample - 1];
-                let inside = sample..end;
-                let out = inside.clone().all(|at| {
-                    let share = (at + 1 - sample) as f64 / (length + 1) as f64;
-                    let line = output[sample - 1] + share * level;
-                    (output[at] - line) * jump.signum() > 0.6 * jump.abs()
-                });
-                // What the input could have caused: a stroke of its own of that size within the burst.
-                let span = |low: f64, high: f64| high - low;
-                let around = &run.input[sample.saturating_sub(3)..(end + 1).min(samples)];
-                let moved = span(around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
-                let residual_out =
-                    inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
-                back * jump < 0.0
-                    && back.abs() > 0.5 * jump.abs()
-                    && level.abs() < 0.4 * jump.abs()
-                    && out
-                    && residual_out
-                    && moved < 1.5 * jump.abs()
-            });
-            if let Some(length) = length {
-                for at in sample..sample + length {
-                    if run.keep[at] {
-                        masked += 1;
-                    }
-                    run.keep[at] = false;
-                }
-                sample += length;
-            }
-            sample += 1;
+        // A reading between two steps of the sensor flickers by one.
+        (7.0 * noise).max(0.02).max(usual).max(2.5 * session.output_step)
+    };
+    let mut mask = |session: &mut Session, finder: &dyn Fn(&Session, &Run) -> Vec<Range<usize>>| {
+        let found: Vec<(usize, Vec<Range<usize>>)> = session.worked().map(|run| (run.index, finder(session, run))).collect();
+        if !go_with_motion(session, &found) {
+            let all = found.into_iter().flat_map(|(run, bursts)| bursts.into_iter().map(move |burst| (run, burst)));
+            masked += all.map(|(run, burst)| frozen::mask(&mut session.runs[run], burst)).sum::<usize>();
         }
-        if kind == Residual::OfModel {
-            alone.push((run.index, lonely(run, residual, threshold)));
-            masked += frozen::off_the_model(run, residual, threshold);
-        }
-    }
-    if !go_with_motion(session, &alone) {
-        for (run, bursts) in alone {
-            masked += bursts.into_iter().map(|burst| frozen::mask(&mut session.runs[run], burst)).sum::<usize>();
+    };
+    mask(session, &|session, run| bursts(run, session.output_step));
+    mask(session, &|session, run| jumps(run, &residual[run.index], threshold(session, run)));
+    if kind == Residual::OfModel {
+        mask(session, &|session, run| lonely(run, &residual[run.index], threshold(session, run)));
+        let thresholds: Vec<(usize, f64)> = session.worked().map(|run| (run.index, threshold(session, run))).collect();
+        for (run, threshold) in thresholds {
+            masked += frozen::off_the_model(&mut session.runs[run], &residual[run], threshold);
         }
     }
     masked
+}
+
+/// Where residual and output jump out and back.
+fn jumps(run: &Run, residual: &[f64], threshold: f64) -> Vec<Range<usize>> {
+    let output = &run.output;
+    let samples = output.len();
+    let mut found = Vec::new();
+    let mut sample = 1;
+    while sample < samples {
+        let jump = output[sample] - output[sample - 1];
+        let length = (1..=LONGEST).find(|&length| {
+            let end = sample + length;
+            if end >= samples || jump.abs() < threshold {
+                return false;
+            }
+            let back = output[end] - output[end - 1];
+            let level = output[end] - output[sample - 1];
+            let inside = sample..end;
+            let out = inside.clone().all(|at| {
+                let share = (at + 1 - sample) as f64 / (length + 1) as f64;
+                let line = output[sample - 1] + share * level;
+                (output[at] - line) * jump.signum() > 0.6 * jump.abs()
+            });
+            // What the input could have caused: a stroke of its own of that size within the burst.
+            let span = |low: f64, high: f64| high - low;
+            let around = &run.input[sample.saturating_sub(3)..(end + 1).min(samples)];
+            let moved = span(around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
+            let residual_out =
+                inside.clone().all(|at| (residual[at] - 0.5 * (residual[sample - 1] + residual[end])).abs() > 0.5 * jump.abs());
+            back * jump < 0.0
+                && back.abs() > 0.5 * jump.abs()
+                && level.abs() < 0.4 * jump.abs()
+                && out
+                && residual_out
+                && moved < 1.5 * jump.abs()
+        });
+        if let Some(length) = length {
+            found.push(sample..sample + length);
+            sample += length;
+        }
+        sample += 1;
+    }
+    found
 }
 
 /// Deviations from which on a mean rank is no chance.
@@ -166,7 +171,7 @@ fn returns(run: &Run, of_residual: &[f64], burst: Range<usize>) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::data::mask::{Residual, outliers};
+    use crate::data::mask::{Residual, go_with_motion, outliers};
     use crate::data::session::Session;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -221,5 +226,23 @@ mod tests {
         let mut residual = left(&right);
         residual[0][400..411].fill(0.0);
         assert_eq!(outliers(&mut right, &residual, Residual::OfModel), 0);
+    }
+
+    #[test]
+    fn what_errs_at_any_time_is_the_sensor_and_what_errs_in_fast_motion_is_not() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        // The input of this recording is fastest half-way between its turns, every 52 samples.
+        let session = session(|last| last, 0.005);
+        let bursts = |at: &mut dyn FnMut() -> usize| vec![(0, (0..12).map(|_| at()).map(|at| at..at + 2).collect::<Vec<_>>())];
+        let mut turn = 0;
+        let mut fast = || {
+            turn += 1;
+            26 + 52 * turn
+        };
+        assert!(go_with_motion(&session, &bursts(&mut fast)));
+        let often = (0..200).filter(|_| go_with_motion(&session, &bursts(&mut || rng.random_range(10..990)))).count();
+        // Three deviations: one in 740 by chance.
+        assert!(often <= 3, "{often} of 200");
+        assert!(!go_with_motion(&session, &[]));
     }
 }

@@ -101,12 +101,18 @@ impl Form for Softening {
                 });
             }
             Self::Strokes => {
-                let (mut done, mut highest, mut lowest) = (0.0, run.input[0], run.input[0]);
+                // Where the stroke began, and how far it came; nothing while it goes back.
+                let (mut done, mut lowest, mut highest) = (0.0, run.input[0], None);
                 columns.push(true, |sample| {
-                    (highest, lowest) = (run.input[sample].max(highest), run.input[sample].min(lowest));
-                    // A stroke is done when half of its way is taken back.
-                    if highest - run.input[sample] > 0.5 * (highest - lowest).max(LEAST_STROKE) {
-                        (done, highest, lowest) = (done + 1.0, run.input[sample], run.input[sample]);
+                    let now = run.input[sample];
+                    if let Some(top) = highest {
+                        // A stroke is done when half of its way is taken back.
+                        let is_done = f64::max(top, now) - now > 0.5 * (f64::max(top, now) - lowest);
+                        (done, highest) = if is_done { (done + 1.0, None) } else { (done, Some(f64::max(top, now))) };
+                        lowest = if is_done { now } else { lowest };
+                    } else {
+                        lowest = lowest.min(now);
+                        highest = (now - lowest > LEAST_STROKE).then_some(now);
                     }
                     sum[sample] * (-done / parameters[0]).exp()
                 });
@@ -173,5 +179,24 @@ mod tests {
         assert!((virgin_part(&Softening::Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Softening::Lasting, 1, 0));
         assert!((virgin_part(&Softening::Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
         assert_eq!(virgin_part(&Softening::Distance, 1, 0), 1.0);
+    }
+
+    #[test]
+    fn a_stroke_counts_when_half_of_it_is_taken_back() {
+        let time_s: Vec<f64> = (0..600).map(|sample| f64::from(sample) * 0.02).collect();
+        // Up, a short way back and on, down, up, down.
+        let knots = [0.0, 0.8, 0.7, 1.0, 0.1, 0.9, 0.0];
+        let input: Vec<f64> = (0..600)
+            .map(|sample| knots[sample / 100] + (knots[sample / 100 + 1] - knots[sample / 100]) * (sample % 100) as f64 / 100.0)
+            .collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut columns = Columns::of(run.input.len());
+        Softening::Strokes.output(&[2.0], run, &vec![1.0; run.input.len()], &mut columns);
+        for (sample, done) in [(99, 0.0), (250, 0.0), (340, 0.0), (370, 1.0), (499, 1.0), (540, 1.0), (570, 2.0)] {
+            assert!((columns.column(0)[sample] - f64::exp(-0.5 * done)).abs() < 1e-12, "sample {sample}: {}", columns.column(0)[sample]);
+        }
     }
 }

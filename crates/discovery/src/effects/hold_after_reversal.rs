@@ -170,6 +170,55 @@ mod tests {
     }
 
     #[test]
+    fn each_form_is_what_small_steps_make_of_its_law() {
+        let period_s = 0.02;
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * period_s).collect();
+        // Triangles that turn on samples, every second one before the last hold is over.
+        let lengths = [0.9, 1.0, 0.2, 1.1, 0.16, 0.8, 1.2, 0.24];
+        let mut input = vec![0.0; 20];
+        while input.len() < time_s.len() {
+            for (length, slope) in lengths.iter().zip([0.7, -0.5].into_iter().cycle()) {
+                let from = input[input.len() - 1];
+                let samples = (length / period_s as f64).round() as u32;
+                input.extend((1..=samples).map(|sample| from + slope * period_s * f64::from(sample)));
+            }
+        }
+        input.truncate(time_s.len());
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        for form in [&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST] {
+            let [hold_s, catch_up_s, rate_per_s, trough] = [0.3, 0.02, 1.5, 0.4];
+            let mut path = run.input.clone();
+            form.input(&[hold_s, catch_up_s, rate_per_s, trough], run, &mut path);
+            let (mut state, mut rises, mut left_s) = (run.input[0], if form.from_rest { Some(false) } else { None }, 0.0_f64);
+            let (mut worst, steps) = (0.0_f64, 400);
+            for sample in 1..run.input.len() {
+                let (before, after) = (run.input[sample - 1], run.input[sample]);
+                if after != before && rises != Some(after > before) {
+                    let of_turn = if after > before { trough * hold_s } else { hold_s };
+                    if rises.is_some() && (form.anew || left_s <= 0.0) {
+                        left_s = left_s.max(of_turn);
+                    }
+                    rises = Some(after > before);
+                }
+                for step in 1..=steps {
+                    let value = before + (after - before) * f64::from(step) / f64::from(steps);
+                    let step_s = period_s / f64::from(steps);
+                    left_s -= step_s;
+                    if left_s <= 0.0 {
+                        state += step_s * ((value - state) / catch_up_s).clamp(-rate_per_s, rate_per_s);
+                    }
+                }
+                worst = worst.max((path[sample] - state).abs());
+            }
+            // Where the limit of the rate ends inside a sample, a sample is off by a part of it.
+            assert!(worst < 0.01, "{}: {worst}", form.form.0);
+        }
+    }
+
+    #[test]
     fn a_command_that_does_not_turn_is_only_followed() {
         let input: Vec<f64> = (0..1000).map(|sample| f64::from(sample / 50) * 0.05).collect();
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();

@@ -29,8 +29,8 @@ const LONGEST_S: f64 = 0.6;
 /// Fewest samples in a period that is looked for: with fewer, a dead time of half of it does as well.
 const FEWEST_SAMPLES: f64 = 3.0;
 
-/// Places of the first look that are looked at, over the period.
-const FIRST_LOOKS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
+/// Fewest places of the first look that are looked at; in a long period they are two samples apart.
+const FEWEST_LOOKS: f64 = 4.0;
 
 /// Starts that are made finer.
 const BEST: usize = 8;
@@ -40,7 +40,8 @@ impl Form for Held {
         Spec {
             parameters: &[
                 Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true },
-                Parameter { name: "first_look", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false },
+                // It goes round: neither end is one.
+                Parameter { name: "first_look", quantity: Quantity::Ratio, low: -0.5, high: 1.5, logarithmic: false },
                 FOLLOWS,
             ],
             steps: &[2e-4, 0.05, 0.3],
@@ -51,29 +52,50 @@ impl Form for Held {
     /// Periods and first looks of which what holding does to the steps of the command goes best with what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
-        let products = |run: &Run, period_s: f64, first: f64| {
+        // A mean delay is whatever a smooth model makes of it: it goes first, from both.
+        let steps = |values: &[f64]| -> Vec<f64> { values.windows(3).map(|three| three[2] - three[0]).collect() };
+        let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
+        let missed = |run: &&Run| {
+            let delayed = [&[0.0], &steps(&steps(&run.input))[..], &[0.0]].concat();
+            let (missed, square) = (steps(&residual[run.index]), dot(&delayed, &delayed).max(1e-30));
+            let share = dot(&missed, &delayed) / square;
+            let rest: Vec<f64> = missed.iter().zip(&delayed).map(|(missed, delayed)| missed - share * delayed).collect();
+            (rest, delayed, square)
+        };
+        let missed: Vec<(Vec<f64>, Vec<f64>, f64)> = runs.iter().map(missed).collect();
+        let products = |at: usize, period_s: f64, first: f64| {
+            let (run, (missed, delayed, square)) = (runs[at], &missed[at]);
             let mut path = run.input.clone();
             hold(&mut path, period_s, first, FOLLOWS.low, run.period_s);
-            let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
-            let steps = behind.windows(2).zip(residual[run.index].windows(2)).map(|(x, y)| (x[1] - x[0], y[1] - y[0]));
-            steps.fold((0.0, 1e-30), |(cross, energy), (x, y)| (cross + x * y, energy + x * x))
+            let behind = path.windows(3).zip(run.input.windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]);
+            let sums = behind
+                .zip(missed)
+                .zip(delayed)
+                .fold([0.0, 0.0, 0.0], |[cross, energy, delay], ((x, y), d)| [cross + x * y, energy + x * x, delay + x * d]);
+            (sums[0], (sums[1] - sums[2] * sums[2] / square).max(1e-30))
         };
         let over = |sums: &mut dyn Iterator<Item = (f64, f64)>| {
             let (cross, energy) = sums.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
             cross / energy.sqrt()
         };
-        let score = |start: &Vec<f64>| over(&mut runs.iter().map(|run| products(run, start[0], self.first_look(start, run))));
+        let score = |start: &Vec<f64>| over(&mut (0..runs.len()).map(|at| products(at, start[0], self.first_look(start, runs[at]))));
+        let sample_s = session.runs[0].period_s;
+        let first_looks = |period_s: f64| {
+            let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
+            (0..count as usize).map(move |place| place as f64 / count)
+        };
         // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
         let best_looks = |start: &Vec<f64>| {
-            let best = |run: &&Run| {
-                let of = FIRST_LOOKS.map(|first| products(run, start[0], first));
-                of.into_iter().fold(of[0], |best, one| if one.0 / one.1.sqrt() > best.0 / best.1.sqrt() { one } else { best })
+            let best = |at: usize| {
+                let of = first_looks(start[0]).map(|first| products(at, start[0], first));
+                let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
+                of.max_by(better).unwrap_or((0.0, 1e-30))
             };
-            over(&mut runs.iter().map(best))
+            over(&mut (0..runs.len()).map(best))
         };
         let of_recordings = spacing_hz(session);
         let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low];
-        let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * session.runs[0].period_s));
+        let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
         let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
         let mut begun = if self.runs_on {
@@ -81,13 +103,13 @@ impl Form for Held {
             let of_session = of_recordings * session.runs[0].input.len() as f64 * session.runs[0].period_s / session_length_s(session);
             let steps = (of_recordings / of_session).ceil() as i32;
             let near = |start: Vec<f64>| {
-                let all =
-                    (-steps..=steps).flat_map(|step| FIRST_LOOKS.map(|first| with(1.0 / start[0] + f64::from(step) * of_session, first)));
+                let near = (-steps..=steps).map(|step| 1.0 / start[0] + f64::from(step) * of_session);
+                let all = near.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
                 best_starts(all, score, 1)
             };
             (of_session, best.into_iter().flat_map(near).collect::<Vec<_>>())
         } else {
-            let all = frequencies.flat_map(|hz| FIRST_LOOKS.map(|first| with(hz, first)));
+            let all = frequencies.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
             (of_recordings, best_starts(all, score, BEST))
         };
         // Finer steps about each, until a period is as near as can be told.
@@ -215,5 +237,31 @@ mod tests {
             let near = |start: &&Vec<f64>| (start[0] / period_s - 1.0).abs() < 1e-3 && (start[1] - first).abs() < 0.05;
             assert!(starts.iter().any(|start| near(&start)), "{period_s} s, {first}: {starts:?}");
         }
+    }
+
+    #[test]
+    fn a_clock_that_runs_on_is_found_through_the_whole_session() {
+        let (period_s, first) = (0.1873, 0.4);
+        let input_hz = [0.2, 0.37, 0.61, 0.8, 0.2, 0.37];
+        let mut session = session(&input_hz);
+        for (index, run) in session.runs.iter_mut().enumerate() {
+            let begun_s = 27.31 * index as f64;
+            run.session_s = run.time_s.iter().map(|time_s| begun_s + time_s).collect();
+        }
+        let of = |(run, hz): (&Run, f64)| -> Vec<f64> {
+            let u = |time_s: f64| 0.5 - 0.5 * (TAU * hz * time_s).cos();
+            let look_s = |time_s: f64| (((time_s + run.session_s[0]) / period_s - first).floor() + first) * period_s - run.session_s[0];
+            run.time_s.iter().map(|&time_s| u(look_s(time_s).max(0.0)) - u(time_s - 0.5 * period_s)).collect()
+        };
+        let residual: Vec<Vec<f64>> = session.runs.iter().zip(input_hz).map(of).collect();
+        let starts = RUNNING_ON.starts(&session, &residual);
+        // As near as a tenth of a period at either end of the session.
+        let near = |start: &&Vec<f64>| {
+            [0.0, 150.0].iter().all(|&at| {
+                let early = (at / start[0] - start[1]) - (at / period_s - first);
+                (early - early.round()).abs() < 0.1
+            })
+        };
+        assert!(starts.iter().any(|start| near(&start)), "{starts:?}");
     }
 }

@@ -43,12 +43,17 @@ impl Form for Pressure {
             parameters: &[
                 Parameter { name: "quadratic", quantity: Quantity::Ratio, low: -0.8, high: 0.8, logarithmic: false },
                 Parameter { name: "cubic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
+                Parameter { name: "quartic", quantity: Quantity::Ratio, low: -0.6, high: 0.6, logarithmic: false },
             ],
             is_static: true,
-            starts: || [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08], vec![a, 0.08]]).collect(),
+            simpler_at: &[(2, 0.0)],
+            of_earlier: |form, of| {
+                (form == "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)").then(|| [of, &[0.0]].concat())
+            },
+            starts: || [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08, 0.0], vec![a, 0.08, 0.0]]).collect(),
             ..Spec::new(
                 "static-nonlinearity",
-                ("input-cubic", "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)"),
+                ("input-cubic", "curve of the input: v = u + u (1 - u) (a + b (1 - 2 u) + c (1 - 2 u)^2)"),
                 Place::Muscle,
             )
         }
@@ -57,7 +62,7 @@ impl Form for Pressure {
         for value in path {
             // Outside the span the curve goes on straight.
             let u = value.clamp(0.0, 1.0);
-            *value += u * (1.0 - u) * (parameters[0] + parameters[1] * (1.0 - 2.0 * u));
+            *value += u * (1.0 - u) * (parameters[0] + (1.0 - 2.0 * u) * (parameters[1] + parameters[2] * (1.0 - 2.0 * u)));
         }
     }
 }

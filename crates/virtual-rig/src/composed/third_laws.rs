@@ -161,10 +161,13 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             Drawn::Behind(stage(move |value, moment| if moment.recording >= at { gain * value + shift } else { value }))
         }
         "leakage" => {
-            // A hole against a restriction: what is held comes down to less than is asked for.
-            let (fill_s, hole) = (draw.log(0.05, 0.3), draw.even(0.05, 0.25));
-            Drawn::Before(first_order(move |value, state| {
-                (value - state) / fill_s - hole / fill_s * state.max(0.0).sqrt() * (state.max(0.0) / span).sqrt()
+            // Turbulent: what is held goes with the root of what is left.
+            let rate = span.sqrt() / draw.log(4.0, 20.0);
+            let (mut state, mut last) = (0.0_f64, 0.0);
+            Drawn::Before(stage(move |value, _| {
+                state = (state + value - last - STEP_S * rate * state.sqrt()).max(0.0);
+                last = value;
+                state
             }))
         }
         "sample-and-hold" => {
