@@ -5,6 +5,8 @@
 //! corpus composed-tuning rich 3000,3001 white 0.005 effects aliens none creep+resonance
 //! ```
 
+use std::collections::BTreeMap;
+
 use clap::ValueEnum;
 use discovery::{DiscoverConfig, Discovery, Verdict, discover};
 use virtual_rig::{self as rig, CaseConfig, EFFECTS, Excitation, Generator};
@@ -33,17 +35,29 @@ fn main() {
             let discovery = discover(&case.recordings, &case.kept_out, &settings).expect("a finding").discovery;
             let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
             println!(
-                "{} {name} {seed} {:?} {} left {:.3} gap {:.3} confidence {:.2} {:.1} CPU-s",
+                "{} {name} {seed} {:?} {} left {:.3} gap {:.3} confidence {:.2} covers {} {:.1} CPU-s",
                 if is_right(&config.effects, &names, &discovery) { "RIGHT" } else { "WRONG" },
                 discovery.verdict,
                 names.join("+"),
                 discovery.unexplained,
                 discovery.gap_closed,
                 discovery.effects.first().map_or(0.0, |effect| effect.confidence),
+                covered(&case.truth.parameters, &discovery),
                 cpu_s() - begin_s
             );
         }
     }
+}
+
+/// How many of the true parameters lie in their intervals, and how many of these there are.
+fn covered(truth: &BTreeMap<String, f64>, discovery: &Discovery) -> String {
+    let told = |(key, value): (&String, &f64)| {
+        let (effect, parameter) = key.split_once('.')?;
+        let [low, high] = discovery.effects.iter().find(|one| one.name == effect)?.intervals.get(parameter)?;
+        Some(low <= value && value <= high)
+    };
+    let within: Vec<bool> = truth.iter().filter_map(told).collect();
+    format!("{}/{}", within.iter().filter(|within| **within).count(), within.len())
 }
 
 /// CPU time of this process so far, s, on Linux: a loaded machine does not change it.
