@@ -1,11 +1,11 @@
-//! Two minutes of changed files for every reader, from a fixed seed; `cargo xtask fuzz` runs longer ones.
+//! Half a minute of changed files for every reader, from a fixed seed; continuous integration takes two, and `cargo xtask fuzz` longer ones.
 
 use std::path::Path;
 use std::time::Duration;
 
 #[test]
 fn every_changed_file_ends_in_a_result_or_a_clear_refusal() {
-    let duration = Duration::from_secs_f64(60.0 * fuzz::minutes(2.0));
+    let duration = Duration::from_secs_f64(60.0 * fuzz::minutes(0.5));
     let found = fuzz::parent::run(Path::new(env!("CARGO_BIN_EXE_fuzz-readers")), fuzz::seed(), duration).expect("children start");
     println!("{} inputs, {} of them accepted", found.inputs, found.accepted);
     found.targets.iter().for_each(|(name, (inputs, accepted))| println!("  {name}: {inputs} inputs, {accepted} accepted"));
