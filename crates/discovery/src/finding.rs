@@ -70,9 +70,6 @@ pub fn discover_from(
     watch: Watch<'_>,
 ) -> Result<Finding, SessionError> {
     watch(Progress::Stage("baseline"));
-    if let Some(several) = recordings.iter().chain(kept).find(|recording| !recording.more_inputs.is_empty()) {
-        return Err(SessionError::SeveralInputs { path: several.path.display().to_string(), inputs: several.inputs().len() });
-    }
     let pressure_path = match measured_pressure(recordings) {
         Some(path) => Some(effects_of_the_pressure(&path, config)?),
         None => None,
@@ -83,6 +80,7 @@ pub fn discover_from(
     let mut model = before.clone();
     if let Some(file) = start.and_then(|start| start.discovered.as_ref()) {
         model.slots = file.slots_in(&session).map_err(|problem| SessionError::Model { problem })?;
+        model = model.with_others(&session);
     }
     let base = model.clone();
     let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
@@ -125,7 +123,10 @@ pub fn discover_from(
     discovery.summary =
         residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
-    discovery.memory_horizon = horizon::horizon(&session);
+    // Its predictors see the first input only.
+    if session.others.is_empty() {
+        discovery.memory_horizon = horizon::horizon(&session);
+    }
     discovery.residual_before = diagnosis::examine(&session, &residual_before);
     discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;
@@ -174,8 +175,8 @@ fn effects_of_the_pressure(recordings: &[Recording], config: &DiscoverConfig) ->
 
 /// The baseline that fits best: operators that begin fresh in every recording, or ones that remember.
 fn baseline(session: &Session) -> Model {
-    let mut fresh = Model::baseline(InitialState::Fresh, false);
-    let mut stops = Model::baseline(InitialState::Fresh, true);
+    let mut fresh = Model::baseline(InitialState::Fresh, false).with_others(session);
+    let mut stops = Model::baseline(InitialState::Fresh, true).with_others(session);
     let (fresh_square, _) = fresh.fit(session, Scope::Fit);
     let (stops_square, _) = stops.fit(session, Scope::Fit);
     if stops_square < 0.5 * fresh_square {

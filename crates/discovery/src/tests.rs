@@ -39,14 +39,60 @@ fn names_a_hidden_dead_time_with_its_delay_and_closes_the_gap() {
     assert!(discovery.rmse_before > 2.0 * discovery.rmse_after);
 }
 
+/// The recordings of a case with a second muscle beside the first: play operators of a command of its own, which pull the other way.
+fn with_a_second_muscle(recordings: &[Recording]) -> Vec<Recording> {
+    let beside = |(index, recording): (usize, &Recording)| {
+        let speed = 0.5 + 0.37 * (index % 7) as f64;
+        let command: Vec<f64> = recording.time_s.iter().map(|time| 1.0 - (-0.05 * time).exp() * (speed * time).cos()).collect();
+        let mut recording = recording.clone();
+        for (threshold, weight) in [(0.0, 0.3), (0.2, 0.25), (0.6, 0.2)] {
+            let mut state = command[0];
+            for (output, &value) in recording.output.iter_mut().zip(&command) {
+                state = f64::clamp(state, value - threshold, value + threshold);
+                *output -= weight * state;
+            }
+        }
+        recording.with_more_inputs(vec![Channel { signal: Signal { quantity: "second".into(), unit: "bar".into() }, values: command }])
+    };
+    recordings.iter().enumerate().map(beside).collect()
+}
+
 #[test]
-fn recordings_of_several_inputs_are_refused_with_a_way_out() {
+fn an_effect_behind_one_of_two_inputs_is_named_and_the_model_that_is_written_needs_both() {
+    for (hidden, seed) in [(&["pneumatic-lag"][..], SEED + 40), (&[], SEED + 41)] {
+        let case = case(hidden, seed, 0.005);
+        let [recordings, kept] = [&case.recordings, &case.kept_out].map(|some| with_a_second_muscle(some));
+        let finding = discover(&recordings, &kept, &DiscoverConfig::default()).expect("a finding");
+        let discovery = &finding.discovery;
+        let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        assert_eq!(names, hidden, "{discovery:?}");
+        assert_eq!(discovery.verdict, if hidden.is_empty() { Verdict::None } else { Verdict::Named }, "{discovery:?}");
+        assert!(discovery.rmse_after < 1.3 * discovery.noise_floor, "{} {}", discovery.rmse_after, discovery.noise_floor);
+        // As `evaluate` has it, from the file.
+        let written = file::DiscoveredModel::bare(&finding.after, &finding.session, &recordings[0]);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("model.toml");
+        std::fs::write(&path, written.encode().expect("TOML")).expect("a file");
+        let read = file::DiscoveredModel::read(&path).expect("a model");
+        let (mut sum, mut count) = (0.0, 0.0_f64);
+        for recording in &kept {
+            let simulated = read.simulate_recording(recording, 0.0).expect("a prediction");
+            sum += simulated.iter().zip(&recording.output).map(|(one, other)| (one - other).powi(2)).sum::<f64>();
+            count += simulated.len() as f64;
+        }
+        assert!(((sum / count).sqrt() / discovery.rmse_after - 1.0).abs() < 1e-9, "{} {}", (sum / count).sqrt(), discovery.rmse_after);
+        assert!(read.simulate(&kept[0].input).expect_err("refused").contains("2 inputs"));
+        assert!(read.simulate_recording(&case.kept_out[0], 0.0).expect_err("refused").contains("was given 1"));
+    }
+}
+
+#[test]
+fn recordings_with_other_inputs_than_the_first_are_refused_with_both() {
     let mut case = case(&[], SEED, 0.005);
-    let second = Channel { signal: Signal::pressure_bar(), values: case.kept_out[1].input.clone() };
-    case.kept_out[1] = case.kept_out[1].clone().with_more_inputs(vec![second]);
+    case.kept_out[1] = with_a_second_muscle(&case.kept_out[1..2]).remove(0);
     let name = case.kept_out[1].path.display().to_string();
     let refusal = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).err().expect("a refusal").to_string();
-    assert!([&name, "2 inputs", "without their columns", "catheter fit"].iter().all(|part| refusal.contains(*part)), "{refusal}");
+    assert!([&name, "second", "first recording"].iter().all(|part| refusal.contains(*part)), "{refusal}");
 }
 
 #[test]

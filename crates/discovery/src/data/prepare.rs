@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use recording::Recording;
+use recording::{Recording, Signal};
 
 use crate::data::late_steps;
-use crate::data::session::{Role, Run, Session, SessionError};
+use crate::data::session::{MOST_OTHERS, OtherInput, Role, Run, Session, SessionError};
 use crate::data::test_view::TestView;
 use crate::data::turning::remember;
 use crate::data::worked::worked_with;
@@ -47,6 +47,7 @@ impl Session {
         if highest - lowest <= 1e-12 * highest.abs().max(1e-12) {
             return Err(SessionError::StillInput { value: lowest });
         }
+        let others = others(recordings, kept)?;
         // Zero stays zero unless the input never comes near it.
         let input_offset = if lowest > 0.1 * highest { lowest } else { 0.0 };
         let input_scale = (highest - input_offset).abs().max((lowest - input_offset).abs());
@@ -75,6 +76,8 @@ impl Session {
                 }
                 let input: Vec<f64> = recording.input[segment.clone()].iter().map(|value| (value - input_offset) / input_scale).collect();
                 let output = recording.output[segment.clone()].to_vec();
+                let channels = others.iter().zip(&recording.more_inputs);
+                let others = channels.map(|(other, channel)| other.normalised(&channel.values[segment.clone()])).collect();
                 let rest = rest_of(&input, recording.sample_period_s);
                 runs.push(Run {
                     name: if segments.len() > 1 { format!("{name} from sample {}", segment.start) } else { name.clone() },
@@ -88,6 +91,7 @@ impl Session {
                     screens: true,
                     role: vec![role; input.len()],
                     input,
+                    others,
                     output,
                     session_s: session_s[segment.clone()].to_vec(),
                     time_s: time_s[segment.clone()].iter().map(|time| time - time_s[segment.start]).collect(),
@@ -136,6 +140,7 @@ impl Session {
             runs,
             input_offset,
             input_scale,
+            others,
             output_scale,
             input_unit: first.input_signal.unit.clone(),
             output_unit: first.output_signal.unit.clone(),
@@ -171,6 +176,27 @@ impl Session {
             self.runs[index].screens = true;
         }
     }
+}
+
+/// The further inputs, which all recordings must have.
+fn others(recordings: &[Recording], kept: &[Recording]) -> Result<Vec<OtherInput>, SessionError> {
+    let signals = |recording: &Recording| -> Vec<String> {
+        let further = recording.more_inputs.iter().map(|channel| &channel.signal);
+        std::iter::once(&recording.input_signal).chain(further).map(Signal::column).collect()
+    };
+    let expected = signals(&recordings[0]);
+    let differs = |recording: &&Recording| signals(recording) != expected || expected.len() > MOST_OTHERS + 1;
+    if let Some(other) = recordings.iter().chain(kept).find(differs) {
+        let [found, expected] = [signals(other), expected].map(|signals| signals.join(", "));
+        return Err(SessionError::OtherInputs { path: other.path.display().to_string(), found, expected });
+    }
+    let of = |at: usize| {
+        let (lowest, highest) = span(recordings.iter().flat_map(|recording| recording.more_inputs[at].values.iter().copied()));
+        // One that rests has no span.
+        let scale = if highest > lowest { highest - lowest } else { 1.0 };
+        OtherInput { signal: recordings[0].more_inputs[at].signal.clone(), offset: lowest, scale }
+    };
+    Ok((0..recordings[0].more_inputs.len()).map(of).collect())
 }
 
 /// Every other recording selects; without recordings of their own, one in six is kept out. Few recordings are cut into blocks.

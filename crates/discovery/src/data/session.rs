@@ -5,6 +5,8 @@
 
 use std::sync::Arc;
 
+use recording::Signal;
+
 use crate::data::turning::remember;
 
 /// What a sample is used for.
@@ -47,6 +49,8 @@ pub struct Run {
     pub period_s: f64,
     /// Input over the session's input span.
     pub input: Vec<f64>,
+    /// Further inputs, each over its own span.
+    pub others: Vec<Vec<f64>>,
     /// Output over the session's output span.
     pub output: Vec<f64>,
     /// Time since the session began, s.
@@ -93,6 +97,29 @@ pub struct Earlier {
     pub creeping: Vec<f64>,
 }
 
+/// Most further inputs.
+pub const MOST_OTHERS: usize = 3;
+
+/// A further input: what it is, its value that is zero and its span.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OtherInput {
+    /// Quantity and unit.
+    pub signal: Signal,
+    /// Value that is zero in normalised units.
+    pub offset: f64,
+    /// Span that is one.
+    pub scale: f64,
+}
+
+impl OtherInput {
+    /// Values of it, normalised.
+    #[must_use]
+    pub fn normalised(&self, values: &[f64]) -> Vec<f64> {
+        values.iter().map(|value| (value - self.offset) / self.scale).collect()
+    }
+}
+
 /// A session.
 #[derive(Clone, Debug)]
 pub struct Session {
@@ -102,6 +129,8 @@ pub struct Session {
     pub input_offset: f64,
     /// Input span.
     pub input_scale: f64,
+    /// Further inputs.
+    pub others: Vec<OtherInput>,
     /// Output span; negative when the output falls with the input.
     pub output_scale: f64,
     /// Quantity and unit of the input.
@@ -138,13 +167,15 @@ pub enum SessionError {
         /// Its value.
         value: f64,
     },
-    /// More than one input.
-    #[error("{path} has {inputs} inputs: give recordings in which all but one rest, without their columns; `catheter fit` takes them all")]
-    SeveralInputs {
+    /// Other inputs than the first recording, or too many.
+    #[error("{path} has the inputs {found}, the first recording has {expected}; all must have the same, four at most")]
+    OtherInputs {
         /// Which.
         path: String,
-        /// How many it has.
-        inputs: usize,
+        /// Its inputs.
+        found: String,
+        /// Those of the first recording.
+        expected: String,
     },
     /// The output does not move.
     #[error("the output is the same everywhere ({value}); is the sensor connected?")]

@@ -15,6 +15,7 @@ pub mod hold_after_reversal;
 pub mod leakage;
 pub mod of_a_file;
 pub mod offset_drift;
+pub mod other_input;
 pub mod periodic_disturbance;
 pub mod pneumatic_lag;
 pub mod rate_dependent_hysteresis;

@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 use crate::chain::columns::Columns;
 use crate::chain::definition::Definition;
 use crate::chain::form::Quantity;
-use crate::data::session::{Beginning, Earlier, Role, Run, Session};
-use crate::effects::{catalogue, creep, earlier};
+use crate::data::session::{Beginning, Earlier, OtherInput, Role, Run, Session};
+use crate::effects::{catalogue, creep, earlier, other_input};
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Slot};
 
@@ -108,6 +108,9 @@ pub struct DiscoveredModel {
     pub input_offset: f64,
     /// Input span that is one.
     pub input_scale: f64,
+    /// Further inputs.
+    #[serde(default)]
+    pub others: Vec<OtherInput>,
     /// Output span that is one.
     pub output_scale: f64,
     /// Length of the session that it was found in, s: session time goes on from there.
@@ -175,6 +178,7 @@ impl DiscoveredModel {
             sample_period_s: session.runs[0].period_s,
             input_offset: session.input_offset,
             input_scale: session.input_scale,
+            others: session.others.clone(),
             output_scale: session.output_scale,
             session_s: session.length_s,
             session_recordings: session.runs.len(),
@@ -233,6 +237,10 @@ impl DiscoveredModel {
         if model.session.iter().any(|place| !place.states.is_empty() && place.states.len() != model.thresholds.len()) {
             return Err(invalid("a recording of the session has another number of states than there are operators".to_owned()));
         }
+        let own = model.effects.iter().filter(|effect| effect.name == other_input::NAME).count();
+        if own != model.others.len() || model.others.iter().any(|other| !(other.scale > 0.0 && other.scale.is_finite())) {
+            return Err(invalid(format!("it has {} further inputs, and operators of {own}, or one without a span", model.others.len())));
+        }
         let times = creep::TIMES_S.len();
         if model.session.iter().filter_map(|place| place.earlier.as_ref()).any(|earlier| earlier.creeping.len() != times) {
             return Err(invalid(format!("what earlier recordings left creeping is told for {times} time constants")));
@@ -251,7 +259,7 @@ impl DiscoveredModel {
 
     /// The model, ready to run.
     fn build(&self) -> Result<Model, String> {
-        let forms = catalogue::forms();
+        let forms = [&catalogue::forms()[..], &other_input::FORMS].concat();
         let mut slots = Vec::new();
         for entry in &self.effects {
             let (form, parameters) = match &entry.definition {
@@ -291,8 +299,11 @@ impl DiscoveredModel {
     /// The effects of the file in the normalised units of another session.
     ///
     /// # Errors
-    /// When an effect of the file is not known.
+    /// When an effect of the file is not known, or it has further inputs that the session has not.
     pub fn slots_in(&self, session: &Session) -> Result<Vec<Slot>, String> {
+        if self.others.len() > session.others.len() {
+            return Err(format!("it has {} inputs, the recordings have {}", self.others.len() + 1, session.others.len() + 1));
+        }
         let input = self.input_scale / session.input_scale;
         let output = (self.output_scale / session.output_scale).abs();
         let mut slots = self.build()?.slots;
@@ -313,23 +324,23 @@ impl DiscoveredModel {
     /// Output for every input sample, from rest, in the units of the file.
     ///
     /// # Errors
-    /// When an effect of the file is not known.
+    /// When an effect of the file is not known, or it has further inputs.
     pub fn simulate(&self, input: &[f64]) -> Result<Vec<f64>, String> {
         if input.is_empty() {
             return Ok(Vec::new());
         }
-        Ok(self.build()?.predict(&self.run(input)).into_iter().map(|value| value * self.output_scale).collect())
+        Ok(self.build()?.predict(&self.run(&[input])?).into_iter().map(|value| value * self.output_scale).collect())
     }
 
     /// Output for every sample of a stretch between gaps, free running in its place in the session, in the units of the file.
     ///
     /// # Errors
-    /// When an effect of the file is not known.
-    pub fn simulate_in(&self, context: &Context<'_>, part: usize, stretch: Range<usize>, input: &[f64]) -> Result<Vec<f64>, String> {
-        if input.is_empty() {
+    /// When an effect of the file is not known, or an input is missing.
+    pub fn simulate_in(&self, context: &Context<'_>, part: usize, stretch: Range<usize>, inputs: &[&[f64]]) -> Result<Vec<f64>, String> {
+        if inputs[0].is_empty() {
             return Ok(Vec::new());
         }
-        let mut run = self.run(input);
+        let mut run = self.run(inputs)?;
         let measured = context.start_up(stretch.clone(), self.sample_period_s);
         for (value, measured) in run.output.iter_mut().zip(measured) {
             *value = measured / self.output_scale;
@@ -361,7 +372,7 @@ impl DiscoveredModel {
     /// # Errors
     /// When an effect of the file is not known.
     pub fn simulate_recording(&self, recording: &Recording, start_up_s: f64) -> Result<Vec<f64>, String> {
-        let simulate = |context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]| self.simulate_stretches(context, inputs[0], gaps);
+        let simulate = |context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]| self.simulate_stretches(context, inputs, gaps);
         let (period_s, gaps) = (self.sample_period_s, &recording.gaps[..]);
         // Operators alone know no time.
         let on_clock = simulation::differs(period_s, recording.sample_period_s) || !simulation::is_even(recording);
@@ -374,20 +385,26 @@ impl DiscoveredModel {
     /// Output for every sample of an input with gaps, free running in its place in the session, in the units of the file.
     ///
     /// # Errors
-    /// When an effect of the file is not known.
-    pub fn simulate_stretches(&self, context: &Context<'_>, input: &[f64], gaps: &[usize]) -> Result<Vec<f64>, String> {
-        let mut output = Vec::with_capacity(input.len());
-        let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(input.len())).collect();
+    /// When an effect of the file is not known, or an input is missing.
+    pub fn simulate_stretches(&self, context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, String> {
+        let length = inputs[0].len();
+        let mut output = Vec::with_capacity(length);
+        let bounds: Vec<usize> = std::iter::once(0).chain(gaps.iter().copied()).chain(std::iter::once(length)).collect();
         for (part, bound) in bounds.windows(2).enumerate() {
-            output.extend(self.simulate_in(context, part, bound[0]..bound[1], &input[bound[0]..bound[1]])?);
+            let stretch: Vec<&[f64]> = inputs.iter().map(|input| &input[bound[0]..bound[1]]).collect();
+            output.extend(self.simulate_in(context, part, bound[0]..bound[1], &stretch)?);
         }
         Ok(output)
     }
 
-    /// A recording with this input after the session's last.
-    fn run(&self, input: &[f64]) -> Run {
+    /// A recording with these inputs after the session's last.
+    fn run(&self, inputs: &[&[f64]]) -> Result<Run, String> {
+        let (input, further) = (inputs[0], &inputs[1..]);
+        if further.len() < self.others.len() {
+            return Err(format!("it has {} inputs and was given {}", self.others.len() + 1, inputs.len()));
+        }
         let time_s: Vec<f64> = (0..input.len()).map(|sample| sample as f64 * self.sample_period_s).collect();
-        Run {
+        Ok(Run {
             name: String::new(),
             file: String::new(),
             index: self.session_recordings,
@@ -396,6 +413,7 @@ impl DiscoveredModel {
             part: 0,
             period_s: self.sample_period_s,
             input: input.iter().map(|value| (value - self.input_offset) / self.input_scale).collect(),
+            others: self.others.iter().zip(further).map(|(other, values)| other.normalised(values)).collect(),
             output: vec![0.0; input.len()],
             session_s: time_s.iter().map(|time| time + self.session_s).collect(),
             time_s,
@@ -407,7 +425,7 @@ impl DiscoveredModel {
             beginning: None,
             earlier: None,
             session: std::sync::Arc::default(),
-        }
+        })
     }
 
     /// What an effect of the sensor does to the model's output where the session ended: gain, and offset (normalised).
@@ -417,7 +435,9 @@ impl DiscoveredModel {
     pub fn at_the_end(&self, effect: &EffectEntry) -> Result<(f64, f64), String> {
         let model = self.build()?;
         let slot = model.slots.iter().find(|slot| slot.form.name() == effect.name).ok_or_else(|| effect.name.clone())?;
-        let run = Run { session_s: vec![self.session_s], ..self.run(&[self.input_offset]) };
+        let at_rest: Vec<[f64; 1]> =
+            std::iter::once(self.input_offset).chain(self.others.iter().map(|other| other.offset)).map(|at| [at]).collect();
+        let run = Run { session_s: vec![self.session_s], ..self.run(&at_rest.iter().map(|at| &at[..]).collect::<Vec<_>>())? };
         let of = |sum: f64| {
             let mut columns = Columns::of(1);
             slot.form.output(&slot.parameters, &run, &[sum], &mut columns);

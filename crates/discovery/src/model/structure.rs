@@ -6,8 +6,9 @@ use crate::chain::columns::{AHEAD, Bank, Columns};
 use crate::chain::form::{Drive, FOLLOWING, Form, OperatorLaw, Place};
 use crate::chain::operators;
 use crate::chain::operators::{Begin, Lead, States};
-use crate::data::session::{Beginning, Run};
+use crate::data::session::{Beginning, Run, Session};
 use crate::data::turning::remember;
+use crate::effects::other_input;
 use crate::model::grid;
 use crate::model::initial_state::InitialState;
 
@@ -75,6 +76,14 @@ impl Model {
             sensitivities: Arc::default(),
             fixed_weights: false,
         }
+    }
+
+    /// This model with the operators of a session's further inputs.
+    #[must_use]
+    pub fn with_others(&self, session: &Session) -> Self {
+        let lacking =
+            other_input::FORMS[..session.others.len()].iter().filter(|form| self.slots.iter().all(|slot| slot.form.key() != form.key()));
+        lacking.fold(self.clone(), |model, form| model.with(*form, Vec::new()))
     }
 
     /// This model with one more effect, in its place in the chain.

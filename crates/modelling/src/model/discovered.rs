@@ -42,7 +42,7 @@ impl DiscoveredPredictor {
             kind,
             arithmetic: Arithmetic::Physics,
             input: model.input.clone(),
-            more_inputs: Vec::new(),
+            more_inputs: model.others.iter().map(|other| other.signal.clone()).collect(),
             output: model.output.clone(),
             input_range: None,
             sample_period_s: (!model.effects.is_empty()).then_some(model.sample_period_s),
@@ -81,8 +81,12 @@ impl Predictor for DiscoveredPredictor {
         Ok(stretches.collect::<Result<Vec<_>, _>>().map_err(|problem| self.invalid(problem))?.concat())
     }
 
+    fn simulate(&self, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
+        if inputs.len() > 1 { self.simulate_in(&Context::default(), inputs, gaps) } else { self.predict(inputs[0], gaps) }
+    }
+
     fn simulate_in(&self, context: &Context<'_>, inputs: &[&[f64]], gaps: &[usize]) -> Result<Vec<f64>, ModelError> {
-        self.model.simulate_stretches(context, inputs[0], gaps).map_err(|problem| self.invalid(problem))
+        self.model.simulate_stretches(context, inputs, gaps).map_err(|problem| self.invalid(problem))
     }
 }
 
