@@ -39,7 +39,7 @@ fn names_a_hidden_dead_time_with_its_delay_and_closes_the_gap() {
     assert!(discovery.rmse_before > 2.0 * discovery.rmse_after);
 }
 
-/// The recordings of a case with a second muscle beside the first: play operators of a command of its own, which pull the other way.
+/// The recordings of a case with a second muscle beside the first: play operators of a command of its own, which bend it the other way.
 fn with_a_second_muscle(recordings: &[Recording]) -> Vec<Recording> {
     let beside = |(index, recording): (usize, &Recording)| {
         let speed = 0.5 + 0.37 * (index % 7) as f64;

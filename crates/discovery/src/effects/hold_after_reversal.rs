@@ -174,12 +174,12 @@ mod tests {
         let period_s = 0.02;
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * period_s).collect();
         // Triangles that turn on samples, every second one before the last hold is over.
-        let lengths = [0.9, 1.0, 0.2, 1.1, 0.16, 0.8, 1.2, 0.24];
+        let lengths: [f64; 8] = [0.9, 1.0, 0.2, 1.1, 0.16, 0.8, 1.2, 0.24];
         let mut input = vec![0.0; 20];
         while input.len() < time_s.len() {
             for (length, slope) in lengths.iter().zip([0.7, -0.5].into_iter().cycle()) {
                 let from = input[input.len() - 1];
-                let samples = (length / period_s as f64).round() as u32;
+                let samples = (length / period_s).round() as u32;
                 input.extend((1..=samples).map(|sample| from + slope * period_s * f64::from(sample)));
             }
         }
@@ -194,7 +194,7 @@ mod tests {
             form.input(&[hold_s, catch_up_s, rate_per_s, trough], run, &mut path);
             let (mut state, mut rises, mut left_s) = (run.input[0], if form.from_rest { Some(false) } else { None }, 0.0_f64);
             let (mut worst, steps) = (0.0_f64, 400);
-            for sample in 1..run.input.len() {
+            for (sample, found) in path.iter().enumerate().skip(1) {
                 let (before, after) = (run.input[sample - 1], run.input[sample]);
                 if after != before && rises != Some(after > before) {
                     let of_turn = if after > before { trough * hold_s } else { hold_s };
@@ -211,7 +211,7 @@ mod tests {
                         state += step_s * ((value - state) / catch_up_s).clamp(-rate_per_s, rate_per_s);
                     }
                 }
-                worst = worst.max((path[sample] - state).abs());
+                worst = worst.max((found - state).abs());
             }
             // Where the limit of the rate ends inside a sample, a sample is off by a part of it.
             assert!(worst < 0.01, "{}: {worst}", form.form.0);

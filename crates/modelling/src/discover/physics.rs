@@ -136,6 +136,7 @@ mod tests {
             sample_period_s: 0.02,
             input_offset: 0.0,
             input_scale: 3.0,
+            others: Vec::new(),
             output_scale: 12.0,
             session_s: 100.0,
             session_recordings: 4,

@@ -116,7 +116,7 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             }))
         }
         "stick-slip" => {
-            // It stays until the pull is too much, and is there at once.
+            // It stays until the force is too much, and is there at once.
             let (hold, left) = (range * draw.log(0.025, 0.07), draw.even(0.0, 0.3));
             let mut place = 0.0;
             Drawn::Behind(stage(move |value: f64, _| {
