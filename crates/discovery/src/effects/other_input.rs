@@ -14,7 +14,7 @@ pub const FORMS: [&dyn Form; MOST_OTHERS] = [&Other(0, "second"), &Other(1, "thi
 /// Which one it is, and its key.
 struct Other(usize, &'static str);
 
-/// Thresholds of the operators, over the span of that input; it may pull or push.
+/// Thresholds of the operators, over the span of that input; its weights may be negative.
 const THRESHOLDS: [f64; 7] = [0.0, 0.02, 0.05, 0.1, 0.18, 0.3, 0.45];
 
 impl Form for Other {
