@@ -30,9 +30,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Task {
     /// Everything, as continuous integration: format, lints, documentation, tests, target builds, the emulated target, the board's model, the
-    /// browser, the demo, the Python package, the book. Installs what is missing. Half an hour from nothing.
+    /// browser, the demo, the Python package, the book. Installs what is missing. 33 min from nothing.
     Test,
-    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. Half an hour or more from nothing.
+    /// What needs nothing but Rust with rustfmt and clippy: format, lints, documentation, tests. Installs nothing. 25 min from nothing.
     Ci,
     /// Measurements behind the Results of the book; each bench's help says its time. Minutes to hours.
     Bench(bench::Arguments),
