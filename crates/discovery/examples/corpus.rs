@@ -51,12 +51,12 @@ fn main() {
 
 /// How many of the true parameters lie in their intervals, and how many of these there are.
 fn covered(truth: &BTreeMap<String, f64>, discovery: &Discovery) -> String {
-    let told = |(key, value): (&String, &f64)| {
+    let is_within = |(key, value): (&String, &f64)| {
         let (effect, parameter) = key.split_once('.')?;
         let [low, high] = discovery.effects.iter().find(|one| one.name == effect)?.intervals.get(parameter)?;
         Some(low <= value && value <= high)
     };
-    let within: Vec<bool> = truth.iter().filter_map(told).collect();
+    let within: Vec<bool> = truth.iter().filter_map(is_within).collect();
     format!("{}/{}", within.iter().filter(|within| **within).count(), within.len())
 }
 

@@ -29,7 +29,7 @@ pub enum Residual {
 pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) -> usize {
     // What the readings show by themselves, whatever the model.
     let mut masked = frozen::stopped(session);
-    let threshold = |session: &Session, run: &Run| {
+    let threshold = |run: &Run| {
         let residual = &residual[run.index];
         let noise = fast_noise(&worked_with(run, residual)).max(fast_noise(&worked_with(run, &run.output))).max(1e-9);
         // A quantised or filtered sensor has next to no fast noise: what matters is also 2 % of the range, and five deviations of what
@@ -39,6 +39,7 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
         // A reading between two steps of the sensor flickers by one.
         (7.0 * noise).max(0.02).max(usual).max(2.5 * session.output_step)
     };
+    let thresholds: Vec<f64> = session.runs.iter().map(|run| if run.is_worked_with() { threshold(run) } else { 0.0 }).collect();
     let mut mask = |session: &mut Session, finder: &dyn Fn(&Session, &Run) -> Vec<Range<usize>>| {
         let found: Vec<(usize, Vec<Range<usize>>)> = session.worked().map(|run| (run.index, finder(session, run))).collect();
         if !go_with_motion(session, &found) {
@@ -47,12 +48,11 @@ pub fn outliers(session: &mut Session, residual: &[Vec<f64>], kind: Residual) ->
         }
     };
     mask(session, &|session, run| bursts(run, session.output_step));
-    mask(session, &|session, run| jumps(run, &residual[run.index], threshold(session, run)));
+    mask(session, &|_, run| jumps(run, &residual[run.index], thresholds[run.index]));
     if kind == Residual::OfModel {
-        mask(session, &|session, run| lonely(run, &residual[run.index], threshold(session, run)));
-        let thresholds: Vec<(usize, f64)> = session.worked().map(|run| (run.index, threshold(session, run))).collect();
-        for (run, threshold) in thresholds {
-            masked += frozen::off_the_model(&mut session.runs[run], &residual[run], threshold);
+        mask(session, &|_, run| lonely(run, &residual[run.index], thresholds[run.index]));
+        for run in session.runs.iter_mut().filter(|run| run.is_worked_with()) {
+            masked += frozen::off_the_model(run, &residual[run.index], thresholds[run.index]);
         }
     }
     masked
@@ -107,6 +107,9 @@ const NO_CHANCE: f64 = 3.0;
 /// Whether bursts prefer the moments when the input moves: a sensor errs at any time, and a model lacks something where the rig moves. By the mean rank
 /// of the input's steps about each burst among those of all samples (Wilcoxon 1945).
 fn go_with_motion(session: &Session, bursts: &[(usize, Vec<Range<usize>>)]) -> bool {
+    if bursts.iter().all(|(_, of_run)| of_run.is_empty()) {
+        return false;
+    }
     let steps = |run: &Run, at: usize| {
         let around = &run.input[at.saturating_sub(AROUND)..(at + AROUND + 1).min(run.input.len())];
         around.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)

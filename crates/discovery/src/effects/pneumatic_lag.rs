@@ -129,16 +129,10 @@ impl Filter<2> for Condensing {
     }
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
-        let slope = (value - *last) / LOOKS as f64;
-        for _ in 0..LOOKS {
-            let now = *last + slope;
-            let sensitivities = (1.0 + 0.5 * self.faster * (0.5 * (*last + now) + *state)).max(0.1);
-            let time_s = self.time_s * (1.0 + self.slower * *state).max(0.1) / sensitivities;
-            let (keep, of_now, of_last) = lag_coefficients(time_s, self.step_s);
-            *state = keep * *state + of_now * now + of_last * *last;
-            *last = now;
-        }
-        *state
+        follow([state, last], value, self.step_s, |between, state| {
+            let sensitivities = (1.0 + 0.5 * self.faster * (between + state)).max(0.1);
+            self.time_s * (1.0 + self.slower * state).max(0.1) / sensitivities
+        })
     }
 }
 
@@ -151,7 +145,7 @@ pub static ORIFICE: Orifice = Orifice;
 /// One is laminar flow, a half turbulent.
 pub const POWER: Parameter = Parameter { name: "flow_power", quantity: Quantity::Ratio, low: 0.4, high: 1.2, logarithmic: false };
 
-/// Difference, in spans, at which the power law has the time constant as it is told.
+/// Difference, in spans, at which the power law has the time constant of its parameter.
 const TOLD_AT: f64 = 0.1;
 
 /// Smallest difference that the power law is followed to.
@@ -183,15 +177,7 @@ impl Filter<2> for Flow {
     }
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
-        let slope = (value - *last) / LOOKS as f64;
-        for _ in 0..LOOKS {
-            let now = *last + slope;
-            let time_s = through_orifice_s(self.time_s, 0.5 * (now + *last) - *state, self.power);
-            let (keep, of_now, of_last) = lag_coefficients(time_s, self.step_s);
-            *state = keep * *state + of_now * now + of_last * *last;
-            *last = now;
-        }
-        *state
+        follow([state, last], value, self.step_s, |between, state| through_orifice_s(self.time_s, between - state, self.power))
     }
 }
 
@@ -199,6 +185,19 @@ impl Filter<2> for Flow {
 #[inline(always)]
 pub fn through_orifice_s(time_s: f64, difference: f64, power: f64) -> f64 {
     time_s * elementary::power(difference.abs().max(LAMINAR) / TOLD_AT, 1.0 - power)
+}
+
+/// Leads a state one sample on, in steps of `step_s` over which the time constant that `time_s` has for the mean input and the state stands still.
+#[inline(always)]
+fn follow([state, last]: [&mut f64; 2], value: f64, step_s: f64, time_s: impl Fn(f64, f64) -> f64) -> f64 {
+    let slope = (value - *last) / LOOKS as f64;
+    for _ in 0..LOOKS {
+        let now = *last + slope;
+        let (keep, of_now, of_last) = lag_coefficients(time_s(0.5 * (*last + now), *state), step_s);
+        *state = keep * *state + of_now * now + of_last * *last;
+        *last = now;
+    }
+    *state
 }
 
 /// Steps inside a sample, over which the time constant stands still.

@@ -98,9 +98,9 @@ impl Form for Held {
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
         let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
-        let mut begun = if self.runs_on {
+        let (spacing_hz, begun) = if self.runs_on {
             let best = best_starts(frequencies.map(|hz| with(hz, 0.0)), best_looks, BEST);
-            let of_session = of_recordings * session.runs[0].input.len() as f64 * session.runs[0].period_s / session_length_s(session);
+            let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
             let steps = (of_recordings / of_session).ceil() as i32;
             let near = |start: Vec<f64>| {
                 let near = (-steps..=steps).map(|step| 1.0 / start[0] + f64::from(step) * of_session);
@@ -112,12 +112,12 @@ impl Form for Held {
             let all = frequencies.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
             (of_recordings, best_starts(all, score, BEST))
         };
-        // Finer steps about each, until a period is as near as can be told.
+        // Finer steps about each, until a period is as near as the recordings resolve.
         let finer = |start: Vec<f64>| {
             let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
-            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * begun.0, start[1] + late)), score, 1)
+            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), score, 1)
         };
-        std::mem::take(&mut begun.1).into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
+        begun.into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         hold(path, parameters[0], self.first_look(parameters, run), parameters[2], run.period_s);
@@ -130,13 +130,6 @@ impl Held {
         let begun = if self.runs_on { run.session_s[0] / parameters[0] } else { 0.0 };
         (parameters[1] - begun).rem_euclid(1.0)
     }
-}
-
-/// From the start of the first recording to the end of the last, s.
-fn session_length_s(session: &Session) -> f64 {
-    let ends = session.runs.iter().map(|run| (run.session_s[0], run.session_s[run.session_s.len() - 1]));
-    let (from, to) = ends.fold((f64::MAX, f64::MIN), |all, one| (all.0.min(one.0), all.1.max(one.1)));
-    to - from
 }
 
 /// Holds what is looked at once in a period, and follows it with a time constant.
@@ -247,6 +240,7 @@ mod tests {
         for (index, run) in session.runs.iter_mut().enumerate() {
             let begun_s = 27.31 * index as f64;
             run.session_s = run.time_s.iter().map(|time_s| begun_s + time_s).collect();
+            session.length_s = begun_s + run.time_s[run.time_s.len() - 1];
         }
         let of = |(run, hz): (&Run, f64)| -> Vec<f64> {
             let u = |time_s: f64| 0.5 - 0.5 * (TAU * hz * time_s).cos();

@@ -58,7 +58,7 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             }))
         }
         "supply-saturation" => {
-            // It gives way before it ends.
+            // It bends before it ends.
             let limit = draw.even(0.6, 0.85) * span;
             draw.tell("supply-saturation.limit_bar", limit);
             let sharp = draw.even(6.0, 14.0);
