@@ -166,7 +166,7 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     }
     let residual = fitted.residuals(session);
     let correlation = neighbour_correlation(session, &residual);
-    let half_widths = intervals::half_widths(&fitted, session);
+    let half_widths = intervals::half_widths(&fitted, session, 0.0);
     // What is within 95 % of the best by the ratio of likelihoods, a chi square with one degree of freedom; correlated residuals tell less.
     let least = profile.iter().map(|entry| entry.0).fold(f64::MAX, f64::min);
     let pseudo_measurements = session.count(Role::Fit) as f64 * (1.0 - correlation) / (1.0 + correlation);

@@ -5,10 +5,12 @@
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
 mod draw;
+mod fourth_laws;
 mod laws;
 mod muscle;
 mod reporting;
 mod second_laws;
+mod second_reporting;
 mod session;
 mod third_laws;
 
@@ -33,6 +35,12 @@ pub const ALIENS: [&str; 3] = ["alien-two-way-gain", "alien-temperature-steps", 
 /// First seed of which every third draws a third law: earlier ones stay what they were.
 pub const FIRST_OF_THREE: u64 = 4000;
 
+/// First seed to tune on that draws laws written without knowledge of the catalogue, two for every effect: one for even seeds, one for odd.
+pub const FIRST_OF_STRANGERS: u64 = 5000;
+
+/// First seed to report on that draws such laws.
+pub const FIRST_OF_STRANGERS_REPORTING: u64 = 9500;
+
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
     let span_bar = plant.random_range(1.5..2.9);
@@ -56,9 +64,11 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_THREE && config.seed % 3 == 2 => third_laws::tuning(name, &mut draw),
             Set::Tuning if config.seed % 2 == 1 => second_laws::tuning(name, &mut draw),
             Set::Tuning => laws::tuning(name, &mut draw),
+            Set::Reporting if config.seed >= FIRST_OF_STRANGERS_REPORTING => second_reporting::reporting(name, &mut draw),
             Set::Reporting => reporting::reporting(name, &mut draw),
         };
         match drawn {
