@@ -62,7 +62,12 @@ fn covered(truth: &BTreeMap<String, f64>, discovery: &Discovery) -> String {
                 && let Some(one) = discovery.effects.iter().find(|one| one.name == effect)
                 && let Some([low, high]) = one.intervals.get(parameter)
             {
-                println!("   {key} {value:.4} found {:.4} in {low:.4} to {high:.4} form {} {}", one.parameters[parameter], one.form, if low <= value && value <= high { "" } else { "MISS" });
+                println!(
+                    "   {key} {value:.4} found {:.4} in {low:.4} to {high:.4} form {} {}",
+                    one.parameters[parameter],
+                    one.form,
+                    if low <= value && value <= high { "" } else { "MISS" }
+                );
             }
         }
     }

@@ -1,16 +1,20 @@
 //! `activation-threshold`: below a pressure the bladder does not touch the braid, `v = max(u - P, 0)` with a rounded corner; or the first part
-//! of the displacement does not reach the tip, or little of it, `y = s - A min(s, D)`; or a command of either sign has a dead zone about its centre.
+//! of the displacement does not reach the tip, or little of it, `y = s - A min(s, D)`; or something opens at a pressure and passes all of it; or a command of either sign has a dead zone about its centre.
 
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
+use crate::chain::filters::grid;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Corner, &Slack, &TwoSided];
+pub const FORMS: &[&dyn Form] = &[&Corner, &Opens, &Slack, &TwoSided];
 
 struct Corner;
+
+/// A valve that cracks open at the threshold and soon passes all: `v = u w` with an opening `w` from 0 to 1.
+struct Opens;
 
 struct Slack;
 
@@ -34,6 +38,23 @@ impl Form for Corner {
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         path.iter_mut().for_each(|value| *value = beyond(*value, parameters[0], parameters[1]));
+    }
+}
+
+impl Form for Opens {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "threshold", quantity: Quantity::Input, low: 0.02, high: 0.6, logarithmic: false },
+                Parameter { name: "opening", quantity: Quantity::Ratio, low: 2e-3, high: 0.2, logarithmic: true },
+            ],
+            is_static: true,
+            starts: || grid(&[0.06, 0.12, 0.18, 0.25, 0.35], &[0.01, 0.04]),
+            ..Spec::new("activation-threshold", ("opens", "nothing below, all of it above"), Place::Muscle)
+        }
+    }
+    fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
+        path.iter_mut().for_each(|value| *value *= ((*value - parameters[0]) / parameters[1]).clamp(0.0, 1.0));
     }
 }
 

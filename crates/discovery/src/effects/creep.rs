@@ -3,14 +3,20 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::{Columns, Filter};
-use crate::chain::filters::{Lag, ladder, lag};
+use crate::chain::filters::{Lag, grid, ladder, lag};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] =
-    &[&OfOutput { remembers: false }, &OfOutput { remembers: true }, &OfInput, crate::effects::offset_drift::LEFT_BY_CREEP];
+pub const FORMS: &[&dyn Form] = &[
+    &OfOutput { remembers: false },
+    &OfOutput { remembers: true },
+    &OfInput,
+    &Activated { of_input: true },
+    &Activated { of_input: false },
+    crate::effects::offset_drift::LEFT_BY_CREEP,
+];
 
 /// Retardation times, s: a decade takes about two of them.
 pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
@@ -24,6 +30,12 @@ struct OfOutput {
 }
 
 struct OfInput;
+
+/// Thermally activated flow (Eyring 1936): `z' = (A / T) sinh((x - z) / A)`, which creeps as the logarithm of time; of the pressure
+/// before the hysteresis, `v = u + B z(u)`, or of the displacement behind it.
+struct Activated {
+    of_input: bool,
+}
 
 /// What earlier recordings have left of themselves, at the start of this one, in the input behind a lag of `time_s`: the lagged input over
 /// the input at rest. Between recordings the input rests.
@@ -141,6 +153,60 @@ impl Filter<4> for Giving {
         *last = value;
         sum
     }
+}
+
+impl Form for Activated {
+    fn spec(&self) -> Spec {
+        const FLOW: [Parameter; 3] = [
+            Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.3, high: 100.0, logarithmic: true },
+            Parameter { name: "activation", quantity: Quantity::Ratio, low: 0.02, high: 2.0, logarithmic: true },
+            Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-2, high: 1.0, logarithmic: true },
+        ];
+        if self.of_input {
+            Spec {
+                parameters: &FLOW,
+                starts: || {
+                    grid(&[2.0, 10.0], &[0.15, 0.5])
+                        .into_iter()
+                        .flat_map(|of| [0.05, 0.2].map(|size| [&of[..], &[size]].concat()))
+                        .collect()
+                },
+                ..Spec::new("creep", ("of-the-pressure-activated", "of the pressure's effect, thermally activated"), Place::Muscle)
+            }
+        } else {
+            Spec {
+                parameters: &[FLOW[0], FLOW[1]],
+                weights: 1,
+                needs_sum: true,
+                starts: || grid(&[2.0, 10.0], &[0.15, 0.5]),
+                ..Spec::new("creep", ("of-the-displacement-activated", "of the displacement, thermally activated"), Place::Material)
+            }
+        }
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if let &[time_s, activation, share] = parameters {
+            let mut flowed = path[0];
+            for value in path {
+                flowed = flow(flowed, *value, time_s, activation, run.period_s);
+                *value += share * flowed;
+            }
+        }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        if let &[time_s, activation] = parameters {
+            let mut flowed = sum[0];
+            columns.push(false, |sample| {
+                flowed = flow(flowed, sum[sample], time_s, activation, run.period_s);
+                flowed
+            });
+        }
+    }
+}
+
+/// One step of [`Activated`], exact for what holds during it: `tanh((x - z) / (2 A))` decays exponentially.
+fn flow(flowed: f64, towards: f64, time_s: f64, activation: f64, period_s: f64) -> f64 {
+    let left = (0.5 * (towards - flowed) / activation).tanh() * (-period_s / time_s).exp();
+    towards - 2.0 * activation * left.atanh()
 }
 
 #[cfg(test)]

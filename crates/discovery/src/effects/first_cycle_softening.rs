@@ -1,9 +1,12 @@
 //! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
 //! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not; or with the number of
 //! strokes done. Or it is the largest load so far
-//! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`.
+//! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`; or below its own
+//! peak `p` it is softer than on the way there, `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999).
 
 use std::collections::BTreeMap;
+
+use statrs::function::erf::erf;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
@@ -17,6 +20,7 @@ pub const FORMS: &[&dyn Form] = &[
     &Softening::Lasting,
     &Softening::Largest { heals: true },
     &Softening::Largest { heals: false },
+    &Softening::BelowPeak,
 ];
 
 /// What softens.
@@ -29,6 +33,8 @@ enum Softening {
     Lasting,
     /// The highest input, since the recording began where the muscle heals in between, or since the session began.
     Largest { heals: bool },
+    /// How far the displacement is below its own peak since the recording began.
+    BelowPeak,
 }
 
 /// A recovery that no session lasts for, s.
@@ -80,6 +86,11 @@ impl Form for Softening {
             Self::Largest { heals: false } => {
                 Spec { cost: Some(2), ..of(("highest-in-session", "by the highest input since the session began")) }
             }
+            Self::BelowPeak => Spec {
+                parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.03, high: 2.0, logarithmic: true }],
+                starts: || row(&[0.1, 0.3, 1.0]),
+                ..of(("below-peak", "below the highest displacement since the recording began"))
+            },
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
@@ -133,6 +144,13 @@ impl Form for Softening {
                 columns.push(true, |sample| {
                     highest = highest.max(run.input[sample]);
                     sum[sample] * (1.0 - highest)
+                });
+            }
+            Self::BelowPeak => {
+                let mut peak = sum[0];
+                columns.push(true, |sample| {
+                    peak = peak.max(sum[sample]);
+                    sum[sample] * erf((peak - sum[sample]) / parameters[0])
                 });
             }
         }

@@ -11,20 +11,29 @@ use crate::data::session::Run;
 use crate::effects::{dead_time, pneumatic_lag};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&TIP, &Changing, &PartOfTip, &PRESSURE];
+pub const FORMS: &[&dyn Form] = &[&TIP, &SHAKEN, &Changing, &PartOfTip, &PRESSURE];
 
 /// Something that swings as a whole.
 struct Swinging {
     form: Told,
     place: Place,
     parameters: &'static [Parameter],
+    /// Whether the drag is one against what moves it, and moves it too.
+    shaken: bool,
 }
 
-static TIP: Swinging = Swinging { form: ("tip", "swinging tip"), place: Place::Tip, parameters: &[FREQUENCY, DAMPING] };
+static TIP: Swinging = Swinging { form: ("tip", "swinging tip"), place: Place::Tip, parameters: &[FREQUENCY, DAMPING], shaken: false };
+
+/// Base excitation (Den Hartog 1956, section 2.12).
+static SHAKEN: Swinging = Swinging { form: ("shaken-tip", "swinging tip, moved by its drag as well"), shaken: true, ..TIP };
 
 /// Damped more than this it no longer swings, and any lag or delay would pass for it.
-static PRESSURE: Swinging =
-    Swinging { form: ("pressure", "swinging pressure"), place: Place::Tube, parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }] };
+static PRESSURE: Swinging = Swinging {
+    form: ("pressure", "swinging pressure"),
+    place: Place::Tube,
+    parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }],
+    shaken: false,
+};
 
 struct PartOfTip;
 
@@ -39,6 +48,8 @@ struct Swing {
     speed: [f64; 2],
     /// How far it is behind a command of this slope, s.
     behind_s: f64,
+    /// What the drag carries along, per unit of its speed, s.
+    carried_s: f64,
     period_s: f64,
 }
 
@@ -53,8 +64,14 @@ impl Swing {
             position: [decay * (cosine + ratio * sine), decay * sine / damped],
             speed: [-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine)],
             behind_s: 2.0 * damping / omega,
+            carried_s: 0.0,
             period_s,
         }
+    }
+
+    /// The same where the drag is one against what moves it: `y = (1 + 2 D / o d/dt) w`.
+    fn shaken(self, shaken: bool) -> Self {
+        Self { carried_s: if shaken { self.behind_s } else { 0.0 }, ..self }
     }
 }
 
@@ -70,7 +87,7 @@ impl Filter<3> for Swing {
         *place = self.position[0] * off + self.position[1] * off_rate + value - behind;
         *rate = self.speed[0] * off + self.speed[1] * off_rate + slope;
         *last = value;
-        *place
+        *place + self.carried_s * *rate
     }
 }
 
@@ -197,7 +214,7 @@ impl Form for Swinging {
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         if self.place > Place::Operators {
-            columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s));
+            columns.filter(&Swing::new(parameters[0], parameters[1], run.period_s).shaken(self.shaken));
         }
     }
 }

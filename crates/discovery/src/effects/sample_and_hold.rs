@@ -1,7 +1,7 @@
 //! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`,
 //! and followed at once or like a volume behind a restriction.
 
-use crate::chain::filters::best_starts;
+use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::phasors::spacing_hz;
 use crate::data::session::{Role, Run, Session};
@@ -23,6 +23,9 @@ static RUNNING_ON: Held = Held { form: ("of-the-session", "held for a period of 
 /// Time constant of what follows the held command; as short as can be it follows at once.
 const FOLLOWS: Parameter = Parameter { name: "follow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true };
 
+/// How old what is held is already: a converter that averages holds the middle of what it has seen. As short as can be it is fresh.
+const AGE: Parameter = Parameter { name: "age", ..FOLLOWS };
+
 /// Longest period that is looked for, s.
 const LONGEST_S: f64 = 0.6;
 
@@ -43,9 +46,10 @@ impl Form for Held {
                 // It goes round: neither end is one.
                 Parameter { name: "first_look", quantity: Quantity::Ratio, low: -0.5, high: 1.5, logarithmic: false },
                 FOLLOWS,
+                AGE,
             ],
-            steps: &[2e-4, 0.05, 0.3],
-            simpler_at: &[(2, FOLLOWS.low)],
+            steps: &[2e-4, 0.05, 0.3, 0.3],
+            simpler_at: &[(2, FOLLOWS.low), (3, AGE.low)],
             ..Spec::new("sample-and-hold", self.form, Place::Supply)
         }
     }
@@ -94,7 +98,7 @@ impl Form for Held {
             over(&mut (0..runs.len()).map(best))
         };
         let of_recordings = spacing_hz(session);
-        let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low];
+        let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low, AGE.low];
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
         let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
@@ -117,9 +121,20 @@ impl Form for Held {
             let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
             best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), score, 1)
         };
-        begun.into_iter().flat_map(finer).flat_map(|start| [start.clone(), vec![start[0], start[1], 0.02]]).collect()
+        begun
+            .into_iter()
+            .flat_map(finer)
+            .flat_map(|start| {
+                let with = |follows_s: f64, age_s: f64| vec![start[0], start[1], follows_s, age_s];
+                [start.clone(), with(0.02, AGE.low), with(FOLLOWS.low, 0.25 * start[0])]
+            })
+            .collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        if parameters[3] > AGE.low {
+            let fresh = path.to_vec();
+            shift(path, &fresh, |_| parameters[3] / run.period_s);
+        }
         hold(path, parameters[0], self.first_look(parameters, run), parameters[2], run.period_s);
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
+use crate::chain::filters::grid;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
@@ -67,18 +68,34 @@ impl Form for Pressure {
     }
 }
 
-/// A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
+/// A half saturation that no input comes near: a plain power.
+const NO_SATURATION: f64 = 100.0;
+
+/// Hill's curve. A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
 impl Form for Power {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 3.0, logarithmic: true }],
+            parameters: &[
+                Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 4.0, logarithmic: true },
+                Parameter { name: "half_saturation", quantity: Quantity::Ratio, low: 0.15, high: NO_SATURATION, logarithmic: true },
+            ],
             is_static: true,
-            starts: || vec![vec![0.6], vec![0.85], vec![1.2], vec![1.6]],
-            ..Spec::new("static-nonlinearity", ("input-power", "power of the input: v = u^n"), Place::Muscle)
+            simpler_at: &[(1, NO_SATURATION)],
+            of_earlier: |form, of| (form == "power of the input: v = u^n").then(|| [of, &[NO_SATURATION]].concat()),
+            starts: || [grid(&[0.6, 0.85, 1.2, 1.6], &[NO_SATURATION]), grid(&[1.2, 2.2], &[0.5, 1.0])].concat(),
+            ..Spec::new(
+                "static-nonlinearity",
+                ("input-power", "power of the input that may saturate: v = u^n (1 + h^n) / (u^n + h^n)"),
+                Place::Muscle,
+            )
         }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
-        path.iter_mut().for_each(|value| *value = value.signum() * value.abs().powf(parameters[0]));
+        let rest = parameters[1].powf(parameters[0]);
+        path.iter_mut().for_each(|value| {
+            let power = value.abs().powf(parameters[0]);
+            *value = value.signum() * power * (1.0 + rest) / (power + rest);
+        });
     }
 }
 

@@ -41,6 +41,11 @@ impl Left {
         let share = if was > STANDS_OUT * STANDS_OUT * floor { (excess(is) / excess(was)).clamp(0.0, 1.0) } else { 0.0 };
         Self { stands_out, share }
     }
+
+    /// Whether that is more than may stay unexplained.
+    pub fn is_too_much(&self) -> bool {
+        self.stands_out && self.share > MOST_UNEXPLAINED
+    }
 }
 
 /// What a model leaves of what another missed, on the samples that both were found with.

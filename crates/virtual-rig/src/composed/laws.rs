@@ -97,7 +97,8 @@ pub fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
     match name {
         "dead-time" => {
             let delay_s = draw.log(0.04, 0.25);
-            Drawn::Before(delay(draw.tell("dead-time.delay_s", delay_s)))
+            // A whole number of steps.
+            Drawn::Before(delay(draw.tell("dead-time.delay_s", (delay_s / STEP_S).round() * STEP_S)))
         }
         "pneumatic-lag" => {
             // An isothermal line into a volume that grows with its pressure: slower when full.

@@ -15,7 +15,7 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
     match name {
         "dead-time" => {
             let delay_s = draw.log(0.04, 0.25);
-            Drawn::Behind(delay(draw.tell("dead-time.delay_s", delay_s)))
+            Drawn::Behind(delay(draw.tell("dead-time.delay_s", (delay_s / STEP_S).round() * STEP_S)))
         }
         "pneumatic-lag" => {
             // Turbulent flow through an orifice, laminar near the end.
