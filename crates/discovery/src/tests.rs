@@ -383,7 +383,10 @@ fn a_power_of_the_pressure_is_no_threshold_beside_a_curve() {
     let finding = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding").discovery;
     let names: Vec<&str> = finding.effects.iter().map(|effect| effect.name.as_str()).collect();
     assert_eq!(names, ["static-nonlinearity"], "{finding:?}");
-    assert_eq!((finding.verdict, finding.effects[0].form.as_str()), (Verdict::Named, "power of the input: v = u^n"));
+    assert_eq!(
+        (finding.verdict, finding.effects[0].form.as_str()),
+        (Verdict::Named, "power of the input that may saturate: v = u^n (1 + h^n) / (u^n + h^n)")
+    );
 }
 
 #[test]

@@ -145,4 +145,21 @@ mod tests {
             assert_ne!(TwoSided.starts(&session(low), &[]).is_empty(), is_tried, "from {low}");
         }
     }
+
+    #[test]
+    fn what_opens_passes_nothing_below_and_everything_above() {
+        let session = session(0.0);
+        let mut path = session.runs[0].input.clone();
+        Opens.input(&[0.2, 0.1], &session.runs[0], &mut path);
+        for (value, input) in path.iter().zip(&session.runs[0].input) {
+            let share = if *input < 0.2 {
+                0.0
+            } else if *input > 0.3 {
+                1.0
+            } else {
+                (input - 0.2) / 0.1
+            };
+            assert!((value - share * input).abs() < 1e-12, "{value} of {input}");
+        }
+    }
 }

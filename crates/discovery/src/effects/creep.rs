@@ -55,6 +55,11 @@ pub fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
     left
 }
 
+/// The same for a lag of [`TIMES_S`], as a file tells or by the recordings before.
+fn left(run: &Run, at: usize) -> f64 {
+    run.earlier.as_ref().map_or_else(|| left_of_earlier(run, TIMES_S[at]), |earlier| earlier.creeping[at])
+}
+
 /// How much of the output goes with a unit of the input in one recording.
 fn gain(input: &[f64], output: &[f64]) -> f64 {
     let moved = |values: &[f64], sample: usize| values[sample] - values[0];
@@ -89,8 +94,7 @@ impl Form for OfOutput {
             lag(&mut slow, time_s, run.period_s);
             if self.remembers {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
-                let pseudo_measurements = run.earlier.as_ref().map(|earlier| earlier.creeping[at]);
-                let left = gain(&run.input, sum) * pseudo_measurements.unwrap_or_else(|| left_of_earlier(run, time_s));
+                let left = gain(&run.input, sum) * left(run, at);
                 let keep = (-run.period_s / time_s).exp();
                 slow.iter_mut().fold(left, |left, value| {
                     *value += left;
@@ -185,7 +189,7 @@ impl Form for Activated {
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         if let &[time_s, activation, share] = parameters {
-            let mut flowed = path[0];
+            let mut flowed = flowed_before(run, time_s);
             for value in path {
                 flowed = flow(flowed, *value, time_s, activation, run.period_s);
                 *value += share * flowed;
@@ -201,6 +205,14 @@ impl Form for Activated {
             });
         }
     }
+}
+
+/// What has flowed when a recording begins: the material knows nothing of recordings, between which the input rests. Closely enough it is what the lag
+/// of [`TIMES_S`] with the nearest time constant has left.
+fn flowed_before(run: &Run, time_s: f64) -> f64 {
+    let distance = |lag_s: &f64| (lag_s / time_s).ln().abs();
+    let nearest = (1..TIMES_S.len()).fold(0, |best, at| if distance(&TIMES_S[at]) < distance(&TIMES_S[best]) { at } else { best });
+    run.input[0] + left(run, nearest)
 }
 
 /// One step of [`Activated`], exact for what holds during it: `tanh((x - z) / (2 A))` decays exponentially.
@@ -252,5 +264,21 @@ mod tests {
         let input: Vec<f64> = (0..50).map(|sample| (f64::from(sample) * 0.3).sin()).collect();
         let output: Vec<f64> = input.iter().map(|value| 4.0 - 2.5 * value).collect();
         assert!((gain(&input, &output) + 2.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn activated_flow_is_as_its_equation_says() {
+        let (towards, time_s, activation, period_s) = (0.8, 4.0, 0.1, 0.02);
+        let (mut found, mut state) = (0.0, 0.0_f64);
+        for sample in 0..500 {
+            found = super::flow(found, towards, time_s, activation, period_s);
+            for _ in 0..1000 {
+                state += 1e-3 * period_s * activation / time_s * ((towards - state) / activation).sinh();
+            }
+            assert!((found - state).abs() < 2e-3, "sample {sample}: {found} instead of {state}");
+        }
+        // Nearly a lag where little is left.
+        let near = super::flow(0.0, 1e-3, time_s, activation, period_s);
+        assert!((near / 1e-3 - (1.0 - (-period_s / time_s).exp())).abs() < 1e-6, "{near}");
     }
 }

@@ -217,4 +217,22 @@ mod tests {
             assert!((columns.column(0)[sample] - f64::exp(-0.5 * done)).abs() < 1e-12, "sample {sample}: {}", columns.column(0)[sample]);
         }
     }
+
+    #[test]
+    fn below_its_peak_it_is_softer_and_on_the_way_there_it_is_not() {
+        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.25 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let mut columns = Columns::of(run.input.len());
+        Softening::BelowPeak.output(&[0.2], run, &run.input, &mut columns);
+        let softer = columns.column(0);
+        assert!((0..=100).all(|sample| softer[sample] == 0.0));
+        // Half way down, and half way up again.
+        for sample in [150, 250] {
+            assert!((softer[sample] - run.input[sample] * erf(2.5)).abs() < 1e-2, "sample {sample}: {}", softer[sample]);
+        }
+    }
 }

@@ -1,5 +1,5 @@
-//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with the rate or its inverse hyperbolic sine, operators follow late, or their weights
-//! change with the rate.
+//! `rate-dependent-hysteresis`: the loop changes with speed: thresholds grow with the rate or its inverse hyperbolic sine, operators follow late, their weights
+//! change with the rate, or a slider before them relaxes.
 //!
 //! Thresholds that all grow by `c |dv/dt|` and a lag of the time constant `c` are the same to first order in `c`. To second order the lag
 //! adds `c^2 v''`; growth that takes a time `T` to build up (a dashpot with a spring in series, Maxwell's element) adds `c T v''`. So what
@@ -13,13 +13,25 @@ use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec, To
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] =
-    &[&ADDITIVE, &ADDITIVE_FADING, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights { logarithmic: false }, &Weights { logarithmic: true }];
+pub const FORMS: &[&dyn Form] = &[
+    &ADDITIVE,
+    &ADDITIVE_FADING,
+    &PROPORTIONAL,
+    &VISCOUS,
+    &STIFFENING,
+    &Weights { logarithmic: false },
+    &Weights { logarithmic: true },
+    &Relaxing,
+];
 
 /// Weights that change with the rate, or its logarithm.
 struct Weights {
     logarithmic: bool,
 }
+
+/// A slider on a spring (Maxwell slip) whose force relaxes: `f' = k v' - f / T`, no more than it slips at, holds the input back by `f`. Fast strokes
+/// drag it to where it slips; slow ones let it go.
+struct Relaxing;
 
 /// Eyring's law (1936): an overstress grows with the inverse hyperbolic sine of the rate, in proportion below this one and with its logarithm
 /// above.
@@ -107,6 +119,31 @@ static STIFFENING: OfOperators = OfOperators::new(
     |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
 );
 
+impl Form for Relaxing {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "stiffness", quantity: Quantity::Ratio, low: 0.02, high: 0.95, logarithmic: true },
+                Parameter { name: "slip", quantity: Quantity::Input, low: 5e-3, high: 0.3, logarithmic: true },
+                Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 0.05, high: 5.0, logarithmic: true },
+            ],
+            starts: || {
+                grid(&[0.15, 0.4], &[0.03, 0.08]).into_iter().flat_map(|of| [0.2, 0.8].map(|slow| [&of[..], &[slow]].concat())).collect()
+            },
+            ..Spec::new(NAME, ("relaxing-slider", "a slider holds the input back, and its spring relaxes"), Place::Muscle)
+        }
+    }
+    fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
+        let [stiffness, slip, time_s] = [parameters[0], parameters[1], parameters[2]];
+        let (keep, mut force, mut last) = ((-run.period_s / time_s).exp(), 0.0, path[0]);
+        for value in path {
+            force = (force * keep + stiffness * (*value - last)).clamp(-slip, slip);
+            last = *value;
+            *value -= force;
+        }
+    }
+}
+
 /// `y = s + f (a s + b u)`: all weights change by one share of `f`, and the one without a threshold by another. `f` is the rate, or `ln(1 + |du/dt| / r)`:
 /// what Eyring's law makes of thermally activated friction, far above the rate `r`.
 impl Form for Weights {
@@ -154,6 +191,8 @@ fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::chain::form::OperatorLaw;
+    use recording::{Recording, Signal};
+    use std::path::Path;
 
     #[test]
     fn forms_of_earlier_files_are_read_as_the_same_law() {
@@ -181,5 +220,23 @@ mod tests {
         // A parameter that was not there yet: no memory.
         let law = law("share-asinh", &[0.02, 0.1]);
         assert_eq!((law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
+    }
+
+    #[test]
+    fn a_relaxing_slider_holds_back_what_its_spring_keeps_and_no_more_than_it_slips_at() {
+        let time_s: Vec<f64> = (0..2000).map(|sample| f64::from(sample) * 0.01).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.05 * time).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let held = |slip: f64| {
+            let mut path = run.input.clone();
+            Relaxing.input(&[0.4, slip, 0.5], run, &mut path);
+            run.input[1999] - path[1999]
+        };
+        // On a ramp of a span in 20 s the spring keeps its stiffness times what half a second brings.
+        assert!((held(0.3) - 0.4 * 0.05 * 0.5).abs() < 2e-4, "{}", held(0.3));
+        assert!((held(0.006) - 0.006).abs() < 1e-12, "{}", held(0.006));
     }
 }

@@ -248,4 +248,23 @@ mod tests {
         // Drag and stiffness stand still within a sample; without either it is exact but for the Euler steps.
         assert!(worst[0] < 1e-4 && worst.iter().all(|error| *error < 5e-3), "{worst:?}");
     }
+
+    #[test]
+    fn what_shakes_the_tip_moves_it_through_its_drag_too() {
+        let (period_s, frequency_hz, damping) = (0.01, 2.5, 0.3);
+        let base = |time_s: f64| 0.5 - 0.5 * (3.0 * time_s).cos();
+        let mut found: Vec<f64> = (0..600).map(|sample| base(f64::from(sample) * period_s)).collect();
+        Swing::new(frequency_hz, damping, period_s).shaken(true).run(&mut found);
+        let omega = 2.0 * PI * frequency_hz;
+        let (mut place, mut rate) = (0.0, 0.0);
+        for (sample, found) in found.iter().enumerate().skip(1) {
+            for look in 0..1000 {
+                let time_s = ((sample - 1) as f64 + f64::from(look) / 1000.0) * period_s;
+                let pull = omega * omega * (base(time_s) - place) + 2.0 * damping * omega * (1.5 * (3.0 * time_s).sin() - rate);
+                rate += 1e-3 * period_s * pull;
+                place += 1e-3 * period_s * rate;
+            }
+            assert!((found - place).abs() < 1e-3, "sample {sample}: {found} instead of {place}");
+        }
+    }
 }

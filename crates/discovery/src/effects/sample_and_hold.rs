@@ -196,7 +196,7 @@ mod tests {
         let run = &session.runs[0];
         let (period_s, first) = (0.137, 0.3);
         let mut path = run.input.clone();
-        OF_EACH_RECORDING.input(&[period_s, first, FOLLOWS.low], run, &mut path);
+        OF_EACH_RECORDING.input(&[period_s, first, FOLLOWS.low, AGE.low], run, &mut path);
         // The last of all looks before each sample, found by counting them.
         let looks: Vec<f64> = (0..150).map(|look| (f64::from(look) + first) * period_s).collect();
         for (time_s, value) in run.time_s.iter().zip(path) {
@@ -214,7 +214,7 @@ mod tests {
         let (period_s, first, follows_s) = (0.137, 0.3, 0.05);
         let through = |follows_s: f64| {
             let mut path = run.input.clone();
-            OF_EACH_RECORDING.input(&[period_s, first, follows_s], run, &mut path);
+            OF_EACH_RECORDING.input(&[period_s, first, follows_s, AGE.low], run, &mut path);
             path
         };
         let mut state = run.input[0];
@@ -272,5 +272,22 @@ mod tests {
             })
         };
         assert!(starts.iter().any(|start| near(&start)), "{starts:?}");
+    }
+
+    #[test]
+    fn what_is_held_may_be_older_than_the_look() {
+        let session = session(&[0.3]);
+        let run = &session.runs[0];
+        let through = |first: f64, age_s: f64| {
+            let mut path = run.input.clone();
+            OF_EACH_RECORDING.input(&[0.2, first, FOLLOWS.low, age_s], run, &mut path);
+            path
+        };
+        let (fresh, old) = (through(0.0, AGE.low), through(0.0, 0.06));
+        // Held for ten samples as before, and worth what the command was three samples earlier.
+        for sample in 50..1000 {
+            assert!((old[sample] - run.input[sample / 10 * 10 - 3]).abs() < 1e-4, "sample {sample}");
+            assert!((fresh[sample] - run.input[sample / 10 * 10]).abs() < 1e-4, "sample {sample}");
+        }
     }
 }

@@ -164,3 +164,27 @@ impl Form for Pieces {
         (1..).zip(weights).map(of).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::{Recording, Signal};
+    use std::path::Path;
+
+    #[test]
+    fn a_power_saturates_where_half_of_it_is_reached_within_the_span_and_is_a_plain_one_otherwise() {
+        let input: Vec<f64> = (0..1000).map(|sample| f64::from(sample) / 999.0).collect();
+        let time_s = input.iter().map(|value| 20.0 * value).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let curve = |half: f64| {
+            let mut path = vec![0.25, 0.5, 1.0, -0.5];
+            Power.input(&[2.0, half], run, &mut path);
+            path
+        };
+        assert!(curve(NO_SATURATION).iter().zip([0.0625, 0.25, 1.0, -0.25]).all(|(found, wanted)| (found - wanted).abs() < 1e-4));
+        assert!(curve(0.5).iter().zip([0.25, 0.625, 1.0, -0.625]).all(|(found, wanted)| (found - wanted).abs() < 1e-12));
+    }
+}

@@ -9,7 +9,7 @@ use crate::selection::criterion::Comparison;
 use crate::selection::found::Outcome;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
-use crate::selection::settings::MOST_COMPARED;
+use crate::selection::settings::{MOST_COMPARED, MOST_UNEXPLAINED};
 
 /// What was decided.
 pub struct Decision {
@@ -27,11 +27,14 @@ pub struct Decision {
 
 /// Decides between the model before the search (`base`), the one that was `found`, its parts, and what the search has met beside it.
 pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model, seed: u64, threads: usize) -> Decision {
-    // What one of several effects leaves when its own parameters are all that is fitted.
+    // What some of the effects leave when their own parameters are all that is fitted.
     let alone = |part: Model| if part.slots.is_empty() || jumps(&part) { part } else { refitted(session, &part) };
-    let parts = (0..found.slots.len()).map(|slot| alone(found.without(slot)));
-    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried).cloned();
+    let slots = found.slots.len();
+    let without =
+        |left_out: u32| (0..slots).rev().filter(|slot| left_out >> slot & 1 == 1).fold(found.clone(), |model, slot| model.without(slot));
     let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
+    let parts = (1..(1 << slots) - 1).map(without).filter(keeps_base).map(alone);
+    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried).cloned();
     let mut models = vec![base.clone()];
     // All are compared behind the longest start-up: a model that reads half of a recording before it says anything is no simulation of it.
     let shortest_s = session.worked().map(|run| run.input.len() as f64 * run.period_s).fold(f64::MAX, f64::min);
@@ -60,29 +63,29 @@ fn jumps(model: &Model) -> bool {
     model.slots.iter().any(|slot| slot.form.jumps().is_some())
 }
 
-/// The models without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the effect
-/// explains too little of it. What mends a form is no effect by itself: a true one explains what is left without it, as a first one must what is there.
+/// The models without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the further
+/// effect explains too little of it. What mends a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
 fn without_menders(session: &Session, models: Vec<Model>) -> Vec<Model> {
-    let fitted = |model: &Model| {
+    let missed = |model: &Model| {
         let mut fine = model.regrown();
         fine.fit_all(session);
         fine.residuals(session)
     };
-    let residuals: Vec<Option<Vec<Vec<f64>>>> = models.iter().map(|model| (!jumps(model)).then(|| fitted(model))).collect();
-    let floor = residuals.iter().flatten().map(|residual| noise::floor(session, residual).powi(2)).fold(f64::MAX, f64::min);
-    let squares: Vec<Option<f64>> =
-        residuals.iter().map(|residual| residual.as_ref().map(|residual| worked(session, residual, false))).collect();
-    let explains =
-        |after: usize, before: usize| squares[after].zip(squares[before]).map(|(is, was)| !Left::new(was, is, floor).is_too_much());
-    let has_all_of = |one: &Model, other: &Model| other.names().all(|name| one.names().any(|own| own == name));
-    let mends = |one: usize| {
-        let mut fewer = (1..models.len())
-            .filter(|&other| models[other].slots.len() < models[one].slots.len() && has_all_of(&models[one], &models[other]));
-        let suffices = |other: usize| explains(other, 0) == Some(true) && explains(one, other) == Some(false);
-        fewer.any(suffices)
+    let missed: Vec<Option<Vec<Vec<f64>>>> = models.iter().map(|model| (!jumps(model)).then(|| missed(model))).collect();
+    let floor = missed.iter().flatten().map(|missed| noise::floor(session, missed).powi(2)).fold(f64::MAX, f64::min);
+    let squares: Vec<Option<f64>> = missed.iter().map(|missed| Some(worked(session, missed.as_ref()?, false))).collect();
+    // What one leaves of what another missed, where neither jumps.
+    let left = |is: usize, was: usize| Some(Left::new(squares[was]?, squares[is]?, floor));
+    let is_part = |part: usize, whole: usize| {
+        let has = |name: &str| models[whole].names().any(|own| own == name);
+        part > 0 && models[part].slots.len() < models[whole].slots.len() && models[part].names().all(has)
     };
-    let stays: Vec<bool> = (0..models.len()).map(|one| !mends(one)).collect();
-    models.into_iter().zip(stays).filter(|(_, stays)| *stays).map(|(model, _)| model).collect()
+    let suffices = |part: usize, whole: usize| {
+        let little = left(whole, part).is_some_and(|left| left.share > MOST_UNEXPLAINED);
+        left(part, 0).is_some_and(|left| !left.stands_out || !left.is_too_much() && little)
+    };
+    let stays = |whole: &usize| !(0..models.len()).any(|part| is_part(part, *whole) && squares[*whole].is_some() && suffices(part, *whole));
+    (0..models.len()).filter(stays).map(|at| models[at].clone()).collect()
 }
 
 /// The model with its parameters fitted together, its weights on the fine grid.
@@ -110,4 +113,36 @@ fn by_loss(session: &Session, model: &Model, owned: &[&str]) -> Vec<&'static str
         }
     }
     names
+}
+
+#[cfg(test)]
+mod tests {
+    use virtual_rig::{self as rig, CaseConfig, Generator};
+
+    use super::*;
+    use crate::effects::{dead_time, pneumatic_lag, supply_saturation};
+    use crate::model::initial_state::InitialState;
+
+    #[test]
+    fn a_further_effect_stays_where_it_explains_what_is_left_and_goes_where_it_only_mends() {
+        // How many stay of: nothing, a dead time, a saturation, a dead time beside each of the others.
+        let staying = |hidden: &[&str]| {
+            let effects = hidden.iter().map(|name| (*name).to_owned()).collect();
+            let config = CaseConfig { effects, seed: 3424, generator: Generator::ComposedTuning, ..CaseConfig::default() };
+            let case = rig::hide(&config).expect("a case");
+            let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+            let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+            let (late, limit, lag) = (dead_time::FORMS[0], supply_saturation::FORMS[0], pneumatic_lag::FORMS[0]);
+            let limited = |model: &Model| model.with(limit, vec![0.8, 0.01]);
+            let delayed = bare.with(late, vec![0.07]);
+            let models = [delayed.clone(), limited(&bare), limited(&delayed), delayed.with(lag, vec![0.01])];
+            let fitted = models.iter().map(|model| refitted(&session, model));
+            let stay = without_menders(&session, std::iter::once(bare.clone()).chain(fitted).collect());
+            stay.iter().map(|model| model.names().collect::<Vec<_>>().join("+")).collect::<Vec<_>>()
+        };
+        let alone = staying(&["dead-time"]);
+        assert!(alone.contains(&"dead-time".into()) && alone.iter().all(|names| !names.contains('+')), "{alone:?}");
+        let both = staying(&["dead-time", "supply-saturation"]);
+        assert!(both.contains(&"supply-saturation+dead-time".into()), "{both:?}");
+    }
 }
