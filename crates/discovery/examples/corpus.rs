@@ -56,21 +56,6 @@ fn covered(truth: &BTreeMap<String, f64>, discovery: &Discovery) -> String {
         let [low, high] = discovery.effects.iter().find(|one| one.name == effect)?.intervals.get(parameter)?;
         Some(low <= value && value <= high)
     };
-    if std::env::var_os("DETAIL").is_some() {
-        for (key, value) in truth {
-            if let Some((effect, parameter)) = key.split_once('.')
-                && let Some(one) = discovery.effects.iter().find(|one| one.name == effect)
-                && let Some([low, high]) = one.intervals.get(parameter)
-            {
-                println!(
-                    "   {key} {value:.4} found {:.4} in {low:.4} to {high:.4} form {} {}",
-                    one.parameters[parameter],
-                    one.form,
-                    if low <= value && value <= high { "" } else { "MISS" }
-                );
-            }
-        }
-    }
     let within: Vec<bool> = truth.iter().filter_map(is_within).collect();
     format!("{}/{}", within.iter().filter(|within| **within).count(), within.len())
 }

@@ -42,35 +42,15 @@ impl Left {
         Self { stands_out, share }
     }
 
-    /// Whether that is more than may stay unexplained.
-    pub fn is_too_much(&self) -> bool {
-        self.stands_out && self.share > MOST_UNEXPLAINED
-    }
-}
-
-/// What a model leaves of what another missed, on the samples that both were found with.
-pub struct Leaves {
-    /// Whether it stands out of the noise.
-    pub stands_out: bool,
-    share: f64,
-}
-
-impl Leaves {
-    /// What `after` leaves of what `before` missed.
-    pub fn new(session: &Session, before: &Model, after: &Model) -> Self {
-        Self::beside(session, before, after, 0.0)
-    }
-
-    /// As [`Self::new`], beside a mean square that no model is without.
-    pub fn beside(session: &Session, before: &Model, after: &Model, scatter: f64) -> Self {
+    /// What `after` leaves of what `before` missed, on the samples that both were found with, beside a mean square (`scatter`) that no model is without.
+    pub fn between(session: &Session, before: &Model, after: &Model, scatter: f64) -> Self {
         let (before, after) = (before.residuals(session), after.residuals(session));
         let floor = noise::floor(session, &after).powi(2);
-        let Left { stands_out, share } = Left::new(worked(session, &before, false), worked(session, &after, false) - scatter, floor);
-        Self { stands_out, share }
+        Self::new(worked(session, &before, false), worked(session, &after, false) - scatter, floor)
     }
 
     /// Whether that is more than may stay unexplained.
-    pub fn too_much(&self) -> bool {
+    pub fn is_too_much(&self) -> bool {
         self.stands_out && self.share > MOST_UNEXPLAINED
     }
 }

@@ -15,11 +15,12 @@ use crate::observers::law::SlipLaw;
 use crate::result::Candidate;
 use crate::search::parallel;
 use crate::selection::found::Outcome;
+use crate::selection::leaves::Left;
+use crate::selection::rounds;
 use crate::selection::rounds::Bench;
 use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
-use crate::selection::{leaves, rounds};
 
 /// Jumps on a quasi-static response, with the log-likelihood for them.
 struct Judged {
@@ -210,8 +211,7 @@ pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool 
     if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
         return false;
     }
-    let leaves = |scatter: f64| leaves::Leaves::beside(session, base, &outcome.model, scatter).too_much();
-    outcome.found.jump_scatter.is_some_and(|scatter| !leaves(scatter))
+    outcome.found.jump_scatter.is_some_and(|scatter| !Left::between(session, base, &outcome.model, scatter).is_too_much())
 }
 
 /// Puts jumps in the place of what was found, or beside what of it pays beside them, where jumps explain the recordings better than
@@ -220,10 +220,10 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let session = bench.session;
     let forms: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.jumps().is_some()).collect();
     let simulated = outcome.found.order.contains(&VALVE);
-    let leaves = leaves::Leaves::new(session, base, &outcome.model);
+    let left = Left::between(session, base, &outcome.model, 0.0);
     // What a simulated valve misses of its jumps may pass for another effect beside it.
     let beside_simulated = simulated && outcome.found.order.len() > 1;
-    let is_met = if simulated { !beside_simulated && !leaves.too_much() } else { !leaves.stands_out };
+    let is_met = if simulated { !beside_simulated && !left.is_too_much() } else { !left.stands_out };
     if forms.is_empty() || is_met {
         return outcome;
     }

@@ -15,7 +15,7 @@ use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
-use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, MOST_UNEXPLAINED, STANDS_OUT};
+use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, STANDS_OUT};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
 
@@ -149,7 +149,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     let jumps = after.names().any(|name| jumping.contains(&name));
     let confounded = after.slots.iter().any(|slot| is_confounded(session, slot));
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
-    let Left { stands_out, share: unexplained } = Left::new(was, is - scatter, floor * floor);
+    let left = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
     let half_widths = intervals::half_widths(after, session, (is - scatter - floor * floor).max(0.0));
     for name in &decision.order {
@@ -193,7 +193,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
             intervals: BTreeMap::new(),
         });
     }
-    let inadequate = stands_out && (unexplained > MOST_UNEXPLAINED || effects.is_empty());
+    let inadequate = left.is_too_much() || left.stands_out && effects.is_empty();
     let verdict = if inadequate {
         // A catalogue that lacks the cause may hold something like it: nothing of what explains a part is believed by more.
         effects.iter_mut().for_each(|effect| effect.confidence = effect.confidence.min(HALF));
@@ -220,7 +220,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         rmse_after_one_step: None,
         gap_closed_one_step: None,
         calibrate_s: None,
-        unexplained: if stands_out { unexplained } else { 0.0 },
+        unexplained: if left.stands_out { left.share } else { 0.0 },
         criterion: Some(decision.compared.gain(decision.compared.best())),
         confidence_set: decision.compared.set.iter().map(|member| decision.compared.member(member)).collect(),
         candidates: found.candidates.clone(),
