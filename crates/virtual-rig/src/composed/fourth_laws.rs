@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use super::draw::{Draw, STEP_S};
+use super::fourth_laws_of_time as of_time;
 use super::laws::{self, Drawn, first_order, map, stage};
 
 /// Draws law `which` (0 or 1) of the effect `name`.
@@ -35,20 +36,20 @@ pub(super) fn tuning(name: &str, which: u64, draw: &mut Draw<'_>) -> Drawn {
         ("stick-slip", _) => dragged_mass(draw),
         ("resonance", 0) => air_column(draw),
         ("resonance", _) => shaken_tip(draw),
-        ("periodic-disturbance", 0) => breath(draw),
-        ("periodic-disturbance", _) => pump_strokes(draw),
-        ("offset-drift", 0) => warming_sensor(draw),
-        ("offset-drift", _) => wandering_zero(draw),
-        ("gain-drift", 0) => ageing_rubber(draw),
-        ("gain-drift", _) => swaying_room(draw),
-        ("setup-change", 0) => remounted_sensor(draw),
-        ("setup-change", _) => reconnected_line(draw),
-        ("leakage", 0) => seeping_charge(draw),
-        ("leakage", _) => pinhole(draw),
-        ("sample-and-hold", 0) => free_running_clock(draw),
-        ("sample-and-hold", _) => averaging_converter(draw),
-        ("hold-after-reversal", 0) => changing_over_valve(draw),
-        ("hold-after-reversal", _) => resting_tip(draw),
+        ("periodic-disturbance", 0) => of_time::breath(draw),
+        ("periodic-disturbance", _) => of_time::pump_strokes(draw),
+        ("offset-drift", 0) => of_time::warming_sensor(draw),
+        ("offset-drift", _) => of_time::wandering_zero(draw),
+        ("gain-drift", 0) => of_time::ageing_rubber(draw),
+        ("gain-drift", _) => of_time::swaying_room(draw),
+        ("setup-change", 0) => of_time::remounted_sensor(draw),
+        ("setup-change", _) => of_time::reconnected_line(draw),
+        ("leakage", 0) => of_time::seeping_charge(draw),
+        ("leakage", _) => of_time::pinhole(draw),
+        ("sample-and-hold", 0) => of_time::free_running_clock(draw),
+        ("sample-and-hold", _) => of_time::averaging_converter(draw),
+        ("hold-after-reversal", 0) => of_time::changing_over_valve(draw),
+        ("hold-after-reversal", _) => of_time::resting_tip(draw),
         _ => laws::tuning(name, draw),
     }
 }
@@ -395,210 +396,6 @@ fn shaken_tip(draw: &mut Draw<'_>) -> Drawn {
     Drawn::Behind(stage(move |place, _| {
         impulse += STEP_S * omega * omega * (place - tip);
         tip += STEP_S * (impulse + 2.0 * damping * omega * (place - tip));
-        tip
-    }))
-}
-
-/// Breath lifts the tip: a short swell, a longer rest, again and again.
-fn breath(draw: &mut Draw<'_>) -> Drawn {
-    let drawn = draw.log(0.18, 0.4);
-    let frequency_hz = draw.tell("periodic-disturbance.frequency_hz", drawn);
-    let lift = draw.sign() * draw.even(0.05, 0.12) * draw.range_mm;
-    let (sharpness, phase) = (draw.even(0.8, 2.0), draw.even(0.0, TAU));
-    Drawn::Behind(stage(move |place, moment| {
-        place + lift * (sharpness * ((TAU * frequency_hz * moment.session_s + phase).cos() - 1.0)).exp()
-    }))
-}
-
-/// A pump's strokes come through the regulator, the more the wider it is open: a quick rise and a slow fall each.
-fn pump_strokes(draw: &mut Draw<'_>) -> Drawn {
-    let drawn = draw.log(1.2, 4.0);
-    let frequency_hz = draw.tell("periodic-disturbance.frequency_hz", drawn);
-    let (ripple, span) = (draw.even(0.06, 0.12), draw.span_bar);
-    let phase = draw.even(0.0, TAU);
-    Drawn::Before(stage(move |command, moment| {
-        let angle = TAU * frequency_hz * moment.session_s + phase;
-        (command + ripple * (0.4 * span + 0.6 * command) * (angle.sin() + 0.35 * (2.0 * angle).sin())).max(0.0)
-    }))
-}
-
-/// The sensor warms up after it is switched on, and its zero with it.
-fn warming_sensor(draw: &mut Draw<'_>) -> Drawn {
-    let zero = draw.sign() * draw.even(0.07, 0.16) * draw.range_mm;
-    let warming_s = draw.even(0.15, 0.5) * draw.session_s;
-    Drawn::Behind(stage(move |place, moment| place - zero * (-moment.session_s.max(0.0) / warming_s).exp_m1()))
-}
-
-/// The zero wanders at random, by a straight line between one place and the next.
-fn wandering_zero(draw: &mut Draw<'_>) -> Drawn {
-    let mut zero = 0.0;
-    let mut zeros = vec![zero];
-    for _ in 0..9 {
-        zero += draw.sign() * draw.even(0.02, 0.06) * draw.range_mm;
-        zeros.push(zero);
-    }
-    let session_s = draw.session_s;
-    Drawn::Behind(stage(move |place, moment| {
-        let along = (moment.session_s / session_s).clamp(0.0, 1.0) * (zeros.len() - 1) as f64;
-        let below = (along as usize).min(zeros.len() - 2);
-        place + zeros[below] + (along - below as f64) * (zeros[below + 1] - zeros[below])
-    }))
-}
-
-/// Rubber ages under work, quickly at first: the stroke changes by the logarithm of the time.
-fn ageing_rubber(draw: &mut Draw<'_>) -> Drawn {
-    let first_s = draw.log(0.02, 0.2) * draw.session_s;
-    let change = draw.sign() * draw.even(0.1, 0.25) / (draw.session_s / first_s).ln_1p();
-    Drawn::Behind(stage(move |place, moment| place * (1.0 + change * (moment.session_s.max(0.0) / first_s).ln_1p())))
-}
-
-/// The room's temperature sways, and the regulator's gain with it.
-fn swaying_room(draw: &mut Draw<'_>) -> Drawn {
-    let (swing, phase) = (draw.even(0.07, 0.14), draw.even(0.0, TAU));
-    let omega = TAU * draw.even(0.6, 1.5) / draw.session_s;
-    Drawn::Before(stage(move |command, moment| command * (1.0 + swing * (omega * moment.session_s + phase).sin())))
-}
-
-/// The sensor was taken off and put back: another zero, another gain.
-fn remounted_sensor(draw: &mut Draw<'_>) -> Drawn {
-    let changed = draw.even(5.0, 15.0) as usize;
-    let zero = draw.sign() * draw.even(0.04, 0.12) * draw.range_mm;
-    let gain = 1.0 + draw.sign() * draw.even(0.05, 0.18);
-    Drawn::Behind(stage(move |place, moment| if moment.recording < changed { place } else { zero + gain * place }))
-}
-
-/// The line was taken apart, and the regulator trimmed anew: the muscle gets another pressure for the same command.
-fn reconnected_line(draw: &mut Draw<'_>) -> Drawn {
-    let changed = draw.even(5.0, 15.0) as usize;
-    let zero = draw.sign() * draw.even(0.03, 0.1) * draw.span_bar;
-    let gain = 1.0 + draw.sign() * draw.even(0.08, 0.2);
-    Drawn::Before(stage(move |command, moment| if moment.recording < changed { command } else { zero + gain * command }))
-}
-
-/// A piston meters the air, and part of the charge seeps through the muscle's wall, either way.
-fn seeping_charge(draw: &mut Draw<'_>) -> Drawn {
-    let seeping_s = draw.log(12.0, 40.0);
-    leaking(move |pressure| pressure / seeping_s)
-}
-
-/// A pinhole lets the metered air out by the root of its pressure; an inlet valve keeps it from going below the room's.
-fn pinhole(draw: &mut Draw<'_>) -> Drawn {
-    let (span, emptying_s) = (draw.span_bar, draw.log(8.0, 25.0));
-    leaking(move |pressure| if pressure > 0.0 { span / emptying_s * (pressure / span).sqrt() } else { pressure / STEP_S })
-}
-
-/// A pressure that follows the command's changes and loses `loss(pressure)` per second; the pause starts it anew.
-fn leaking(loss: impl Fn(f64) -> f64 + 'static) -> Drawn {
-    let (mut last, mut pressure, mut recording) = (0.0, 0.0, 0);
-    Drawn::Before(stage(move |command, moment| {
-        if moment.recording == recording {
-            pressure += command - last;
-        } else {
-            (recording, pressure) = (moment.recording, command);
-        }
-        last = command;
-        pressure -= STEP_S * loss(pressure);
-        pressure
-    }))
-}
-
-/// A converter takes the command at the ticks of a clock that runs through the whole session.
-fn free_running_clock(draw: &mut Draw<'_>) -> Drawn {
-    let drawn_s = draw.log(0.08, 0.3);
-    let period_s = draw.tell("sample-and-hold.period_s", drawn_s);
-    let phase = draw.even(0.0, 1.0);
-    let (mut tick, mut held) = (f64::NEG_INFINITY, 0.0);
-    Drawn::Before(stage(move |command, moment| {
-        let now = (moment.session_s / period_s + phase).floor();
-        if now.total_cmp(&tick).is_ne() {
-            (tick, held) = (now, command);
-        }
-        held
-    }))
-}
-
-/// A converter averages the command over the last part of each period and holds that; its clock starts with the recording.
-fn averaging_converter(draw: &mut Draw<'_>) -> Drawn {
-    let period = draw.log(80.0, 300.0) as usize;
-    draw.tell("sample-and-hold.period_s", period as f64 * STEP_S);
-    let opens = (draw.even(0.5, 0.85) * period as f64) as usize;
-    let (mut count, mut sum, mut held) = (0, 0.0, 0.0);
-    Drawn::Before(stage(move |command, moment| {
-        if moment.begins {
-            (count, sum) = (0, 0.0);
-        }
-        if count >= opens {
-            sum += command;
-        }
-        count += 1;
-        if count == period {
-            held = sum / (period - opens) as f64;
-            (count, sum) = (0, 0.0);
-        }
-        held
-    }))
-}
-
-/// Tells when a signal has turned back.
-#[derive(Default)]
-struct Reversals {
-    farthest: f64,
-    falling: bool,
-}
-
-impl Reversals {
-    /// Whether the signal has just gone back by more than `margin` from where it was farthest.
-    fn turned(&mut self, value: f64, margin: f64) -> bool {
-        let ahead = if self.falling { self.farthest - value } else { value - self.farthest };
-        if ahead >= 0.0 {
-            self.farthest = value;
-        }
-        let turned = ahead < -margin;
-        if turned {
-            (self.farthest, self.falling) = (value, !self.falling);
-        }
-        turned
-    }
-}
-
-/// The valve needs a while to change from filling to venting: until then the pressure stays, then it is at once where it should be.
-fn changing_over_valve(draw: &mut Draw<'_>) -> Drawn {
-    let drawn_s = draw.log(0.2, 0.4);
-    let hold_s = draw.tell("hold-after-reversal.hold_s", drawn_s);
-    let margin = 0.002 * draw.span_bar;
-    let (mut reversals, mut left_s, mut held) = (Reversals::default(), 0.0, 0.0);
-    Drawn::Before(stage(move |command, _| {
-        let turned = reversals.turned(command, margin);
-        if left_s > 0.0 {
-            left_s -= STEP_S;
-        } else if turned {
-            left_s = hold_s;
-        } else {
-            held = command;
-        }
-        held
-    }))
-}
-
-/// The tip rests in its guide for a while after every turn, then comes after by and by.
-fn resting_tip(draw: &mut Draw<'_>) -> Drawn {
-    let drawn_s = draw.log(0.2, 0.4);
-    let hold_s = draw.tell("hold-after-reversal.hold_s", drawn_s);
-    let margin = 0.002 * draw.range_mm;
-    let fading = 1.0 - STEP_S / draw.even(0.03, 0.1);
-    let (mut reversals, mut left_s, mut tip, mut behind) = (Reversals::default(), 0.0, 0.0, 0.0);
-    Drawn::Behind(stage(move |place, _| {
-        let turned = reversals.turned(place, margin);
-        if left_s > 0.0 {
-            left_s -= STEP_S;
-            behind = tip - place;
-        } else if turned {
-            left_s = hold_s;
-            behind = tip - place;
-        } else {
-            behind *= fading;
-            tip = place + behind;
-        }
         tip
     }))
 }

@@ -6,6 +6,7 @@
 
 mod draw;
 mod fourth_laws;
+mod fourth_laws_of_time;
 mod laws;
 mod muscle;
 mod reporting;
