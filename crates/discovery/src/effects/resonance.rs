@@ -260,8 +260,8 @@ mod tests {
         for (sample, found) in found.iter().enumerate().skip(1) {
             for look in 0..1000 {
                 let time_s = ((sample - 1) as f64 + f64::from(look) / 1000.0) * period_s;
-                let pull = omega * omega * (base(time_s) - place) + 2.0 * damping * omega * (1.5 * (3.0 * time_s).sin() - rate);
-                rate += 1e-3 * period_s * pull;
+                let acceleration = omega * omega * (base(time_s) - place) + 2.0 * damping * omega * (1.5 * (3.0 * time_s).sin() - rate);
+                rate += 1e-3 * period_s * acceleration;
                 place += 1e-3 * period_s * rate;
             }
             assert!((found - place).abs() < 1e-3, "sample {sample}: {found} instead of {place}");

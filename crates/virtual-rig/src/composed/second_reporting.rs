@@ -104,7 +104,7 @@ fn valve_dead_band(second: bool, draw: &mut Draw<'_>) -> Drawn {
             pressure
         }));
     }
-    // The spool lets go of its seat when the error leaves the band, and sits down again when little of it is left.
+    // The spool lets go of its edge when the error leaves the band, and sits down again when little of it is left.
     let response_s = draw.even(0.015, 0.035);
     let rest = band * draw.even(0.1, 0.35);
     Drawn::Before(stage(move |value, _| {
@@ -270,12 +270,12 @@ fn stick_slip(second: bool, draw: &mut Draw<'_>) -> Drawn {
         let omega = TAU * draw.even(6.0, 12.0);
         let damping = draw.even(0.1, 0.4);
         return Drawn::Behind(stage(move |value: f64, _| {
-            let pull: f64 = value - place;
-            if speed == 0.0 && pull.abs() <= grip {
+            let tug: f64 = value - place;
+            if speed == 0.0 && tug.abs() <= grip {
                 return place;
             }
-            let way = if speed == 0.0 { pull.signum() } else { f64::signum(speed) };
-            speed += STEP_S * (omega * omega * (pull - sliding * way) - 2.0 * damping * omega * speed);
+            let way = if speed == 0.0 { tug.signum() } else { f64::signum(speed) };
+            speed += STEP_S * (omega * omega * (tug - sliding * way) - 2.0 * damping * omega * speed);
             if speed * way <= 0.0 {
                 speed = 0.0;
             }
@@ -287,10 +287,10 @@ fn stick_slip(second: bool, draw: &mut Draw<'_>) -> Drawn {
     let slip_s = draw.even(0.008, 0.025);
     let mut slips = false;
     Drawn::Behind(stage(move |value: f64, _| {
-        let pull: f64 = value - place;
-        slips = pull.abs() > if slips { sliding } else { grip };
+        let tug: f64 = value - place;
+        slips = tug.abs() > if slips { sliding } else { grip };
         if slips {
-            place += pull * STEP_S / slip_s;
+            place += tug * STEP_S / slip_s;
         }
         place
     }))
