@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_further_effect_stays_where_it_explains_what_is_left_and_goes_where_it_only_mends() {
-        // How many stay of: nothing, a dead time, a saturation, a dead time beside each of the others.
+        // Which stay of: nothing, a dead time, a saturation, both, a lag beside the dead time.
         let staying = |hidden: &[&str]| {
             let effects = hidden.iter().map(|name| (*name).to_owned()).collect();
             let config = CaseConfig { effects, seed: 3424, generator: Generator::ComposedTuning, ..CaseConfig::default() };
