@@ -238,8 +238,7 @@ impl Form for Pump {
     fn spec(&self) -> Spec {
         Spec {
             parameters: WAVE,
-            steps: &[1e-4, 0.03, 0.03, 0.2],
-            simpler_at: &[(3, 0.0)],
+            steps: &[1e-4, 0.03, 0.03],
             ..Spec::new(NAME, ("of-the-pressure", "of the pressure, running on through the session"), Place::Tube)
         }
     }
@@ -257,7 +256,7 @@ impl Form for Pump {
                 sine += 2.0 * im[0] / samples;
             }
             // What arrives at the sensor is what came in, or about half of it.
-            starts.extend([(1.0, 0.0), (1.8, 0.0), (3.0, 0.7)].map(|(more, share)| vec![found, more * sine, more * cosine, share]));
+            starts.extend([1.0, 1.8].map(|more| vec![found, more * sine, more * cosine]));
         }
         apart_from_input(session, residual, starts, 1)
     }
@@ -265,7 +264,7 @@ impl Form for Pump {
         let omega = 2.0 * PI * parameters[0];
         for (value, time_s) in path.iter_mut().zip(&run.session_s) {
             let (im, re) = (omega * time_s).sin_cos();
-            *value += (parameters[1] * im + parameters[2] * re) * (1.0 - parameters[3] * (1.0 - *value));
+            *value += parameters[1] * im + parameters[2] * re;
         }
     }
     fn tell(&self, parameters: &[f64], _: &[f64], session: &Session) -> BTreeMap<String, f64> {
@@ -273,15 +272,9 @@ impl Form for Pump {
     }
 }
 
-const SINE: Parameter = Parameter { name: "sine", quantity: Quantity::Ratio, low: -0.3, high: 0.3, logarithmic: false };
+const SINE: Parameter = Parameter { name: "sine", quantity: Quantity::Ratio, low: -0.2, high: 0.2, logarithmic: false };
 
-/// A sine, of which a share grows from nothing with the pressure: a pump's strokes are the larger the more it has to deliver.
-const WAVE: &[Parameter] = &[
-    FREQUENCY[0],
-    SINE,
-    Parameter { name: "cosine", ..SINE },
-    Parameter { name: "growing_share", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false },
-];
+const WAVE: &[Parameter] = &[FREQUENCY[0], SINE, Parameter { name: "cosine", ..SINE }];
 
 /// A sine and a cosine of each harmonic, at times in s.
 fn push_harmonics(frequency_hz: f64, time_s: &[f64], columns: &mut Columns) {
