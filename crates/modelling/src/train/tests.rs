@@ -101,8 +101,7 @@ fn a_training_that_gets_no_better_ends_with_the_best_weights_it_had_and_the_same
     let (whole, to_the_end) = train(&config);
     let (stopped, early) = train(&TrainConfig { patience: 6, ..config });
     assert_eq!((to_the_end.ended, early.ended), (Ended::Complete, Ended::EarlyStop));
-    // How early hangs on the processor, whose sums round in another order: less than a half, and 0.7, were seen.
-    assert!(5 * early.optimiser_steps < 4 * early.planned_steps, "{} of {}", early.optimiser_steps, early.planned_steps);
+    assert!(2 * early.optimiser_steps < early.planned_steps, "{} of {}", early.optimiser_steps, early.planned_steps);
     assert_eq!(early.history[..], to_the_end.history[..early.history.len()]);
     let best = early.history.iter().map(|at| at.validation_rmse).fold(f64::INFINITY, f64::min);
     assert!((early.val_rmse / best - 1.0).abs() < 1e-3, "{} and {best}", early.val_rmse);

@@ -61,7 +61,7 @@ fn laminar_tube(draw: &mut Draw<'_>) -> Drawn {
     Drawn::Before(first_order(move |command, pressure| ((1.0 + command).powi(2) - (1.0 + pressure).powi(2)) / (2.0 * middle * middle_s)))
 }
 
-/// A tube has a small volume halfway and the muscle's at its end; the slower of the two time constants is told.
+/// A tube has a small volume halfway and the muscle's at its end; its truth is the slower of the two time constants.
 fn tube_and_chamber(draw: &mut Draw<'_>) -> Drawn {
     let drawn_s = draw.log(0.05, 0.25);
     let time_constant_s = draw.tell("pneumatic-lag.time_constant_s", drawn_s);
@@ -314,7 +314,7 @@ fn softer_below_the_peak(draw: &mut Draw<'_>) -> Drawn {
     }))
 }
 
-/// Travel since the pause breaks bonds in the rubber: what is stiff at first gives way with every stroke.
+/// Travel since the pause breaks bonds in the rubber: what is stiff at first yields with every stroke.
 fn softer_by_travel(draw: &mut Draw<'_>) -> Drawn {
     let stiffness = draw.even(0.12, 0.25);
     let breaking = draw.log(1.0, 3.0) * draw.span_bar;
