@@ -113,17 +113,19 @@ fn identify_finds_the_rig_behind_noise_free_data() {
 
 #[test]
 fn train_reports_its_size_and_speed_for_every_preset() {
+    const SECOND: &str = "budget-cpu-s 1";
     let bench = Bench::with_models();
-    for preset in ["hybrid", "stream-2x64", "stream-1x32", "paper-window"] {
-        bench.works(&format!(
-            "train --preset {preset} --data data --out {preset}.safetensors --budget-cpu-s 1 --seed 5 --json {preset}.json"
-        ));
+    // The network of a hybrid has to gain something on its operators, else it is left out: steps for it, not time.
+    for (preset, granted) in [("hybrid", "epochs 400"), ("stream-2x64", SECOND), ("stream-1x32", SECOND), ("paper-window", SECOND)] {
+        bench.works(&format!("train --preset {preset} --data data --out {preset}.safetensors --{granted} --seed 5 --json {preset}.json"));
         let result = bench.json(&format!("{preset}.json"));
         for key in ["parameters", "macs_per_step", "epochs", "seconds", "cpu_seconds", "train_macs_per_second", "val_rmse"] {
             assert!(number(&result[key]) > 0.0, "{preset}: {key} is {}", result[key]);
         }
         // 1 s was granted; start, the last step and the final validation come on top, and the test machine may be busy.
-        assert!(number(&result["cpu_seconds"]) < 15.0, "{preset} took {} CPU seconds of 1", result["cpu_seconds"]);
+        if granted == SECOND {
+            assert!(number(&result["cpu_seconds"]) < 15.0, "{preset} took {} CPU seconds of 1", result["cpu_seconds"]);
+        }
         bench.works(&format!("evaluate --model {preset}.safetensors --data data"));
     }
     // Table I of the paper: two layers of 64 units on one input, four gates of weights and biases each, and one linear output.

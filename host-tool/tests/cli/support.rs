@@ -175,7 +175,7 @@ pub fn models() -> &'static Path {
             bench.write(&format!("data/{name}.csv"), bent_recording_csv(frequency_hz));
         }
         bench.works("identify --data exact --out physics.toml");
-        bench.works("train --preset hybrid --data data --out model.safetensors --budget-cpu-s 4 --threads 1");
+        bench.works("train --preset hybrid --data data --out model.safetensors --epochs 400 --threads 1");
         bench.works("export model.safetensors --calibration data --out model.blob");
         // Kept for the whole test run, in cargo's own folder for that.
         let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("models");
