@@ -5,6 +5,8 @@
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
 mod draw;
+mod fifth_laws;
+mod fifth_laws_of_time;
 mod fourth_laws;
 mod fourth_laws_of_time;
 mod laws;
@@ -42,6 +44,9 @@ pub const FIRST_OF_STRANGERS: u64 = 5000;
 /// First seed to report on that draws such laws.
 pub const FIRST_OF_STRANGERS_REPORTING: u64 = 9500;
 
+/// First seed to tune on that draws textbook laws, again one for even seeds and one for odd.
+pub const FIRST_OF_TEXTBOOKS: u64 = 6000;
+
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
     let span_bar = plant.random_range(1.5..2.9);
@@ -65,6 +70,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            Set::Tuning if config.seed >= FIRST_OF_TEXTBOOKS => fifth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_THREE && config.seed % 3 == 2 => third_laws::tuning(name, &mut draw),
             Set::Tuning if config.seed % 2 == 1 => second_laws::tuning(name, &mut draw),
