@@ -95,6 +95,9 @@ pub struct Earlier {
     pub highest: f64,
     /// What lags of the input hold, normalised, for each time constant of creep.
     pub creeping: Vec<f64>,
+    /// Where the input of the recording before turned last, normalised, oldest first.
+    #[serde(default)]
+    pub turns: Vec<f64>,
 }
 
 /// Most further inputs.

@@ -61,7 +61,7 @@ fn left(run: &Run, at: usize) -> f64 {
 }
 
 /// How much of the output goes with a unit of the input in one recording.
-fn gain(input: &[f64], output: &[f64]) -> f64 {
+pub fn gain(input: &[f64], output: &[f64]) -> f64 {
     let moved = |values: &[f64], sample: usize| values[sample] - values[0];
     let (product, square) = (0..input.len()).fold((0.0, 1e-30), |(product, square), sample| {
         let input = moved(input, sample);

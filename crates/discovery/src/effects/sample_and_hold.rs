@@ -1,24 +1,50 @@
 //! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`,
-//! and followed at once or like a volume behind a restriction.
+//! and followed at once or like a volume behind a restriction; or so is the output, by a camera.
 
+use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::phasors::spacing_hz;
 use crate::data::session::{Role, Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON];
+pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON, &OUTPUT_OF_EACH_RECORDING, &OUTPUT_RUNNING_ON];
 
 struct Held {
     form: Told,
+    place: Place,
+    parameters: &'static [Parameter],
     /// Whether the clock runs on from recording to recording.
     runs_on: bool,
 }
 
-static OF_EACH_RECORDING: Held =
-    Held { form: ("of-each-recording", "held for a period, counted from the start of each recording"), runs_on: false };
+static OF_EACH_RECORDING: Held = Held {
+    form: ("of-each-recording", "held for a period, counted from the start of each recording"),
+    place: Place::Supply,
+    parameters: &[PERIOD, FIRST_LOOK, FOLLOWS, AGE],
+    runs_on: false,
+};
 
-static RUNNING_ON: Held = Held { form: ("of-the-session", "held for a period of a clock that runs on through the session"), runs_on: true };
+static RUNNING_ON: Held =
+    Held { form: ("of-the-session", "held for a period of a clock that runs on through the session"), runs_on: true, ..OF_EACH_RECORDING };
+
+static OUTPUT_OF_EACH_RECORDING: Held = Held {
+    form: ("output-of-each-recording", "output held for a period, counted from the start of each recording"),
+    place: Place::Sensor,
+    parameters: &[PERIOD, FIRST_LOOK],
+    runs_on: false,
+};
+
+static OUTPUT_RUNNING_ON: Held = Held {
+    form: ("output-of-the-session", "output held for a period of a clock that runs on through the session"),
+    runs_on: true,
+    ..OUTPUT_OF_EACH_RECORDING
+};
+
+const PERIOD: Parameter = Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true };
+
+/// It goes round: neither end is one.
+const FIRST_LOOK: Parameter = Parameter { name: "first_look", quantity: Quantity::Ratio, low: -0.5, high: 1.5, logarithmic: false };
 
 /// Time constant of what follows the held command; as short as can be it follows at once.
 const FOLLOWS: Parameter = Parameter { name: "follow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true };
@@ -41,37 +67,35 @@ const BEST: usize = 8;
 impl Form for Held {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[
-                Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true },
-                // It goes round: neither end is one.
-                Parameter { name: "first_look", quantity: Quantity::Ratio, low: -0.5, high: 1.5, logarithmic: false },
-                FOLLOWS,
-                AGE,
-            ],
+            parameters: self.parameters,
             steps: &[2e-4, 0.05, 0.3, 0.3],
-            simpler_at: &[(2, FOLLOWS.low), (3, AGE.low)],
-            ..Spec::new("sample-and-hold", self.form, Place::Supply)
+            simpler_at: if self.parameters.len() > 2 { &[(2, FOLLOWS.low), (3, AGE.low)] } else { &[] },
+            ..Spec::new("sample-and-hold", self.form, self.place)
         }
     }
-    /// Periods and first looks of which what holding does to the steps of the command goes best with what the model misses of those of the output.
+    /// Periods and first looks of which what holding does to the steps of what is held goes best with what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
         // A mean delay is whatever a smooth model makes of it: it goes first, from both.
         let steps = |values: &[f64]| -> Vec<f64> { values.windows(3).map(|three| three[2] - three[0]).collect() };
         let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
-        let missed = |run: &&Run| {
-            let delayed = [&[0.0], &steps(&steps(&run.input))[..], &[0.0]].concat();
+        // What is held: the command, or the output as the model has it.
+        let modelled = |run: &Run| run.output.iter().zip(&residual[run.index]).map(|(output, missed)| output - missed).collect();
+        let fresh = |run: &&Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
+        let fresh: Vec<Vec<f64>> = runs.iter().map(fresh).collect();
+        let missed = |(run, fresh): (&&Run, &Vec<f64>)| {
+            let delayed = [&[0.0], &steps(&steps(fresh))[..], &[0.0]].concat();
             let (missed, square) = (steps(&residual[run.index]), dot(&delayed, &delayed).max(1e-30));
             let share = dot(&missed, &delayed) / square;
             let rest: Vec<f64> = missed.iter().zip(&delayed).map(|(missed, delayed)| missed - share * delayed).collect();
             (rest, delayed, square)
         };
-        let missed: Vec<(Vec<f64>, Vec<f64>, f64)> = runs.iter().map(missed).collect();
+        let missed: Vec<(Vec<f64>, Vec<f64>, f64)> = runs.iter().zip(&fresh).map(missed).collect();
         let products = |at: usize, period_s: f64, first: f64| {
             let (run, (missed, delayed, square)) = (runs[at], &missed[at]);
-            let mut path = run.input.clone();
+            let mut path = fresh[at].clone();
             hold(&mut path, period_s, first, FOLLOWS.low, run.period_s);
-            let behind = path.windows(3).zip(run.input.windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]);
+            let behind = path.windows(3).zip(fresh[at].windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]);
             let sums = behind
                 .zip(missed)
                 .zip(delayed)
@@ -107,7 +131,7 @@ impl Form for Held {
             let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
             let steps = (of_recordings / of_session).ceil() as i32;
             let near = |start: Vec<f64>| {
-                let near = (-steps..=steps).map(|step| 1.0 / start[0] + f64::from(step) * of_session);
+                let near = (-2 * steps..=2 * steps).map(|step| 1.0 / start[0] + 0.5 * f64::from(step) * of_session);
                 let all = near.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
                 best_starts(all, score, 1)
             };
@@ -126,16 +150,23 @@ impl Form for Held {
             .flat_map(finer)
             .flat_map(|start| {
                 let with = |follows_s: f64, age_s: f64| vec![start[0], start[1], follows_s, age_s];
-                [start.clone(), with(0.02, AGE.low), with(FOLLOWS.low, 0.25 * start[0])]
+                let all = [start.clone(), with(0.02, AGE.low), with(FOLLOWS.low, 0.25 * start[0])];
+                if self.parameters.len() > 2 { all.to_vec() } else { vec![start[..2].to_vec()] }
             })
             .collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        if parameters[3] > AGE.low {
+        let &[look_s, _, follows_s, age_s] = parameters else { return };
+        if age_s > AGE.low {
             let fresh = path.to_vec();
-            shift(path, &fresh, |_| parameters[3] / run.period_s);
+            shift(path, &fresh, |_| age_s / run.period_s);
         }
-        hold(path, parameters[0], self.first_look(parameters, run), parameters[2], run.period_s);
+        hold(path, look_s, self.first_look(parameters, run), follows_s, run.period_s);
+    }
+    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
+        if self.place > Place::Operators {
+            columns.filter(&Looks { samples: parameters[0] / run.period_s, first: self.first_look(parameters, run) });
+        }
     }
 }
 
@@ -155,9 +186,7 @@ fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64
     let keep = |samples: f64| (-samples * period_s / follows_s).exp();
     let (mut held, mut state) = (before[0], before[0]);
     for (sample, value) in path.iter_mut().enumerate() {
-        // A look at the moment of a sample counts.
-        let look = (sample as f64 / samples - first + 1e-9).floor() + first;
-        let place = (look * samples).clamp(0.0, sample as f64);
+        let place = last_look(sample as f64, samples, first).clamp(0.0, sample as f64);
         let below = place as usize;
         let share = place - below as f64;
         let looked_at = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
@@ -170,6 +199,33 @@ fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64
         }
         *value = if is_followed { state } else { looked_at };
     }
+}
+
+/// Holds a column of the output, so many samples a look: what is held, the last value and the number of samples gone.
+struct Looks {
+    samples: f64,
+    first: f64,
+}
+
+impl Filter<3> for Looks {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        [first, first, -1.0]
+    }
+    #[inline(always)]
+    fn step(&self, [held, last, sample]: &mut [f64; 3], value: f64) -> f64 {
+        *sample += 1.0;
+        let since = *sample - last_look(*sample, self.samples, self.first).max(0.0);
+        if since < 1.0 {
+            *held = value + since * (*last - value);
+        }
+        *last = value;
+        *held
+    }
+}
+
+/// When the last look before a sample was, in samples; a look at the moment of a sample counts.
+fn last_look(sample: f64, samples: f64, first: f64) -> f64 {
+    ((sample / samples - first + 1e-9).floor() + first) * samples
 }
 
 #[cfg(test)]
@@ -204,6 +260,23 @@ mod tests {
             let exact = 0.5 - 0.5 * (TAU * 0.3 * look_s).cos();
             // Straight lines between samples miss a sine by (omega dt)^2 / 16.
             assert!((value - exact).abs() < 1e-4, "at {time_s} s: {value} instead of {exact}");
+        }
+    }
+
+    #[test]
+    fn an_output_that_is_held_is_what_a_held_command_would_be() {
+        let session = session(&[0.3]);
+        let run = &session.runs[0];
+        for (form, parameters) in
+            [(&OUTPUT_OF_EACH_RECORDING, [0.137, 0.3]), (&OUTPUT_RUNNING_ON, [0.06, 0.0]), (&OUTPUT_RUNNING_ON, [0.5, 0.9])]
+        {
+            let mut columns = Columns::of(run.input.len());
+            columns.push(true, |sample| run.input[sample]);
+            form.output(&parameters, run, &[], &mut columns);
+            let mut wanted = run.input.clone();
+            hold(&mut wanted, parameters[0], form.first_look(&parameters, run), FOLLOWS.low, run.period_s);
+            let found = columns.column(0);
+            assert!(found.iter().zip(&wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-9), "{parameters:?}");
         }
     }
 

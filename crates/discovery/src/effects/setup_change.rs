@@ -124,10 +124,13 @@ impl Form for Inside {
     }
 }
 
-/// The four places that divide the session best.
+/// Places that are tried: weights that have taken some of a step for gain or hysteresis make others look better.
+const BEST: usize = 12;
+
+/// The places that divide the session best.
 fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
     places.sort_by(|x, y| x.0.total_cmp(&y.0));
-    places.into_iter().take(4).map(|place| place.1).collect()
+    places.into_iter().take(BEST).map(|place| place.1).collect()
 }
 
 /// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2.
@@ -157,6 +160,10 @@ mod tests {
     use super::*;
     use recording::{Recording, Signal};
     use std::path::Path;
+    use virtual_rig::{self as rig, CaseConfig, Generator};
+
+    use crate::model::initial_state::InitialState;
+    use crate::model::structure::{Model, Scope};
 
     #[test]
     fn a_step_inside_a_recording_is_found_to_the_sample() {
@@ -184,6 +191,23 @@ mod tests {
                 let after = if *time_s > starts[0][0] { 1.0 } else { 0.0 };
                 assert_eq!((zero[at], gain[at]), (after, after * run.output[at]), "at {time_s} s");
             }
+        }
+    }
+
+    #[test]
+    fn two_changes_are_among_what_is_tried_though_the_operators_have_taken_some_of_them() {
+        for excitation in [rig::Excitation::Paper, rig::Excitation::Rich] {
+            let effects = vec!["setup-change".to_owned()];
+            let config =
+                CaseConfig { effects, seed: 6001, generator: Generator::ComposedTuning, excitation, noise: 0.005, ..CaseConfig::default() };
+            let case = rig::hide(&config).expect("a case");
+            let session = Session::new(&case.recordings, &case.kept_out).expect("a session");
+            let mut bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+            bare.fit(&session, Scope::Fit);
+            let left = |start: Vec<f64>| bare.with(&TWICE, start).fit(&session, Scope::Both).0;
+            let least = TWICE.starts(&session, &bare.residuals(&session)).into_iter().map(left).fold(f64::INFINITY, f64::min);
+            // The noise is half a percent of the span; the coarse grid of operators leaves a little beside it.
+            assert!(least < 2.0 * 0.005 * 0.005, "{excitation:?}: {least}");
         }
     }
 }

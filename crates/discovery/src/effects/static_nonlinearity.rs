@@ -8,7 +8,7 @@ use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Pressure, &Power, &CUBIC, &QUINTIC, &Pieces, &Parallel];
+pub const FORMS: &[&dyn Form] = &[&Pressure, &Power, &CUBIC, &QUINTIC, &SShaped, &Pieces, &Parallel];
 
 struct Pressure;
 
@@ -29,6 +29,9 @@ static QUINTIC: Displacement = Displacement {
     form: ("output-quintic", "curve of the output: y = s + a s^2 + b s^3 + c s^4 + d s^5"),
     powers: &["quadratic", "cubic", "quartic", "quintic"],
 };
+
+/// A logistic curve of the output that leaves zero and span where they are, or a share of it beside the straight line.
+struct SShaped;
 
 struct Parallel;
 
@@ -115,6 +118,26 @@ impl Form for Displacement {
             (format!("{power}_per_{unit}{per}"), weight / session.output_scale.powi(exponent))
         };
         (1..).zip(self.powers).zip(weights).map(of).collect()
+    }
+}
+
+impl Form for SShaped {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                Parameter { name: "steepness", quantity: Quantity::Ratio, low: 1.0, high: 30.0, logarithmic: true },
+                Parameter { name: "middle", quantity: Quantity::Output, low: 0.02, high: 1.2, logarithmic: false },
+            ],
+            weights: 1,
+            needs_sum: true,
+            starts: || grid(&[5.0, 12.0], &[0.25, 0.5, 0.75]),
+            ..Spec::new("static-nonlinearity", ("output-logistic", "logistic curve of the output, or a share of it"), Place::Material)
+        }
+    }
+    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        let logistic = |s: f64| 1.0 / (1.0 + (parameters[0] * (parameters[1] - s)).exp());
+        let (low, high) = (logistic(0.0), logistic(1.0));
+        columns.push(true, |sample| (logistic(sum[sample]) - low) / (high - low) - sum[sample]);
     }
 }
 
