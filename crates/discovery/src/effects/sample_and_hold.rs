@@ -182,22 +182,32 @@ impl Held {
 fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64) {
     let samples = look_s / period_s;
     let before = path.to_vec();
-    let is_followed = follows_s > FOLLOWS.low;
+    let place = |sample: usize| last_look(sample as f64, samples, first).clamp(0.0, sample as f64);
+    let looked_at = |sample: usize, place: f64| {
+        let below = place as usize;
+        before[below] + (place - below as f64) * (before[(below + 1).min(sample)] - before[below])
+    };
+    if follows_s <= FOLLOWS.low {
+        let mut from = 0;
+        while from < path.len() {
+            let value = looked_at(from, place(from));
+            let next = (last_look(from as f64, samples, first) + samples * (1.0 - 1e-9)).ceil() as usize;
+            let until = next.clamp(from + 1, path.len());
+            path[from..until].fill(value);
+            from = until;
+        }
+        return;
+    }
     let keep = |samples: f64| (-samples * period_s / follows_s).exp();
     let (mut held, mut state) = (before[0], before[0]);
     for (sample, value) in path.iter_mut().enumerate() {
-        let place = last_look(sample as f64, samples, first).clamp(0.0, sample as f64);
-        let below = place as usize;
-        let share = place - below as f64;
-        let looked_at = before[below] + share * (before[(below + 1).min(sample)] - before[below]);
-        if is_followed {
-            // The last look is some time ago, and until then the one before it counted.
-            let since = (sample as f64 - place).min(1.0);
-            state = held + (state - held) * keep(1.0 - since);
-            state = looked_at + (state - looked_at) * keep(since);
-            held = looked_at;
-        }
-        *value = if is_followed { state } else { looked_at };
+        let (place, last) = (place(sample), held);
+        held = looked_at(sample, place);
+        // The last look is some time ago, and until then the one before it counted.
+        let since = (sample as f64 - place).min(1.0);
+        state = last + (state - last) * keep(1.0 - since);
+        state = held + (state - held) * keep(since);
+        *value = state;
     }
 }
 
