@@ -85,7 +85,8 @@ static EACH: OfOperators = OfOperators {
 };
 
 /// Friction by a differential equation that saturates at another level in each direction (Bouc 1967, Wen 1976, with an asymmetric term), beside the
-/// operators: `A z' = x' (1 - |z| (1/2 + sign(x' z)/2 + L sign(x')))` of the displacement `x`, with the onset `A` and the lean `L`.
+/// operators: `A z' = x' (1 - |z| (c + L sign(x')))` of the displacement `x`, with the onset `A`, the lean `L` and `c` one where `x' z > 0`,
+/// else the turning `T`.
 struct BoucWen {
     /// Whether what earlier recordings have left of it is there when a recording begins.
     remembers: bool,
@@ -148,12 +149,9 @@ impl Form for BoucWen {
             ..Spec::new(
                 NAME,
                 if self.remembers {
-                    (
-                        "friction-going-on",
-                        "friction that saturates at another level in each direction, going on from recording to recording",
-                    )
+                    ("bouc-wen-going-on", "Bouc-Wen friction with a level for each direction, going on from recording to recording")
                 } else {
-                    ("bouc-wen", "Bouc-Wen friction that saturates at another level in each direction")
+                    ("bouc-wen", "Bouc-Wen friction with a level for each direction")
                 },
                 Place::Material,
             )
@@ -161,10 +159,9 @@ impl Form for BoucWen {
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let law = [parameters[1], parameters[2]];
-        // The displacement of the recording before is in proportion to its input, closely enough.
-        let onsets = || creep::gain(&run.input, sum) / parameters[0];
         let step = |friction: f64, motion: f64| bouc_wen(friction, motion, law);
-        let mut friction = if self.remembers { going_on(run, onsets(), step) } else { 0.0 };
+        // The displacement of the recording before is in proportion to its input, closely enough.
+        let mut friction = if self.remembers { going_on(run, creep::gain(&run.input, sum) / parameters[0], step) } else { 0.0 };
         let mut last = sum[0];
         columns.push(true, |sample| {
             friction = step(friction, (sum[sample] - last) / parameters[0]);
@@ -181,7 +178,7 @@ fn going_on(run: &Run, onsets: f64, step: impl Fn(f64, f64) -> f64) -> f64 {
     turns.windows(2).fold(0.0, |friction, pair| step(friction, (pair[1] - pair[0]) * onsets))
 }
 
-/// Friction that holds the pressure's effect back and nears its bound exponentially with the way (Dahl 1968), the bound another one in each direction:
+/// Friction that holds the pressure's effect back and nears its bound exponentially with the travel (Dahl 1968), the bound another one in each direction:
 /// `z' = u' (sign(u') - z / B)`, `v = u - S z` with `B = A (1 + L)` for a pressure that rises and `A (1 - L)` for one that falls.
 struct Dahl {
     /// As in [`BoucWen`].
@@ -273,6 +270,27 @@ mod tests {
                 assert!((found - state).abs() < 1e-3, "{law:?}, stroke {stroke}: {found} instead of {state}");
             }
             assert!((bouc_wen(0.0, 50.0, law) - 1.0 / (1.0 + law[0])).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn dahl_friction_is_as_its_equation_says() {
+        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (3.0 * time).cos() * (-0.2 * time).exp()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let (bound, lean, share) = (0.12, 0.5, 0.8);
+        let mut path = run.input.clone();
+        Dahl { remembers: false }.input(&[bound, lean, share], run, &mut path);
+        let mut friction: f64 = 0.0;
+        for (sample, found) in path.iter().enumerate().skip(1) {
+            let change = run.input[sample] - run.input[sample - 1];
+            for _ in 0..1000 {
+                friction += 1e-3 * (change - change.abs() * friction / (bound * (1.0 + lean * change.signum())));
+            }
+            assert!((found - (run.input[sample] - share * friction)).abs() < 1e-4, "sample {sample}");
         }
     }
 
