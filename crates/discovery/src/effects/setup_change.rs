@@ -71,7 +71,8 @@ impl Form for Between {
                 std::iter::once(0).chain(places.iter().copied()).zip(ends).map(|(first, end)| line_residual(&all(&sums[first..end])));
             (energy.sum(), places.iter().map(|&first| first as f64 - 0.5).collect())
         };
-        best(firsts.iter().flat_map(second).map(place).collect())
+        // Weights that have taken some of a step for gain or hysteresis make other pairs look better than the true one.
+        best(firsts.iter().flat_map(second).map(place).collect(), if self.parameters.len() == 1 { 4 } else { 12 })
     }
     fn changes_at<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
         parameters
@@ -114,7 +115,7 @@ impl Form for Inside {
         }
         let energy = |(first, _): &(Sums, f64)| line_residual(first) + line_residual(&std::array::from_fn(|at| before[at] - first[at]));
         let of = |stretch: &[(Sums, f64)]| stretch.iter().map(|place| (energy(place), vec![place.1])).min_by(|x, y| x.0.total_cmp(&y.0));
-        best(places.chunks(STRETCH).filter_map(of).collect())
+        best(places.chunks(STRETCH).filter_map(of).collect(), 4)
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         push_step(columns, sum, |sample| run.session_s[sample] > parameters[0]);
@@ -124,13 +125,10 @@ impl Form for Inside {
     }
 }
 
-/// Places that are tried: weights that have taken some of a step for gain or hysteresis make others look better.
-const BEST: usize = 12;
-
-/// The places that divide the session best.
-fn best(mut places: Vec<(f64, Vec<f64>)>) -> Vec<Vec<f64>> {
+/// So many places that divide the session best.
+fn best(mut places: Vec<(f64, Vec<f64>)>, count: usize) -> Vec<Vec<f64>> {
     places.sort_by(|x, y| x.0.total_cmp(&y.0));
-    places.into_iter().take(BEST).map(|place| place.1).collect()
+    places.into_iter().take(count).map(|place| place.1).collect()
 }
 
 /// Sums for a line of the residual over the model's output: 1, x, x^2, r, x r, r^2.
