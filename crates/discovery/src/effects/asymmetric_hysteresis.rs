@@ -1,5 +1,5 @@
 //! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
-//! bend apart, or they part the more the higher the pressure is.
+//! bend apart, or they part the more the higher the pressure is; or friction by a differential equation has a bound for each direction.
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, row};
