@@ -10,19 +10,25 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 use crate::manner::{Loudness, loudness};
 use crate::piped::Piped;
 
-/// Progress over parts of about equal length, with message and time left.
+/// Time between two drawings of what lasts, so that a long part is seen to live.
+const DRAWN_EVERY: Duration = Duration::from_millis(500);
+
+/// Progress over parts of about equal length, with message and time left; a length of 0 stands for one that is set later.
 #[must_use]
 pub fn progress(length: u64, label: &str) -> ProgressBar {
-    bar(length, label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style())
+    // Of nothing, all would be done.
+    let bar = bar(length.max(1), label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style());
+    bar.enable_steady_tick(DRAWN_EVERY);
+    bar
 }
 
-/// Progress over stages of which nobody knows how many come: the time so far is reported, and the time left of the part under way. Drawn anew twice
-/// a second, so that a long stage is seen to live. It vanishes with the value.
+/// Progress over stages of which nobody knows how many come: the time so far is reported, and the time left of the part under way. It vanishes
+/// with the value.
 #[must_use]
 pub fn stages(label: &str) -> Stages {
     let plain = style("{prefix}: {msg}, {elapsed} so far");
     let bar = bar(1, label, "{prefix:>12} {spinner} {msg}, {elapsed} so far", plain);
-    bar.enable_steady_tick(Duration::from_millis(500));
+    bar.enable_steady_tick(DRAWN_EVERY);
     Stages { bar, under_way: Mutex::new(UnderWay { stage: String::new(), begun: Instant::now() }) }
 }
 
@@ -81,7 +87,7 @@ pub fn working(label: &str, what: &str) -> Working {
     let plain = style("{prefix}: {msg}, {elapsed} so far");
     let bar = bar(1, label, "{prefix:>12} {spinner} {msg}, {elapsed} so far", plain);
     bar.set_message(what.to_owned());
-    bar.enable_steady_tick(Duration::from_millis(500));
+    bar.enable_steady_tick(DRAWN_EVERY);
     Working(bar)
 }
 

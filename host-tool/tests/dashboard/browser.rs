@@ -237,9 +237,14 @@ impl Browser {
 
     /// Waits until a script returns true.
     pub async fn until(&self, what: &str, script: &str) {
+        self.until_within(PATIENCE, what, script).await;
+    }
+
+    /// As [`Browser::until`], for what takes longer than a page does.
+    pub async fn until_within(&self, limit: Duration, what: &str, script: &str) {
         let begun = Instant::now();
         while self.run(script).await != Value::Bool(true) {
-            assert!(begun.elapsed() < PATIENCE, "waited in vain for {what}; the page says: {}", self.said().await);
+            assert!(begun.elapsed() < limit, "waited in vain for {what}; the page says: {}", self.said().await);
             tokio::time::sleep(Duration::from_millis(30)).await;
         }
     }

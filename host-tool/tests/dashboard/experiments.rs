@@ -319,9 +319,11 @@ async fn a_recording_that_somebody_has_is_loaded_and_computed_on() {
     browser.run("document.querySelector('[aria-label=\"Use actuator\"]').click()").await;
     browser.run("document.getElementById('jobs-kinds').scrollIntoView({ block: 'center' })").await;
     browser.press("Fit with networks: minutes").await;
-    let moves = "const now = document.getElementById('job-lines').textContent; const before = window.before; window.before = now;
-                 return document.getElementById('job-title').textContent === 'fit of long: running' && Boolean(before) && now !== before";
-    browser.until("progress", moves).await;
+    // Two states of its own lines, one with progress.
+    let moves = "if (document.getElementById('job-title').textContent !== 'fit of long: running') return false;
+                 const now = document.getElementById('job-lines').textContent; window.first ||= now;
+                 return now !== window.first && now.includes('% physics rungs')";
+    browser.until_within(COMPUTED_WITHIN, "progress", moves).await;
     println!("progress: {}", browser.text("job-lines").await.lines().last().unwrap_or_default());
     browser.click("job-end").await;
     computed(&browser, "fit of long: ended").await;
