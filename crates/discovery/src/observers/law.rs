@@ -90,7 +90,7 @@ pub const OF_A_TIP: &[Parameter] = &[
 pub const MOST_PRESLIDING: f64 = 0.3;
 
 /// Largest change of a slip with the speed of the quasi-static response, s: the time that a slip takes.
-pub const MOST_SLIP_PER_SPEED_S: f64 = 0.05;
+pub const MOST_SLIP_PER_SPEED_S: f64 = MOST_SLIP_S;
 
 /// Largest fall of a tip's break-away distance with the speed of the quasi-static response.
 pub const MOST_RATE_WEAKENING: f64 = 1.5;
@@ -99,7 +99,7 @@ pub const MOST_RATE_WEAKENING: f64 = 1.5;
 pub const MOST_KINETIC_FRICTION: f64 = 1.0;
 
 /// Longest slip, s.
-pub const MOST_SLIP_S: f64 = 0.05;
+pub const MOST_SLIP_S: f64 = 0.12;
 
 /// Shortest slip of a tip: less than a third of what it breaks away by is hardly one.
 const LEAST_OVERSHOOT_OF_A_TIP: f64 = -0.7;

@@ -199,8 +199,11 @@ impl<'a> QuasiStatic<'a> {
         const OF_A_VALVE: [(f64, f64); 7] =
             [(0.02, 0.0002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
         let still = self.still(drive, lag_s);
+        let at_once = OF_A_TIP.map(|(overshoot, sliding_speed)| SlipLaw { overshoot, sliding_speed, ..still });
+        // A mass takes its time.
+        let slow = [1, 2, 6].map(|kind: usize| SlipLaw { slip_s: 0.5 * MOST_SLIP_S, ..at_once[kind] });
         let kinds: Vec<SlipLaw> = match drive {
-            Drive::QuasiStatic => OF_A_TIP.map(|(overshoot, sliding_speed)| SlipLaw { overshoot, sliding_speed, ..still }).into(),
+            Drive::QuasiStatic => [&at_once[..], &slow].concat(),
             Drive::Command => OF_A_VALVE.map(|(closing, flow_s)| SlipLaw { closing, flow_s, ..still }).into(),
         };
         let of = |break_away: f64| kinds.iter().map(move |kind| SlipLaw { break_away, ..*kind });
@@ -329,7 +332,9 @@ fn moves_of(law: &SlipLaw, whole: bool) -> Vec<Move> {
     let is_tip = law.drive == Drive::QuasiStatic;
     let of_kind: &[Move] = if is_tip { &[] } else { &OF_A_VALVE };
     let of_a_slider: &[Move] = if is_tip && law.sliding_speed < NEVER { &OF_A_SLIDER } else { &[] };
-    let of_the_rest: &[Move] = if is_tip && whole { &OF_A_WHOLE_TIP } else { &[] };
+    // Of what a tip does besides, the first is how long a slip takes.
+    let moves = if whole { OF_A_WHOLE_TIP.len() } else { usize::from(law.slip_s > 0.0) };
+    let of_the_rest: &[Move] = if is_tip { &OF_A_WHOLE_TIP[..moves] } else { &[] };
     [&OF_BOTH, of_kind, of_a_slider, of_the_rest].concat()
 }
 
