@@ -29,7 +29,8 @@ pub const JUMPS: f64 = 0.03;
 /// Price of an effect that jumps do not look like, beside them.
 pub const BESIDE_JUMPS: f64 = 0.015;
 
-/// Largest scatter of break-aways and landings, in break-away distances: with more, a law follows any output by jumping whenever it must.
+/// Largest scatter of break-aways and landings, in break-away distances or in the travel of a tip that lands beyond: with more, a law follows any
+/// output by jumping whenever it must.
 pub const MOST_SCATTER: f64 = 0.5;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect: a form that is not quite the rig's

@@ -272,7 +272,9 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
         smoothest
     }];
     let deviations = above(log_likelihood, smooth);
-    let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER;
+    // Where a tip breaks away and how far beyond it lands can make up for each other, and its travel is the same.
+    let length = if one.law.drive == Drive::QuasiStatic { 1.0 + one.law.overshoot.max(0.0) } else { 1.0 };
+    let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER * length;
     if !is_law || !is_no_chance(log_likelihood, smooth) || gain < JUMPS {
         return outcome;
     }
