@@ -13,6 +13,9 @@ use model_export::link::state::{ResetCause, State};
 use model_export::link::{PROTOCOL, SCHEMA_HASH};
 use rig_tests::flashable::Emulator;
 
+/// How often the certificate that takes most of the stack is asked for.
+const CERTIFICATES: usize = 30;
+
 fn image() -> PathBuf {
     std::env::var_os("FLASHABLE_IMAGE").expect("FLASHABLE_IMAGE names the image; `cargo xtask test` sets it").into()
 }
@@ -53,8 +56,11 @@ fn the_image_finds_no_hse_says_so_and_refuses_to_arm() {
     for (number, value) in loops.into_iter().chain(gains) {
         assert_eq!(device.ask(Request::SettingSet { number, value }), Reply::Done, "setting {number}");
     }
-    let too_fast = Request::SettingSet { number: 101, value: SettingValue::Float(100.0) };
-    assert_eq!(device.ask(too_fast), Reply::Refused(Refusal::Uncertified(4)));
+    let too_fast = || Request::SettingSet { number: 101, value: SettingValue::Float(100.0) };
+    // Often enough that a tick interrupts it where it is deepest.
+    for _ in 0..CERTIFICATES {
+        assert_eq!(device.ask(too_fast()), Reply::Refused(Refusal::Uncertified(4)));
+    }
     // Settings work; flash is not written while nobody can say that the pressure is gone.
     assert_eq!(device.ask(Request::SettingSet { number: 1, value: SettingValue::Float(2.5) }), Reply::Done);
     assert_eq!(device.ask(Request::SettingGet { number: 1 }), Reply::Setting(SettingValue::Float(2.5)));
@@ -66,8 +72,8 @@ fn the_image_finds_no_hse_says_so_and_refuses_to_arm() {
     assert!(!status.faults.contains(Fault::StorageFailed) && status.settings_unsaved);
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ClockFailed.number()));
     eprintln!("stack never used: {} bytes", status.stack_unused_bytes);
-    // No model is ever checked here, which takes about as much as anything that is done: 3 KiB, interrupted by a tick with a model.
-    assert!(status.stack_unused_bytes >= 10 * 1024, "{} bytes of stack left", status.stack_unused_bytes);
+    // Half of it. A model's check, under a tick with a model, is measured on the board's model: `an_upload_and_its_check_leave_a_quarter_of_the_stack`.
+    assert!(status.stack_unused_bytes >= 8 * 1024, "{} bytes of stack left", status.stack_unused_bytes);
 }
 
 #[test]
