@@ -9,7 +9,7 @@
 //! slopes saturate; different sides are asymmetric. When all slopes are above zero the inverse is of the same form: thresholds
 //! `d'_j = S(d_j)`, linear weight `1 / v_0`, weights `1 / V_j - 1 / V_{j-1}`.
 //!
-//! Source: K. Kuhnen, European Replay log of Control 9(4), 2003, section 3.
+//! Source: K. Kuhnen, European Journal of Control 9(4), 2003, section 3.
 //!
 //! NaN: operators yield zero for NaN, but the linear term is NaN, and so is the sum.
 

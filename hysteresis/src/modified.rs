@@ -3,7 +3,7 @@
 //! `y = S( sum_i w_i H_i(p) )`, with `S` the curve of [`crate::dead_zone`]. Where both parts can be inverted so can the whole, in the reverse
 //! order: `p = P^-1( S^-1(y) )`.
 //!
-//! Source: K. Kuhnen, European Replay log of Control 9(4), 2003.
+//! Source: K. Kuhnen, European Journal of Control 9(4), 2003.
 //!
 //! NaN: a NaN input holds the output, as in [`crate::prandtl_ishlinskii`]; in the inverse it does not move the memory either, and the output
 //! is that of the memory as it stands.

@@ -19,7 +19,7 @@
 //!
 //! Source: the paper's eq. (3); P. Krejci and K. Kuhnen, "Inverse control of systems with hysteresis and creep", IEE Proc. Control Theory
 //! Appl. 148(3), 2001; K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities: a modified
-//! Prandtl-Ishlinskii approach", European Replay log of Control 9(4), 2003.
+//! Prandtl-Ishlinskii approach", European Journal of Control 9(4), 2003.
 //!
 //! # NaN and infinity
 //! A NaN input holds the output: no play operator moves. An infinite input wipes the memory out, and gives NaN where weights of both signs

@@ -57,18 +57,20 @@ use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::Deserialize;
 
-use crate::schema::{Model, Network};
+use crate::schema::{Model, Network, Stages};
 use crate::several_inputs::SeveralInputs;
 use crate::validate::Invalid;
 use crate::version_2::LstmNetwork;
 
 /// The first bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"CATHBLOB";
-/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs, version 4 several inputs; a model is
-/// written in the oldest version that has room for it, so that firmware of before runs it.
-pub const SCHEMA_VERSION: u16 = 4;
+/// Newest version of the schema. Version 3 added layers other than LSTM and features of past inputs, version 4 several inputs, version 5
+/// further stages of the front end; a model is written in the oldest version that has room for it, so that firmware of before runs it.
+pub const SCHEMA_VERSION: u16 = 5;
 /// Version from which on a model may have several inputs.
 const SEVERAL_INPUTS_VERSION: u16 = 4;
+/// Version from which on a model may have further stages.
+const STAGES_VERSION: u16 = 5;
 /// Oldest version that is read.
 pub const OLDEST_SCHEMA_VERSION: u16 = 2;
 /// Bytes in front of the payload.
@@ -281,7 +283,10 @@ fn take_model<'a>(payload: &'a [u8], version: u16, model: &mut Model<'a>) -> pos
     let mut several = SeveralInputs::default();
     let rest = take(rest, &mut several)?;
     several.put_into(model);
-    Ok(rest)
+    if version < STAGES_VERSION {
+        return Ok(rest);
+    }
+    take(rest, model.front_end.stages.insert(Stages::default()))
 }
 
 #[inline(never)]
@@ -336,6 +341,9 @@ fn payload(model: &Model<'_>, version: u16) -> postcard::Result<std::vec::Vec<u8
     if version >= SEVERAL_INPUTS_VERSION {
         let mut payload = postcard::to_allocvec(model)?;
         payload.extend(postcard::to_allocvec(&SeveralInputs::of(model))?);
+        if let Some(stages) = &model.front_end.stages {
+            payload.extend(postcard::to_allocvec(stages)?);
+        }
         return Ok(payload);
     }
     if version != OLDEST_SCHEMA_VERSION {
@@ -378,7 +386,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::schema::{Activation, Cell, Feature, FeatureSource, Layer};
+    use crate::schema::{Activation, Cell, Curve, Feature, FeatureSource, Filter, Flow, Growth, Layer, Slew};
 
     const WEIGHTS: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -405,12 +413,39 @@ mod tests {
     fn fields_are_read_in_the_order_of_their_declaration() {
         for cell in [Cell::Lstm, Cell::Gru, Cell::Dense(Activation::Hard)] {
             let model = model(cell);
-            let bytes = [payload(&model, SCHEMA_VERSION).unwrap(), [7, 7].to_vec()].concat();
+            let bytes = [payload(&model, SEVERAL_INPUTS_VERSION).unwrap(), [7, 7].to_vec()].concat();
             let (whole, _) = postcard::take_from_bytes::<Model<'_>>(&bytes).unwrap();
             let mut taken = Model::default();
-            assert_eq!(take_model(&bytes, SCHEMA_VERSION, &mut taken), Ok(&[7, 7][..]));
+            assert_eq!(take_model(&bytes, SEVERAL_INPUTS_VERSION, &mut taken), Ok(&[7, 7][..]));
             assert_eq!((&taken, &whole), (&model, &model));
         }
+    }
+
+    /// What stands behind the model from version 5 on, and that none of it is left in a place that is used again.
+    #[test]
+    fn stages_stand_behind_the_model() {
+        let curve = Curve { slope: 1.0, bend_points: [0.5].into_iter().collect(), bends: [-0.5].into_iter().collect(), ..Curve::default() };
+        let filter = Filter { momentum: 0.5, gains: [0.25, 0.125, 0.0] };
+        let stages = Stages {
+            supply: Some(curve.clone()),
+            slew: Some(Slew { rise: 0.25, fall: 0.5 }),
+            flow: Some(Flow { fill: 0.5, vent: 0.25 }),
+            line: Some(filter),
+            muscle: Some(curve.clone()),
+            growth: Some(Growth { per_path: [0.5, 0.0], law: curve, share: 2.0, ..Growth::default() }),
+            tip: Some(filter),
+        };
+        let mut staged = model(Cell::Lstm);
+        staged.front_end.stages = Some(stages);
+        assert_eq!(staged.schema_version(), STAGES_VERSION);
+        let plain = model(Cell::Lstm);
+        let bytes = [payload(&staged, STAGES_VERSION).unwrap(), [7, 7].to_vec()].concat();
+        let plain_bytes = payload(&plain, plain.schema_version()).unwrap();
+        let mut taken = Model::default();
+        assert_eq!(take_model(&bytes, STAGES_VERSION, &mut taken), Ok(&[7, 7][..]));
+        assert_eq!(taken, staged);
+        assert_eq!(take_model(&plain_bytes, plain.schema_version(), &mut taken), Ok(&[][..]));
+        assert_eq!(taken, plain);
     }
 
     /// Version 2 is version 3 without one byte in each layer, which is zero for LSTM.

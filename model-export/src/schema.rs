@@ -25,6 +25,17 @@
 //! of them, every feature that is made of `u` or `v` sees one of them, and the linear sum becomes
 //! `p = bias + input_weight * v + s + sum_i more_input_weights_i * v_i + sum_j creep_weights_j * C_j`. From schema version 4 on.
 //!
+//! From schema version 5 on a front end of one input may have further stages (see [`Stages`]; each is optional). Before the operators
+//!
+//! ```text
+//! a  = supply(delay(u, dead_time_samples))                          what the supply gives
+//! q  : q += min(max(a - q, -fall), rise)                            limit of the valve's speed
+//! w  : w += c (q - w), c = fill where q > w, else vent              filling and venting
+//! v  = muscle(line(w))                                              swinging line, curve of the muscle; at most 1000 in size
+//! ```
+//!
+//! in place of the input path; the gaps of the play operators by [`Growth`]; and `tip(curve(p))` for the readout.
+//!
 //! Every state starts at the first sample's equilibrium: `v = u(0)`, plays by the second line of eq. (2), `C_j = s(0)`.
 //!
 //! The network's hidden and cell states start at zero. In *streaming* mode they are carried from sample to sample. In *window* mode
@@ -58,19 +69,23 @@
 //! assert!(model.validate().is_ok());
 //! ```
 
+mod curve;
 mod front_end;
 mod limits;
 mod network;
+mod stages;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-pub use self::front_end::{Curve, Feature, FeatureSource, FrontEnd};
+pub use self::curve::Curve;
+pub use self::front_end::{Feature, FeatureSource, FrontEnd};
 pub use self::limits::{
     MAX_BENDS, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_FEATURES, MAX_GOLDEN, MAX_INPUTS, MAX_LAYERS, MAX_MORE_INPUTS, MAX_PLAY, MAX_UNITS,
     MAX_WIDTH, MAX_WINDOW_VALUES,
 };
 pub use self::network::{Activation, Cell, Dense, Gate, Layer, Mode, Network};
+pub use self::stages::{Filter, Flow, Growth, Slew, Stages};
 
 /// One physical channel: unit and the affine map to its normalised form, `normalised = (value - offset) / scale`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -189,6 +204,9 @@ impl Model<'_> {
     #[must_use]
     pub fn schema_version(&self) -> u16 {
         let has_other_cells = |network: &Network<'_>| network.layers.iter().any(|layer| layer.cell != Cell::Lstm);
+        if self.front_end.stages.is_some() {
+            return 5;
+        }
         if !self.more_inputs.is_empty() {
             return 4;
         }

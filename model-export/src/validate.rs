@@ -29,14 +29,19 @@ use crate::fixed::{MAX_BIAS, MAX_CELL_EXPONENT, MAX_CELL_LIMIT, MAX_DENSE_SUM, M
 pub use crate::invalid::{Invalid, MAX_PARAMETER};
 use crate::invalid::{bounded, require};
 use crate::schema::{
-    Activation, Channel, Curve, FeatureSource, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
-    MAX_WINDOW_VALUES, Mode, Model, Network,
+    Activation, Channel, Curve, FeatureSource, Filter, FrontEnd, Golden, Layer, MAX_DEAD_TIME_SAMPLES, MAX_GOLDEN, MAX_UNITS, MAX_WIDTH,
+    MAX_WINDOW_VALUES, Mode, Model, Network, Stages,
 };
 
 /// Largest magnitude of an offset or scale of a physical channel; the reciprocal is the smallest scale.
 pub const MAX_CHANNEL: f32 = 1.0e12;
 /// Smallest positive threshold that a stop feature may divide by.
 pub const MIN_STOP_THRESHOLD: f32 = 1.0e-6;
+/// Most momentum of a [`Filter`], and the largest of its gains: with them nothing swings up beyond what `f32` holds.
+const MAX_MOMENTUM: f32 = 0.9999;
+const MAX_GAIN: f32 = 100.0;
+/// How far the poles of a [`Filter`] stay from where it would no longer settle, in the value of their polynomial at 1 and at -1.
+const MIN_DECAY: f32 = 1.0e-7;
 
 impl Channel<'_> {
     /// Checks the map and the range.
@@ -71,6 +76,51 @@ impl Curve {
     }
 }
 
+impl Filter {
+    /// Checks that it is stable.
+    ///
+    /// # Errors
+    /// The first field out of its domain.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        let (field, must) = ("front_end.stages.momentum", "at most 0.9999 in magnitude");
+        require(self.momentum.abs() <= MAX_MOMENTUM, field, 0, must)?;
+        let field = "front_end.stages.gains";
+        for (index, gain) in self.gains.iter().enumerate() {
+            require(gain.abs() <= MAX_GAIN, field, index, "at most 100 in magnitude")?;
+        }
+        let [now, before, long_before] = self.gains;
+        let sum = now + before + long_before;
+        require(sum >= MIN_DECAY && 2.0 * (1.0 + self.momentum) - sum >= MIN_DECAY, field, 0, "those of a filter that settles")
+    }
+}
+
+impl Stages {
+    /// Checks every stage.
+    ///
+    /// # Errors
+    /// The first field out of its domain.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        let coefficient = |value: f32| value > 0.0 && value <= 1.0;
+        let positive = |value: f32| value > 0.0 && value <= MAX_PARAMETER;
+        [&self.supply, &self.muscle].into_iter().flatten().try_for_each(Curve::validate)?;
+        [&self.line, &self.tip].into_iter().flatten().try_for_each(Filter::validate)?;
+        if let Some(slew) = self.slew {
+            require(positive(slew.rise) && positive(slew.fall), "front_end.stages.slew", 0, "above 0 and at most a million")?;
+        }
+        if let Some(flow) = self.flow {
+            require(coefficient(flow.fill) && coefficient(flow.vent), "front_end.stages.flow", 0, "above 0 and at most 1")?;
+        }
+        if let Some(growth) = &self.growth {
+            growth.law.validate()?;
+            bounded(&growth.per_path, "front_end.stages.per_path")?;
+            bounded(&growth.apart, "front_end.stages.apart")?;
+            bounded(&[growth.share, growth.extra], "front_end.stages.share")?;
+            require(coefficient(growth.fading) && coefficient(growth.follow), "front_end.stages.fading", 0, "above 0 and at most 1")?;
+        }
+        Ok(())
+    }
+}
+
 impl FrontEnd {
     /// Checks every coefficient, threshold and feature index.
     ///
@@ -91,6 +141,16 @@ impl FrontEnd {
         bounded(&[self.bias], "front_end.bias")?;
         if let Some(curve) = &self.curve {
             curve.validate()?;
+        }
+        if let Some(stages) = &self.stages {
+            require(
+                self.lag_coefficient >= 1.0,
+                "front_end.lag_coefficient",
+                0,
+                "1 where there are stages: these have a lag of their own",
+            )?;
+            require(self.more_input_weights.is_empty(), "front_end.stages", 0, "none where there are several inputs")?;
+            stages.validate()?;
         }
         let plays = self.play_thresholds.len();
         require(self.play_weights.len() == plays, "front_end.play_weights", 0, "as many as there are thresholds")?;

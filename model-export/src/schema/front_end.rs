@@ -20,7 +20,9 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::{MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_MORE_INPUTS, MAX_PLAY};
+use super::curve::Curve;
+use super::stages::Stages;
+use super::{MAX_CREEP, MAX_FEATURES, MAX_MORE_INPUTS, MAX_PLAY};
 
 /// The signal of the front end that a network feature takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,20 +61,6 @@ pub struct Feature {
     pub gain: f32,
 }
 
-/// A continuous, piecewise straight curve: `offset + slope * p + sum_k bends_k * max(p - bend_points_k, 0)`, the superposition of
-/// one-sided dead zones of the modified Prandtl-Ishlinskii model (K. Kuhnen, European Replay log of Control 9, 2003).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Curve {
-    /// Value at `p = 0` of the part below the first bend.
-    pub offset: f32,
-    /// Slope below the first bend.
-    pub slope: f32,
-    /// Where the slope changes, ascending.
-    pub bend_points: Vec<f32, MAX_BENDS>,
-    /// By how much it changes there.
-    pub bends: Vec<f32, MAX_BENDS>,
-}
-
 /// The physics part: see the module documentation for the equations.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrontEnd {
@@ -107,6 +95,9 @@ pub struct FrontEnd {
     /// Which input each feature sees, where its signal is one of an input; empty where all see the first.
     #[serde(skip)]
     pub feature_inputs: Vec<u8, MAX_FEATURES>,
+    /// Further stages; only with one input, and with a `lag_coefficient` of 1: they have a lag of their own.
+    #[serde(skip)]
+    pub stages: Option<Stages>,
 }
 
 impl FrontEnd {
@@ -154,6 +145,7 @@ impl Clone for FrontEnd {
             more_input_weights,
             play_inputs,
             feature_inputs,
+            stages,
         } = source;
         self.dead_time_samples = *dead_time_samples;
         self.lag_coefficient = *lag_coefficient;
@@ -169,6 +161,7 @@ impl Clone for FrontEnd {
         copy(&mut self.more_input_weights, more_input_weights);
         copy(&mut self.play_inputs, play_inputs);
         copy(&mut self.feature_inputs, feature_inputs);
+        self.stages.clone_from(stages);
     }
 }
 
