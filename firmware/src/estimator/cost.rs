@@ -4,7 +4,7 @@
 //! (rustc 1.95, release), and a test holds the whole to within 3 % of what the emulator counts. A board's cycles are more, by an
 //! estimated 1.3 to 1.5 for each instruction: loads of several words, taken branches, flash wait states.
 
-use model_export::schema::{Activation, Cell, Layer, Mode, Model};
+use model_export::schema::{Activation, Cell, Curve, Layer, Mode, Model, Stages};
 
 use super::shape::Shape;
 
@@ -16,6 +16,15 @@ const PLAY: usize = 28;
 const CREEP: usize = 13;
 /// A bend of the readout's curve, of which the curve's own part is counted in.
 const BEND: usize = 16;
+/// What leads an input through further stages, whichever there are, and what each of them adds to that. A curve without its bends, a filter.
+const STAGES: usize = 40;
+const CURVE: usize = 10;
+const SLEW: usize = 8;
+const FLOW: usize = 8;
+const FILTER: usize = 35;
+/// Thresholds that change: with all that an operator does not see, and what each operator takes more.
+const GROWTH: usize = 60;
+const GROWING_PLAY: usize = 8;
 /// A feature with its rounding; without a network there are none.
 const FEATURE: usize = 32;
 /// Glue around a layer's kernel, and a unit's share of the dense output.
@@ -31,6 +40,7 @@ pub fn step_instructions(model: &Model<'_>) -> usize {
     let features = front_end.features.len();
     let physics = STEP + PLAY * front_end.play_thresholds.len() + CREEP * front_end.creep_coefficients.len();
     let physics = physics + BEND * front_end.curve.as_ref().map_or(0, |curve| curve.bends.len());
+    let physics = physics + front_end.stages.as_ref().map_or(0, |stages| stage_instructions(stages, front_end.play_thresholds.len()));
     let Some(network) = &model.network else { return physics };
     let activation = network.activation().unwrap_or(Activation::Tanh);
     let layers: usize = network.layers.iter().map(|layer| LAYER + layer_instructions(layer, activation)).sum();
@@ -40,6 +50,16 @@ pub fn step_instructions(model: &Model<'_>) -> usize {
         Mode::Window { length } => usize::from(length) * (run + WINDOW_SAMPLE),
     };
     physics + NETWORK + FEATURE * features + runs
+}
+
+/// Instructions of the further stages.
+fn stage_instructions(stages: &Stages, plays: usize) -> usize {
+    let curve = |curve: &Curve| CURVE + BEND * curve.bends.len();
+    let curves: usize = [&stages.supply, &stages.muscle].into_iter().flatten().map(curve).sum();
+    let filters = FILTER * [&stages.line, &stages.tip].into_iter().flatten().count();
+    let limits = SLEW * usize::from(stages.slew.is_some()) + FLOW * usize::from(stages.flow.is_some());
+    let growth = stages.growth.as_ref().map_or(0, |growth| GROWTH + curve(&growth.law) + GROWING_PLAY * plays);
+    STAGES + curves + filters + limits + growth
 }
 
 /// Instructions of the assembly for one layer, as it stands in `smlad`.

@@ -12,15 +12,16 @@
 //! With several inputs a sample is one value of each. They start together, with the first sample in which all are good; after that each
 //! holds its own last good value.
 
+mod stages;
+
 use heapless::Vec;
 use hysteresis::play;
-use model_export::schema::{self, Channel, Curve, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_INPUTS, MAX_PLAY};
+use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_INPUTS, MAX_PLAY};
 use model_export::validate::Invalid;
 
+use self::stages::StagesState;
 use super::arithmetic::quantise_feature;
-
-/// Largest magnitude of the normalised input that is believed.
-pub const MAX_NORMALISED: f32 = 1000.0;
+use super::curve::{MAX_NORMALISED, bent};
 
 /// Two more than the longest dead time: the newest sample itself, and the older neighbour of a fractional delay.
 const DELAY_LINE: usize = MAX_DEAD_TIME_SAMPLES + 2;
@@ -61,6 +62,7 @@ pub struct FrontEndState {
     paths: [PathState; MAX_INPUTS],
     plays: [f32; MAX_PLAY],
     creeps: [f32; MAX_CREEP],
+    stages: StagesState,
     held_samples: u32,
 }
 
@@ -112,6 +114,7 @@ impl FrontEndState {
             paths: [PathState::NEW; MAX_INPUTS],
             plays: [0.0; MAX_PLAY],
             creeps: [0.0; MAX_CREEP],
+            stages: StagesState::NEW,
             held_samples: 0,
         }
     }
@@ -134,6 +137,7 @@ impl FrontEndState {
         self.paths.fill(PathState::NEW);
         self.plays.fill(0.0);
         self.creeps.fill(0.0);
+        self.stages = StagesState::NEW;
     }
 }
 
@@ -221,10 +225,19 @@ impl FrontEnd {
             // A stand-in is no start: the first good sample shall find its own equilibrium.
             state.started = !held;
         }
-        let [PathState { input, path, .. }, ..] = state.paths;
+        let stages = self.config.stages.as_ref();
+        if let (Some(stages), [only, ..]) = (stages, &mut state.paths) {
+            only.path = state.stages.lead(stages, only.path, first);
+            if first {
+                only.last.1 = only.path;
+            }
+        }
+        let [PathState { input, path, last, .. }, ..] = state.paths;
 
         let mut sum = 0.0;
-        if single {
+        if let Some(growth) = stages.and_then(|stages| stages.growth.as_ref()) {
+            sum = state.stages.growing_plays(growth, &self.config, &mut state.plays, (path, last.1), first);
+        } else if single {
             let operators = self.config.play_thresholds.iter().zip(&self.config.play_weights);
             for ((threshold, weight), memory) in operators.zip(&mut state.plays) {
                 *memory = play::step(*threshold, path, *memory);
@@ -243,7 +256,10 @@ impl FrontEnd {
             *memory = if first { sum } else { *memory + coefficient * (sum - *memory) };
             linear += weight * *memory;
         }
-        let readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
+        let mut readout = self.config.curve.as_ref().map_or(linear, |curve| bent(curve, linear));
+        if let Some(tip) = stages.and_then(|stages| stages.tip.as_ref()) {
+            readout = state.stages.swing(tip, readout, first);
+        }
 
         if single {
             // A model of one input does not pay for the lists of several.
@@ -356,16 +372,6 @@ impl FrontEnd {
         state.path = if first || lag >= 1.0 { delayed } else { state.last.1 + lag * (delayed - state.last.1) };
         held
     }
-}
-
-/// The curve at `sum`.
-fn bent(curve: &Curve, sum: f32) -> f32 {
-    let straight = curve.offset + curve.slope * sum;
-    curve.bend_points.iter().zip(&curve.bends).fold(straight, |value, (point, bend)| {
-        // Not `f32::max`: one comparison, and the same answer on every target.
-        let beyond = sum - point;
-        if beyond > 0.0 { value + bend * beyond } else { value }
-    })
 }
 
 /// Validation has put every index inside its table; the default is never taken.

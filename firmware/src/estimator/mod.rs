@@ -5,6 +5,7 @@
 
 mod arithmetic;
 mod cost;
+mod curve;
 mod front_end;
 mod kernel;
 mod layer;
@@ -22,7 +23,8 @@ use model_export::validate::Invalid;
 
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
 pub use cost::step_instructions;
-pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_NORMALISED};
+pub use curve::MAX_NORMALISED;
+pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState};
 pub use kernel::{Kernel, Portable};
 pub use layer::{Layer, LayerState, NoTrace, Trace, UnitTrace};
 pub use network::{KernelSource, Network, NetworkState};

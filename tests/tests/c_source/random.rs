@@ -4,8 +4,8 @@ use firmware::estimator::{Estimator, EstimatorState};
 use firmware::parity::{Noise, RandomNetwork};
 use model_export::blob::crc32;
 use model_export::schema::{
-    Activation, Cell, Channel, Curve, Feature, FeatureSource, FrontEnd, Golden, MAX_BENDS, MAX_CREEP, MAX_FEATURES, MAX_INPUTS, MAX_PLAY,
-    Mode, Model,
+    Activation, Cell, Channel, Curve, Feature, FeatureSource, Filter, Flow, FrontEnd, Golden, Growth, MAX_BENDS, MAX_CREEP, MAX_FEATURES,
+    MAX_INPUTS, MAX_PLAY, Mode, Model, Slew, Stages,
 };
 
 /// Most units of a layer, so that thousands of samples are run soon.
@@ -98,14 +98,7 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
     let (creep_coefficients, lag) = (coefficients(creeps), coefficients(1)[0]);
     let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| of_any_size(noise, 3)).collect() };
     let (play_weights, creep_weights) = (weights(plays), weights(creeps));
-    let curve = (noise.below(2) == 0).then(|| {
-        let bends = any_count(noise, MAX_BENDS);
-        let mut points: Vec<f32> = (0..bends).map(|_| of_any_size(noise, 3)).collect();
-        points.sort_by(f32::total_cmp);
-        points.dedup();
-        let bends = points.iter().map(|_| of_any_size(noise, 2)).collect();
-        Curve { offset: of_any_size(noise, 2), slope: of_any_size(noise, 2), bend_points: points.into_iter().collect(), bends }
-    });
+    let curve = (noise.below(2) == 0).then(|| curve(noise));
     let features = 0..count(noise, u32::try_from(MAX_FEATURES).expect("a few"));
     let features = features.map(|_| Feature {
         source: source(noise, &thresholds, creeps),
@@ -113,8 +106,9 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
         gain: of_any_size(noise, 3),
     });
     let features: heapless::Vec<Feature, MAX_FEATURES> = features.collect();
+    let stages = (noise.below(3) == 0).then(|| stages(noise));
     // Half of them of one input.
-    let inputs = if noise.below(2) == 0 { 1 } else { 1 + count(noise, u32::try_from(MAX_INPUTS - 1).expect("a few")) };
+    let inputs = if stages.is_some() || noise.below(2) == 0 { 1 } else { 1 + count(noise, u32::try_from(MAX_INPUTS - 1).expect("a few")) };
     let mut of_inputs = |count: usize| (0..count).filter(|_| inputs > 1).map(|_| index(noise, inputs)).collect::<Vec<u8>>();
     let (play_inputs, feature_inputs) = (of_inputs(plays), of_inputs(features.len()));
     FrontEnd {
@@ -122,7 +116,8 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
         play_inputs: play_inputs.into_iter().collect(),
         feature_inputs: feature_inputs.into_iter().collect(),
         dead_time_samples: [0.0, 1.0, 32.0, 0.75, 31.5, 7.0 + 0.999_999_5, 4.1, 0.0][usize::try_from(noise.below(8)).expect("small")],
-        lag_coefficient: lag,
+        lag_coefficient: if stages.is_some() { 1.0 } else { lag },
+        stages,
         play_thresholds: thresholds.into_iter().collect(),
         play_weights: play_weights.into_iter().collect(),
         creep_coefficients: creep_coefficients.into_iter().collect(),
@@ -132,6 +127,44 @@ fn front_end(noise: &mut Noise) -> FrontEnd {
         curve,
         stick_band: if noise.below(2) == 0 { 0.0 } else { of_any_size(noise, 3).abs() },
         features,
+    }
+}
+
+fn curve(noise: &mut Noise) -> Curve {
+    let bends = any_count(noise, MAX_BENDS);
+    let mut points: Vec<f32> = (0..bends).map(|_| of_any_size(noise, 3)).collect();
+    points.sort_by(f32::total_cmp);
+    points.dedup();
+    let bends = points.iter().map(|_| of_any_size(noise, 2)).collect();
+    Curve { offset: of_any_size(noise, 2), slope: of_any_size(noise, 2), bend_points: points.into_iter().collect(), bends }
+}
+
+/// Every stage or none of each; filters settle, slowly or soon.
+fn stages(noise: &mut Noise) -> Stages {
+    let mut has = || noise.below(2) == 0;
+    let [supply, slew, flow, line, muscle, growth, tip] = [has(), has(), has(), has(), has(), has(), has()];
+    let filter = |noise: &mut Noise| {
+        let momentum = 0.9 * noise.symmetric();
+        let sum = (1.0 + momentum) * (0.05 + noise.symmetric().abs());
+        let [before, long_before] = [of_any_size(noise, 1), of_any_size(noise, 1)];
+        Filter { momentum, gains: [sum - before - long_before, before, long_before] }
+    };
+    Stages {
+        supply: supply.then(|| curve(noise)),
+        slew: slew.then(|| Slew { rise: of_any_size(noise, 2).abs().max(1e-6), fall: of_any_size(noise, 2).abs().max(1e-6) }),
+        flow: flow.then(|| Flow { fill: coefficient(noise), vent: coefficient(noise) }),
+        line: line.then(|| filter(noise)),
+        muscle: muscle.then(|| curve(noise)),
+        growth: growth.then(|| Growth {
+            per_path: [of_any_size(noise, 2), of_any_size(noise, 2)],
+            apart: [of_any_size(noise, 2), of_any_size(noise, 2), of_any_size(noise, 2)],
+            law: curve(noise),
+            share: of_any_size(noise, 2),
+            extra: of_any_size(noise, 2),
+            fading: coefficient(noise),
+            follow: coefficient(noise),
+        }),
+        tip: tip.then(|| filter(noise)),
     }
 }
 

@@ -1,6 +1,6 @@
 use super::*;
 use heapless::Vec;
-use model_export::schema::Feature;
+use model_export::schema::{Curve, Feature, Filter, Flow, Growth, Slew, Stages};
 
 fn channel() -> Channel<'static> {
     Channel { quantity: "pressure", unit: "bar", offset: 1.0, scale: 2.0, minimum: 0.0, maximum: 3.0 }
@@ -161,4 +161,82 @@ fn refuses_what_it_could_not_run() {
     assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Play(2))).unwrap()), "front_end.features");
     // The first operator has threshold zero: there is no stop to divide by.
     assert_eq!(refused(|config| config.features.push(feature(FeatureSource::Stop(0))).unwrap()), "front_end.features");
+}
+
+/// Numbers that are exact in binary, through one stage after the other.
+#[test]
+fn stages_follow_their_equations_by_hand() {
+    let channel = Channel { offset: 0.0, scale: 1.0, ..channel() };
+    let run = |stages: Stages, plain: schema::FrontEnd, inputs: &[f32]| -> Vec<f32, 64> {
+        let config = schema::FrontEnd { lag_coefficient: 1.0, stages: Some(stages), ..plain };
+        let front_end = FrontEnd::new(&config, &channel, &[]).unwrap();
+        let mut state = FrontEndState::default();
+        inputs.iter().map(|input| front_end.step(&mut state, &[*input], &mut [0.0; 0]).readout).collect()
+    };
+    let straight = || schema::FrontEnd { input_weight: 1.0, ..schema::FrontEnd::default() };
+    let none = Stages::default();
+    let bend = |point: f32, bend: f32| Curve {
+        slope: 1.0,
+        bend_points: Vec::from_slice(&[point]).unwrap(),
+        bends: Vec::from_slice(&[bend]).unwrap(),
+        ..Curve::default()
+    };
+    // No more than one half; then twice what is above one quarter.
+    let curves = Stages { supply: Some(bend(0.5, -1.0)), muscle: Some(bend(0.25, 1.0)), ..none.clone() };
+    assert_eq!(run(curves, straight(), &[0.0, 0.25, 0.375, 1.0]), [0.0, 0.25, 0.5, 0.75]);
+    let slew = Stages { slew: Some(Slew { rise: 0.25, fall: 0.5 }), ..none.clone() };
+    assert_eq!(run(slew, straight(), &[0.0, 1.0, 1.0, 0.125, -1.0, -1.0]), [0.0, 0.25, 0.5, 0.125, -0.375, -0.875]);
+    let flow = Stages { flow: Some(Flow { fill: 0.5, vent: 0.25 }), ..none.clone() };
+    assert_eq!(run(flow, straight(), &[0.0, 1.0, 1.0, 0.0, 0.0]), [0.0, 0.5, 0.75, 0.5625, 0.421_875]);
+    // y0 = y1 + (y1 - y2) / 2 + (x0 - y1) / 4: 0, 1/4, then 1/4 + 1/8 + 3/16, then 9/16 + 5/32 + 7/64.
+    let swing = Filter { momentum: 0.5, gains: [0.25, 0.0, 0.0] };
+    let expected = [0.0, 0.25, 0.5625, 0.828_125];
+    assert_eq!(run(Stages { line: Some(swing), ..none.clone() }, straight(), &[0.0, 1.0, 1.0, 1.0]), expected);
+    assert_eq!(run(Stages { tip: Some(swing), ..none.clone() }, straight(), &[0.0, 1.0, 1.0, 1.0]), expected);
+    // At rest nothing moves, to the last bit, wherever that is.
+    assert_eq!(run(Stages { line: Some(swing), tip: Some(swing), ..none }, straight(), &[0.3; 50]), [0.3; 50]);
+}
+
+#[test]
+fn thresholds_grow_with_the_path_and_with_its_rate() {
+    let channel = Channel { offset: 0.0, scale: 1.0, ..channel() };
+    let run = |growth: Growth, inputs: &[f32]| -> Vec<f32, 64> {
+        let config = schema::FrontEnd {
+            play_thresholds: Vec::from_slice(&[0.25]).unwrap(),
+            play_weights: Vec::from_slice(&[1.0]).unwrap(),
+            lag_coefficient: 1.0,
+            stages: Some(Stages { growth: Some(growth), ..Stages::default() }),
+            ..schema::FrontEnd::default()
+        };
+        let front_end = FrontEnd::new(&config, &channel, &[]).unwrap();
+        let mut state = FrontEndState::default();
+        inputs.iter().map(|input| front_end.step(&mut state, &[*input], &mut [0.0; 0]).readout).collect()
+    };
+    let inputs = [0.0, 1.0, 2.0, 1.0, 0.0];
+    let none = Growth::default();
+    assert_eq!(run(none.clone(), &inputs), [0.0, 0.75, 1.75, 1.25, 0.25]);
+    // Rising at 1 and 2 the gap is 1/4 (1 + v / 2): 3/8 and 1/2. Falling it stays.
+    assert_eq!(run(Growth { per_path: [0.5, 0.0], ..none.clone() }, &inputs), [0.0, 0.625, 1.5, 1.25, 0.25]);
+    assert_eq!(run(Growth { per_path: [0.0, 0.5], ..none.clone() }, &inputs), [0.0, 0.75, 1.75, 1.375, 0.25]);
+    // Wider by v / 8, then by v^2 / 16.
+    assert_eq!(run(Growth { apart: [0.125, 0.0, 0.0], ..none.clone() }, &inputs), [0.0, 0.625, 1.5, 1.375, 0.25]);
+    assert_eq!(run(Growth { apart: [0.0, 0.0625, 0.0], ..none.clone() }, &inputs), [0.0, 0.6875, 1.5, 1.3125, 0.25]);
+    // A step of 1 a sample: by 1/8 at once, or half of it in the first sample and three quarters in the second.
+    let law = Curve { slope: 1.0, ..Curve::default() };
+    let by_rate = Growth { law, extra: 0.125, ..none.clone() };
+    assert_eq!(run(by_rate.clone(), &inputs), [0.0, 0.625, 1.625, 1.375, 0.375]);
+    let fading = Growth { fading: 0.5, ..by_rate.clone() };
+    assert_eq!(run(fading, &inputs[..3]), [0.0, 0.6875, 1.656_25]);
+    assert_eq!(run(Growth { share: 0.5, extra: 0.0, ..by_rate }, &inputs), [0.0, 0.625, 1.625, 1.375, 0.375]);
+    // Half of the distance to the bound in a sample.
+    assert_eq!(run(Growth { follow: 0.5, ..none }, &inputs), [0.0, 0.375, 1.0625, 1.0625, 0.656_25]);
+}
+
+#[test]
+fn a_front_end_with_stages_has_one_input_and_no_lag_beside_them() {
+    let staged = || schema::FrontEnd { lag_coefficient: 1.0, stages: Some(Stages::default()), ..schema::FrontEnd::default() };
+    assert!(FrontEnd::new(&staged(), &channel(), &[]).is_ok());
+    assert!(FrontEnd::new(&schema::FrontEnd { lag_coefficient: 0.5, ..staged() }, &channel(), &[]).is_err());
+    let two = schema::FrontEnd { more_input_weights: Vec::from_slice(&[1.0]).unwrap(), ..staged() };
+    assert!(FrontEnd::new(&two, &channel(), &[channel()]).is_err());
 }
