@@ -2,7 +2,7 @@
 //!
 //! It shares no code with the firmware or with training, so that an error in either shows as a difference.
 
-use model_export::schema::FeatureSource;
+use model_export::schema::{Curve, FeatureSource, Filter, Growth, Stages};
 
 use crate::network::{Activation, Cell, Layer, Mode, Network, TrainedModel};
 
@@ -23,6 +23,16 @@ pub struct LayerSignals {
     pub seen: Vec<f64>,
 }
 
+/// Signals of the further stages after a step; those of filters newest first, outputs beside inputs.
+#[derive(Default)]
+struct StageSignals {
+    slewed: f64,
+    flowed: f64,
+    line: Vec<[f64; 2]>,
+    step_size: f64,
+    tip: Vec<[f64; 2]>,
+}
+
 /// A model that runs in `f64`.
 pub struct Reference<'a> {
     model: &'a TrainedModel,
@@ -33,6 +43,7 @@ pub struct Reference<'a> {
     stuck: Option<f64>,
     plays: Vec<f64>,
     creeps: Vec<f64>,
+    stages: StageSignals,
     window: Vec<Vec<f64>>,
     layers: Vec<LayerSignals>,
 }
@@ -55,6 +66,7 @@ impl<'a> Reference<'a> {
             last_paths: Vec::new(),
             plays: vec![0.0; model.front_end.play_thresholds.len()],
             creeps: vec![0.0; model.front_end.creep_coefficients.len()],
+            stages: StageSignals::default(),
             window: Vec::new(),
             layers: Vec::new(),
             stuck: None,
@@ -102,11 +114,25 @@ impl<'a> Reference<'a> {
         let delayed: Vec<f64> = (0..config.inputs()).map(delayed).collect();
         let last_paths = if first { delayed.clone() } else { std::mem::take(&mut self.last_paths) };
         let lag = f64::from(config.lag_coefficient);
-        let paths: Vec<f64> = last_paths.iter().zip(&delayed).map(|(last, delayed)| last + lag * (delayed - last)).collect();
+        let mut paths: Vec<f64> = last_paths.iter().zip(&delayed).map(|(last, delayed)| last + lag * (delayed - last)).collect();
+        let mut last_paths = last_paths;
+        if let Some(stages) = &config.stages {
+            paths[0] = self.stages.path(stages, paths[0], first);
+            if first {
+                last_paths.clone_from(&paths);
+            }
+        }
+        let growth = config.stages.as_ref().and_then(|stages| stages.growth.as_ref());
+        if let Some(growth) = growth {
+            self.stages.step_size = if first { 0.0 } else { self.stages.step_size(growth, (paths[0] - last_paths[0]).abs()) };
+        }
         let mut sum = 0.0;
         for (operator, (play, r)) in self.plays.iter_mut().zip(wide(&config.play_thresholds)).enumerate() {
             let path = paths[config.play_input(operator)];
-            *play = (path - r).max((path + r).min(*play));
+            let [up, down] = growth.map_or([r; 2], |growth| gaps(growth, r, path, self.stages.step_size));
+            let bound = (path - up).max((path + down).min(*play));
+            let follow = growth.filter(|_| !first).map_or(1.0, |growth| f64::from(growth.follow));
+            *play += follow * (bound - *play);
             sum += f64::from(config.play_weights[operator]) * *play;
         }
         let weights = std::iter::once(&config.input_weight).chain(&config.more_input_weights);
@@ -116,14 +142,10 @@ impl<'a> Reference<'a> {
             *creep = if first { sum } else { *creep + a * (sum - *creep) };
             linear += w * *creep;
         }
-        let readout = match &config.curve {
-            None => linear,
-            Some(curve) => {
-                let beyond = wide(&curve.bend_points).map(|point| (linear - point).max(0.0));
-                let bends: f64 = beyond.zip(wide(&curve.bends)).map(|(beyond, bend)| bend * beyond).sum();
-                f64::from(curve.offset) + f64::from(curve.slope) * linear + bends
-            }
-        };
+        let mut readout = along(config.curve.as_ref(), linear);
+        if let Some(tip) = config.stages.as_ref().and_then(|stages| stages.tip.as_ref()) {
+            readout = filtered(tip, &mut self.stages.tip, readout);
+        }
         let features = config.features.iter().enumerate().map(|(index, feature)| {
             let input = config.feature_input(index);
             let signal = match feature.source {
@@ -175,6 +197,60 @@ impl<'a> Reference<'a> {
         }
         let hidden = self.layers.last().map_or(&[][..], |signals| signals.hidden.as_slice());
         f64::from(network.dense_bias) + wide(&network.dense_weights).zip(hidden).map(|(w, h)| w * h).sum::<f64>()
+    }
+}
+
+/// A curve at a value; the value itself without one.
+fn along(curve: Option<&Curve>, value: f64) -> f64 {
+    let Some(curve) = curve else { return value };
+    let beyond = wide(&curve.bend_points).map(|point| (value - point).max(0.0));
+    let bends: f64 = beyond.zip(wide(&curve.bends)).map(|(beyond, bend)| bend * beyond).sum();
+    f64::from(curve.offset) + f64::from(curve.slope) * value + bends
+}
+
+/// A filter's next output, as a recurrence of its polynomials: `y0 = a1 y1 + a2 y2 + sum b x`.
+fn filtered(filter: &Filter, signals: &mut Vec<[f64; 2]>, input: f64) -> f64 {
+    let [b0, b1, b2] = filter.gains.map(f64::from);
+    let a2 = -f64::from(filter.momentum);
+    let a1 = 1.0 - a2 - (b0 + b1 + b2);
+    let [[y1, x1], [y2, x2]] = match signals[..] {
+        [newest, older, ..] => [newest, older],
+        _ => [[input; 2]; 2],
+    };
+    let output = a1 * y1 + a2 * y2 + b0 * input + b1 * x1 + b2 * x2;
+    *signals = vec![[output, input], [y1, x1]];
+    output
+}
+
+/// The gaps of an operator to its rising and its falling branch.
+fn gaps(growth: &Growth, threshold: f64, path: f64, step_size: f64) -> [f64; 2] {
+    let law = along(Some(&growth.law), step_size);
+    let apart: f64 = wide(&growth.apart).zip(1..).map(|(weight, power)| weight * path.powi(power)).sum();
+    growth.per_path.map(|per_path| {
+        let factor = (1.0 + f64::from(per_path) * path).max(0.0) + f64::from(growth.share) * law;
+        (factor * threshold + f64::from(growth.extra) * law + apart).max(0.0)
+    })
+}
+
+impl StageSignals {
+    fn path(&mut self, stages: &Stages, delayed: f64, first: bool) -> f64 {
+        let supplied = along(stages.supply.as_ref(), delayed);
+        let (mut slewed, mut flowed) = (supplied, supplied);
+        if let Some(slew) = stages.slew.filter(|_| !first) {
+            slewed = self.slewed + (supplied - self.slewed).clamp(-f64::from(slew.fall), f64::from(slew.rise));
+            flowed = slewed;
+        }
+        if let Some(flow) = stages.flow.filter(|_| !first) {
+            let coefficient = if slewed > self.flowed { flow.fill } else { flow.vent };
+            flowed = self.flowed + f64::from(coefficient) * (slewed - self.flowed);
+        }
+        (self.slewed, self.flowed) = (slewed, flowed);
+        let swung = stages.line.as_ref().map_or(flowed, |line| filtered(line, &mut self.line, flowed));
+        along(stages.muscle.as_ref(), swung).clamp(-1000.0, 1000.0)
+    }
+
+    fn step_size(&self, growth: &Growth, step: f64) -> f64 {
+        self.step_size + f64::from(growth.fading) * (step - self.step_size)
     }
 }
 

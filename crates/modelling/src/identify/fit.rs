@@ -113,6 +113,7 @@ pub fn fit(recordings: &[Recording], config: &FitConfig) -> Result<Fit, Identify
         input_path: InputPath { dead_time_s: dead_time * period_s, lag_time_constant_s: time_constant(lag, period_s) },
         curve: shape,
         creep: CreepFilters::default(),
+        stages: crate::physics::Stages::default(),
         provenance: Provenance {
             program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
             method: method(config, family),

@@ -42,7 +42,7 @@ fn describe(model: &PhysicsModel, path: &Path) -> Description {
     let curve = model.curve.as_ref().map_or(0, |curve| curve.slopes.len());
     let input = usize::from(model.input_gain != 0.0);
     // Play operators alone answer to the path of the input and not to its speed: they are the same at any rate.
-    let depends_on_rate = path_terms + creep > 0;
+    let depends_on_rate = path_terms + creep > 0 || model.stages.depend_on_rate();
     Description {
         path: path.into(),
         kind: format!(
@@ -52,7 +52,11 @@ fn describe(model: &PhysicsModel, path: &Path) -> Description {
                 Kind::ModifiedPrandtlIshlinskii => "modified Prandtl-Ishlinskii",
             },
             model.thresholds.len(),
-            if path_terms > 0 { " behind dead time and lag" } else { "" }
+            match (path_terms > 0, model.stages.is_empty()) {
+                (false, true) => "",
+                (true, true) => " behind dead time and lag",
+                (_, false) => " with further stages",
+            }
         ),
         arithmetic: Arithmetic::Physics,
         input: Signal { quantity: model.input.quantity.clone(), unit: model.input.unit.clone() },
@@ -60,7 +64,7 @@ fn describe(model: &PhysicsModel, path: &Path) -> Description {
         output: Signal { quantity: model.output.quantity.clone(), unit: model.output.unit.clone() },
         input_range: Some((model.input.minimum, model.input.maximum)),
         sample_period_s: depends_on_rate.then_some(model.sample_period_s),
-        parameters: 2 * model.thresholds.len() + input + 1 + path_terms + 2 * creep + curve,
+        parameters: 2 * model.thresholds.len() + input + 1 + path_terms + 2 * creep + curve + model.stages.parameters(),
         macs_per_step: model.thresholds.len() + input + path_terms + 2 * creep + usize::from(curve > 0),
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use model_export::schema::FrontEnd;
+use model_export::schema::{FrontEnd, Stages};
 
 use super::error::ModelError;
 use super::predictor::{Arithmetic, Description, Predictor, enough};
@@ -46,7 +46,20 @@ pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
     // Without plays, creep or readout weight the front end only prepares features and nothing in it was fitted.
     let linear = front_end.play_weights.len() + front_end.creep_weights.len();
     let curve = front_end.curve.as_ref().map_or(0, |curve| 2 + curve.bends.len());
-    if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 + curve }
+    let stages = front_end.stages.as_ref().map_or(0, stage_parameters);
+    if linear == 0 && front_end.input_weight == 0.0 { 0 } else { linear + front_end.play_thresholds.len() + 2 + curve + stages }
+}
+
+/// Numbers of the further stages.
+fn stage_parameters(stages: &Stages) -> usize {
+    let law = stages.growth.as_ref().map(|growth| &growth.law);
+    let curves = [stages.supply.as_ref(), stages.muscle.as_ref(), law].into_iter().flatten();
+    let bends: usize = curves.map(|curve| 2 + 2 * curve.bends.len()).sum();
+    let filters = 4 * [stages.line, stages.tip].iter().flatten().count();
+    bends
+        + filters
+        + 2 * (usize::from(stages.slew.is_some()) + usize::from(stages.flow.is_some()))
+        + 9 * usize::from(stages.growth.is_some())
 }
 
 /// What a front end with a network of these layers is, in words; `window` is the length of its window, 1 for streaming.
@@ -63,7 +76,8 @@ pub(super) fn kind(front_end: &FrontEnd, layers: &[(Cell, usize)], activation: A
         }
     };
     let operators = front_end.play_thresholds.len();
-    let physics = (front_end_parameters(front_end) > 0).then(|| format!("{operators} play operators"));
+    let further = if front_end.stages.is_some() { " with further stages" } else { "" };
+    let physics = (front_end_parameters(front_end) > 0).then(|| format!("{operators} play operators{further}"));
     match (physics, network) {
         (Some(physics), Some(network)) => format!("hybrid: {physics} and {network}"),
         (Some(physics), None) => format!("{physics}, no network"),

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::{Activation, Cell, Channel, Layer, Mode, Network, Provenance, TrainedModel};
 
 /// Newest version of the metadata and tensor names. Version 2 added layers other than LSTM and features of past inputs, version 3 several
-/// inputs; a model is written in the oldest version that has room for it.
-pub const FORMAT_VERSION: u32 = 3;
+/// inputs, version 4 further stages of the front end; a model is written in the oldest version that has room for it.
+pub const FORMAT_VERSION: u32 = 4;
 
 const METADATA_KEY: &str = "catheter-model";
 
@@ -99,6 +99,9 @@ struct Metadata {
     /// What the front end has for inputs beside the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     several_inputs: Option<SeveralInputs>,
+    /// Further stages of the front end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    stages: Option<schema::Stages>,
     network: Option<Architecture>,
     provenance: Provenance,
 }
@@ -116,6 +119,7 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
     let sees_past = model.front_end.features.iter().any(|feature| matches!(feature.source, schema::FeatureSource::Past(_)));
     let metadata = Metadata {
         format_version: match (model.more_inputs.is_empty(), has_other_cells || sees_past) {
+            _ if model.front_end.stages.is_some() => 4,
             (false, _) => 3,
             (true, true) => 2,
             (true, false) => 1,
@@ -131,6 +135,7 @@ pub fn to_bytes(model: &TrainedModel) -> Result<Vec<u8>, String> {
             play_inputs: model.front_end.play_inputs.clone(),
             feature_inputs: model.front_end.feature_inputs.clone(),
         }),
+        stages: model.front_end.stages.clone(),
         network: model.network.as_ref().map(|network| Architecture {
             activation: network.activation,
             state_limit: network.state_limit,
@@ -230,6 +235,7 @@ pub fn from_bytes(bytes: &[u8], path: &str) -> Result<TrainedModel, ModelFileErr
         )));
     }
     let mut front_end = metadata.front_end;
+    front_end.stages = metadata.stages;
     if let Some(several) = metadata.several_inputs {
         front_end.more_input_weights = several.more_input_weights;
         front_end.play_inputs = several.play_inputs;

@@ -74,6 +74,7 @@ pub fn of_sum(model: &LinearModel, inputs: &[ChannelRange], output: &ChannelRang
         input_path: InputPath { dead_time_s: structure.dead_time_s, lag_time_constant_s: structure.lag_s },
         curve,
         creep: CreepFilters::default(),
+        stages: crate::physics::Stages::default(),
         provenance: Provenance {
             program: format!("catheter {}", env!("CARGO_PKG_VERSION")),
             method: "catheter fit".to_owned(),

@@ -22,6 +22,11 @@ pub fn input_path(input: &[f64], dead_time_samples: f64, lag_coefficient: f64) -
         .collect()
 }
 
+/// The coefficient of a first-order filter for a time constant; 1 (no filter) for none.
+pub(super) fn coefficient(sample_period_s: f64, time_constant_s: f64) -> f64 {
+    if time_constant_s > 0.0 { -(-sample_period_s / time_constant_s).exp_m1() } else { 1.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

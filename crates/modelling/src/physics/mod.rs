@@ -10,9 +10,13 @@ pub mod fitted;
 mod input_path;
 mod model;
 pub mod nuisance;
+mod points;
+mod stages;
 
 pub use expected::{Calibrated, Expected};
 pub use fitted::FittedModel;
 pub use input_path::input_path;
 pub(crate) use model::range;
 pub use model::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, ModelError, PhysicsModel, Provenance, Source};
+pub use points::Points;
+pub use stages::{FillVent, Filter, SlewLimits, Stages, ThresholdGrowth};

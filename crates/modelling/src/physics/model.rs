@@ -7,8 +7,9 @@ use model_export::schema::{self, Channel, FrontEnd, MAX_BENDS, MAX_CREEP, MAX_DE
 use serde::{Deserialize, Serialize};
 
 use super::expected::Expected;
-use super::input_path::input_path;
+use super::input_path::{coefficient, input_path};
 use super::nuisance::Nuisance;
+use super::stages::Stages;
 use recording::{Recording, Signal};
 
 /// Version of the file's layout.
@@ -156,6 +157,8 @@ pub struct Provenance {
 /// s = input_gain v + sum_i weights_i H_i(v) + creep        y = constant + s          (Prandtl-Ishlinskii)
 ///                                                          y = constant + curve(s)   (modified)
 /// ```
+///
+/// Where there are [`Stages`], they lie between the input path and the operators, change the operators, and send `y` through the tip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhysicsModel {
@@ -198,6 +201,9 @@ pub struct PhysicsModel {
     /// Creep.
     #[serde(default)]
     pub creep: CreepFilters,
+    /// What supply, valve, line, muscle and tip do beside hysteresis.
+    #[serde(default, skip_serializing_if = "Stages::is_empty")]
+    pub stages: Stages,
     /// How it came to be.
     pub provenance: Provenance,
     /// What the next recording may bring; only `catheter fit` knows.
@@ -287,6 +293,9 @@ impl PhysicsModel {
         if self.creep.gains.len() != self.creep.time_constants_s.len() || self.creep.time_constants_s.iter().any(|&time| time <= 0.0) {
             return Some("creep needs one gain for each positive time constant".to_owned());
         }
+        if let Some(problem) = self.stages.problem() {
+            return Some(problem);
+        }
         match &self.curve {
             Some(curve) => {
                 let shaped = !curve.slopes.is_empty() && curve.breakpoints.len() == curve.slopes.len() + 1;
@@ -302,9 +311,13 @@ impl PhysicsModel {
     #[must_use]
     pub fn simulate(&self, input: &[f64]) -> Vec<f64> {
         let sums = self.sums(input);
-        match &self.curve {
+        let readout: Vec<f64> = match &self.curve {
             Some(curve) => sums.into_iter().map(|sum| self.constant + curve.at(sum)).collect(),
             None => sums.into_iter().map(|sum| self.constant + sum).collect(),
+        };
+        match &self.stages.tip {
+            Some(tip) => tip.run(&readout),
+            None => readout,
         }
     }
 
@@ -312,19 +325,33 @@ impl PhysicsModel {
     #[must_use]
     pub fn sums(&self, input: &[f64]) -> Vec<f64> {
         let path = input_path(input, self.input_path.dead_time_s / self.sample_period_s, self.lag_coefficient());
-        let mut plays = vec![0.0; self.thresholds.len()];
+        let path: Vec<f64> = path.into_iter().map(|value| value - self.rest_input).collect();
+        let path = self.stages.lead(&path, self.sample_period_s);
         let creep: Vec<f64> = self.creep.time_constants_s.iter().map(|time| coefficient(self.sample_period_s, *time)).collect();
         let mut elements: Option<Vec<f64>> = None;
-        path.into_iter()
-            .map(|value| {
-                let value = value - self.rest_input;
-                play::step_bank(&self.thresholds, value, &mut plays);
-                let sum = self.input_gain * value + self.weights.iter().zip(&plays).map(|(weight, play)| weight * play).sum::<f64>();
+        path.iter()
+            .zip(self.weighted_plays(&path))
+            .map(|(value, plays)| {
+                let sum = self.input_gain * value + plays;
                 let elements = elements.get_or_insert_with(|| vec![sum; creep.len()]);
                 elements.iter_mut().zip(&creep).for_each(|(element, coefficient)| *element += coefficient * (sum - *element));
                 sum + self.creep.gains.iter().zip(elements.iter()).map(|(gain, element)| gain * element).sum::<f64>()
             })
             .collect()
+    }
+
+    /// The operators' weighted sum along a path from the rest input.
+    fn weighted_plays(&self, path: &[f64]) -> Vec<f64> {
+        if let Some(growth) = &self.stages.growth {
+            let operators: Vec<(f64, f64)> = self.thresholds.iter().copied().zip(self.weights.iter().copied()).collect();
+            return growth.sums(path, &operators, self.sample_period_s);
+        }
+        let mut plays = vec![0.0; self.thresholds.len()];
+        let sum = |value: &f64| {
+            play::step_bank(&self.thresholds, *value, &mut plays);
+            self.weights.iter().zip(&plays).map(|(weight, play)| weight * play).sum()
+        };
+        path.iter().map(sum).collect()
     }
 
     /// Simulates a recording's input and returns root mean square error, its share of the output's range, and the largest error.
@@ -367,9 +394,16 @@ impl PhysicsModel {
                 front_end.curve = Some(curve.dead_zones(self.constant, output_offset, output_scale).ok_or_else(full)?);
             }
         }
+        if !self.stages.is_empty() {
+            if self.input_path.lag_time_constant_s > 0.0 {
+                return Err(refuse("a lag of the input path beside further stages, which have one of their own".to_owned()));
+            }
+            let full = |stage| refuse(format!("the curve of its stage `{stage}` has more than {MAX_BENDS} bends"));
+            front_end.stages = Some(self.stages.as_wire(self.sample_period_s, input_scale).map_err(full)?);
+        }
         let mut input_weight = self.input_gain;
         for (&threshold, &weight) in self.thresholds.iter().zip(&self.weights) {
-            if threshold == 0.0 {
+            if threshold == 0.0 && self.stages.growth.is_none() {
                 // The play operator of threshold zero is the input itself.
                 input_weight += weight;
                 continue;
@@ -412,11 +446,6 @@ impl PhysicsModel {
         };
         Ok((input, output, front_end))
     }
-}
-
-/// The coefficient of a first-order filter for a time constant; 1 (no filter) for none.
-fn coefficient(sample_period_s: f64, time_constant_s: f64) -> f64 {
-    if time_constant_s > 0.0 { -(-sample_period_s / time_constant_s).exp_m1() } else { 1.0 }
 }
 
 /// Smallest and largest value.

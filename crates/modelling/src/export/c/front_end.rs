@@ -1,17 +1,18 @@
 //! The physics part in C.
 
-use std::fmt::Write;
-
 use firmware::estimator::MAX_NORMALISED;
-use model_export::schema::{Channel, Curve, Feature, FeatureSource, FrontEnd};
+use model_export::schema::{Channel, Feature, FeatureSource, FrontEnd, Growth};
 
+use super::curve::curve;
 use super::literal::{constant, float, floats, operand};
+use super::stages;
 use super::template::{Context, fill};
 
 /// Constants and functions of the front end.
 pub fn source(context: &Context<'_>) -> String {
     let front_end = &context.model().front_end;
-    let parts = [delay(context), plays(front_end), creeps(front_end), curve(front_end.curve.as_ref()), quantiser(context), step(context)];
+    let bend = curve(front_end.curve.as_ref(), "Curve of the readout", "bend");
+    let parts = [delay(context), stages::source(context), plays(front_end), creeps(front_end), bend, quantiser(context), step(context)];
     parts.concat()
 }
 
@@ -57,7 +58,8 @@ fn plays(front_end: &FrontEnd) -> String {
         true => String::new(),
         false => format!("/* Which input each of them follows. */\nstatic const uint32_t PLAY_INPUTS[PLAYS] = {{\n{list}}};\n"),
     };
-    fill(
+    let step = if growth(front_end).is_some() { "" } else { include_str!("template/play_step.c") };
+    let lists = fill(
         include_str!("template/play.c"),
         &[
             ("plays", &front_end.play_thresholds.len().to_string()),
@@ -65,7 +67,12 @@ fn plays(front_end: &FrontEnd) -> String {
             ("weights", &floats(&front_end.play_weights)),
             ("inputs", &inputs),
         ],
-    )
+    );
+    lists + step
+}
+
+fn growth(front_end: &FrontEnd) -> Option<&Growth> {
+    stages::growth(front_end.stages.as_ref()?, front_end.play_thresholds.len())
 }
 
 fn creeps(front_end: &FrontEnd) -> String {
@@ -79,25 +86,6 @@ fn creeps(front_end: &FrontEnd) -> String {
             ("coefficients", &floats(&front_end.creep_coefficients)),
             ("weights", &floats(&front_end.creep_weights)),
         ],
-    )
-}
-
-fn curve(curve: Option<&Curve>) -> String {
-    let Some(curve) = curve else { return String::new() };
-    let (mut bends, mut body) = (String::new(), String::new());
-    if !curve.bend_points.is_empty() {
-        let _ = write!(
-            bends,
-            "#define BENDS {}u\nstatic const float BEND_POINTS[BENDS] = {{\n{}}};\nstatic const float BENDS_OF_SLOPE[BENDS] = {{\n{}}};\n",
-            curve.bend_points.len(),
-            floats(&curve.bend_points),
-            floats(&curve.bends),
-        );
-        body.push_str(include_str!("template/bends.c"));
-    }
-    fill(
-        include_str!("template/curve.c"),
-        &[("offset", &constant(curve.offset)), ("slope", &constant(curve.slope)), ("bends", &bends), ("loop", &body)],
     )
 }
 
@@ -124,13 +112,28 @@ fn step(context: &Context<'_>) -> String {
         last_values.push_str("    float last_inputs[INPUTS];\n");
         keep_last.push_str("        last_inputs[input] = first ? value : state->inputs[input];\n");
     }
-    if lags || sees(FeatureSource::PathDifference) {
+    let keeps_path = lags || sees(FeatureSource::PathDifference) || growth(front_end).is_some();
+    if keeps_path {
         last_values.push_str("    float last_paths[INPUTS];\n");
         keep_last.push_str("        last_paths[input] = first ? value : state->paths[input];\n");
     }
     let feature_lines: String = features.iter().enumerate().map(|(index, feature)| feature_line(front_end, index, feature)).collect();
     let play_input = if front_end.play_inputs.is_empty() { "0" } else { "PLAY_INPUTS[index]" };
-    let plays = fill(include_str!("template/step_plays.c"), &[("play_input", play_input)]);
+    let plays = match growth(front_end) {
+        Some(growth) => stages::step_growing_plays(growth),
+        None => fill(include_str!("template/step_plays.c"), &[("play_input", play_input)]),
+    };
+    let staged = front_end.stages.as_ref();
+    let mut readout = if front_end.curve.is_some() { "bend(linear)" } else { "linear" }.to_owned();
+    if staged.is_some_and(|stages| stages.tip.is_some()) {
+        readout = format!("filter(TIP_MOMENTUM, TIP_GAINS, state->tip, between({readout}, -1.0e6f, 1.0e6f), first)");
+    }
+    let path = match (staged.is_some(), lags) {
+        (true, _) => "lead(state, delayed, first)",
+        (false, true) => "first ? delayed : (last_paths[input] + product(LAG, delayed - last_paths[input]))",
+        (false, false) => "delayed",
+    };
+    let settle = if staged.is_some() && keeps_path { include_str!("template/settle.c") } else { "" };
     fill(
         include_str!("template/front_end.c"),
         &[
@@ -150,11 +153,13 @@ fn step(context: &Context<'_>) -> String {
             ("last_values", &last_values),
             ("keep_last", &keep_last),
             ("more_paths", if weights.len() > 1 { include_str!("template/more_paths.c") } else { "" }),
-            ("path", if lags { "first ? delayed : (last_paths[input] + product(LAG, delayed - last_paths[input]))" } else { "delayed" }),
+            ("path", path),
+            ("settle", settle),
+            ("lead", &stages::lead(context)),
             ("start_plays", if front_end.play_thresholds.is_empty() { "" } else { include_str!("template/start_plays.c") }),
             ("plays", if front_end.play_thresholds.is_empty() { "" } else { &plays }),
             ("creeps", if front_end.creep_coefficients.is_empty() { "" } else { include_str!("template/step_creeps.c") }),
-            ("readout", if front_end.curve.is_some() { "bend(linear)" } else { "linear" }),
+            ("readout", &readout),
             ("features", &feature_lines),
             ("name", context.name.identifier()),
         ],

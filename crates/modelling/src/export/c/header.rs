@@ -7,6 +7,7 @@ use model_export::schema::{Activation, Mode, Model};
 
 use super::front_end;
 use super::literal::{decimal, plain};
+use super::stages;
 use super::template::{Context, fill};
 use crate::network::described;
 
@@ -141,7 +142,7 @@ fn fields(context: &Context<'_>) -> String {
     let model = context.model();
     let mut text = String::new();
     let mut field = |kind: &str, name: &str, size: usize, meaning: &str| {
-        let declared = format!("{kind} {name}[{size}];");
+        let declared = if size > 0 { format!("{kind} {name}[{size}];") } else { format!("{kind} {name};") };
         let _ = writeln!(text, "    {declared:<23} /* {meaning} */");
     };
     let (plays, creeps) = (model.front_end.play_thresholds.len(), model.front_end.creep_coefficients.len());
@@ -150,6 +151,9 @@ fn fields(context: &Context<'_>) -> String {
     }
     if creeps > 0 {
         field("float", "creeps", creeps, "C: creep filters");
+    }
+    for (name, size, meaning) in model.front_end.stages.iter().flat_map(|stages| stages::fields(stages, plays)) {
+        field("float", name, size, meaning);
     }
     let Some(network) = &model.network else { return text };
     for (index, layer) in network.layers.iter().enumerate() {

@@ -5,6 +5,7 @@
 //! leaves them to the compiler. *Sums* are taken in the order of the firmware, also where an addend is zero: that decides the sign of
 //! a zero. Fixed parts stand in `template/` as C, with `@word@` where a model's own numbers go.
 
+mod curve;
 mod files;
 mod front_end;
 mod header;
@@ -12,6 +13,7 @@ mod literal;
 mod name;
 mod network;
 mod source;
+mod stages;
 mod template;
 
 pub use files::CFiles;

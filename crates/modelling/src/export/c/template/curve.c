@@ -1,11 +1,11 @@
 
-/* Curve of the readout: L = a + b * p + sum of bend_i * max(p - point_i, 0). */
-static const float CURVE_OFFSET = @offset@
-static const float CURVE_SLOPE = @slope@
+/* @meaning@: a + b * x + sum of bend_i * max(x - point_i, 0). */
+static const float @UPPER@_OFFSET = @offset@
+static const float @UPPER@_SLOPE = @slope@
 @bends@
-static float bend(float linear)
+static float @lower@(float x)
 {
-    float value = CURVE_OFFSET + product(CURVE_SLOPE, linear);
+    float value = @UPPER@_OFFSET + product(@UPPER@_SLOPE, x);
 @loop@
     return value;
 }

@@ -14,7 +14,7 @@ static const float RESTS[INPUTS] = {
 static const float BIAS = @bias@
 static const float INPUT_WEIGHTS[INPUTS] = {
 @input_weights@};
-
+@lead@
 /*
  * The physics: one sample x, a value of each input, gives the readout L in normalised output@and_features@.
  *
@@ -48,7 +48,7 @@ static float step_front_end(@name@_state *state, const float *raw@features_argum
 @keep_last@        state->inputs[input] = value;
         delayed = delay(state, input);
         state->paths[input] = @path@;
-    }
+@settle@    }
     if ((!good) && (state->held_samples < UINT32_MAX)) {
         state->held_samples++;
     }

@@ -6,10 +6,3 @@ static const float PLAY_THRESHOLDS[PLAYS] = {
 static const float PLAY_WEIGHTS[PLAYS] = {
 @weights@};
 @inputs@
-static float play(float threshold, float path, float last)
-{
-    const float low = path - threshold;
-    const float high = path + threshold;
-
-    return (last < low) ? low : ((last > high) ? high : last);
-}

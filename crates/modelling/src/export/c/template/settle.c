@@ -1,0 +1,3 @@
+        if (first) {
+            last_paths[input] = state->paths[input];
+        }
