@@ -22,6 +22,7 @@ mod search;
 mod selection;
 
 pub use chain::columns::Columns;
+pub use chain::form::OperatorLaw;
 pub use data::session::{Beginning, Role, Run, Session, SessionError};
 pub use effects::catalogue;
 pub use explanation::diagnosis::{Correlation, LoopArea, Residual, Share};

@@ -15,7 +15,6 @@ use recording::simulation::{self, Context};
 use recording::{Recording, Signal};
 use serde::{Deserialize, Serialize};
 
-use crate::chain::columns::Columns;
 use crate::chain::definition::Definition;
 use crate::chain::form::Quantity;
 use crate::data::session::{Beginning, Earlier, OtherInput, Role, Run, Session};
@@ -258,7 +257,7 @@ impl DiscoveredModel {
     }
 
     /// The model, ready to run.
-    fn build(&self) -> Result<Model, String> {
+    pub(super) fn build(&self) -> Result<Model, String> {
         let forms = [&catalogue::forms()[..], &other_input::FORMS].concat();
         let mut slots = Vec::new();
         for entry in &self.effects {
@@ -398,7 +397,7 @@ impl DiscoveredModel {
     }
 
     /// A recording with these inputs after the session's last.
-    fn run(&self, inputs: &[&[f64]]) -> Result<Run, String> {
+    pub(super) fn run(&self, inputs: &[&[f64]]) -> Result<Run, String> {
         let (input, further) = (inputs[0], &inputs[1..]);
         if further.len() < self.others.len() {
             return Err(format!("it has {} inputs and was given {}", self.others.len() + 1, inputs.len()));
@@ -426,24 +425,6 @@ impl DiscoveredModel {
             earlier: None,
             session: std::sync::Arc::default(),
         })
-    }
-
-    /// What an effect of the sensor does to the model's output where the session ended: gain, and offset (normalised).
-    ///
-    /// # Errors
-    /// When the effect is not known.
-    pub fn at_the_end(&self, effect: &EffectEntry) -> Result<(f64, f64), String> {
-        let model = self.build()?;
-        let slot = model.slots.iter().find(|slot| slot.form.name() == effect.name).ok_or_else(|| effect.name.clone())?;
-        let at_rest: Vec<[f64; 1]> =
-            std::iter::once(self.input_offset).chain(self.others.iter().map(|other| other.offset)).map(|at| [at]).collect();
-        let run = Run { session_s: vec![self.session_s], ..self.run(&at_rest.iter().map(|at| &at[..]).collect::<Vec<_>>())? };
-        let of = |sum: f64| {
-            let mut columns = Columns::of(1);
-            slot.form.output(&slot.parameters, &run, &[sum], &mut columns);
-            sum + columns.added().values.iter().zip(&slot.weights).map(|(value, weight)| value * weight).sum::<f64>()
-        };
-        Ok((of(1.0) - of(0.0), of(0.0)))
     }
 
     /// Numbers that were fitted.

@@ -201,7 +201,7 @@ impl Model {
     }
 
     /// How the operators deviate from plain ones.
-    fn operator_law(&self) -> OperatorLaw {
+    pub(crate) fn operator_law(&self) -> OperatorLaw {
         let mut operator_law = OperatorLaw::default();
         self.before_operators().for_each(|slot| slot.form.operator_law(&slot.parameters, &mut operator_law));
         operator_law

@@ -16,7 +16,7 @@ pub const FILES: [&str; 5] = ["model.toml", "runner_up.toml", "microcontroller.t
 pub struct Written {
     /// `model.toml`.
     pub model: DiscoveredModel,
-    /// Whether there is a `microcontroller.toml`; else the effect that the microcontroller does not know.
+    /// Whether there is a `microcontroller.toml`; else the effect that keeps the model off the microcontroller.
     pub for_the_board: Result<(), String>,
 }
 

@@ -1,213 +1,396 @@
-//! The part of a discovered model that the microcontroller can run: play operators behind dead time and lag, with creep.
+//! The form of a discovered model that the microcontroller runs: a [`PhysicsModel`] with its further [`Stages`].
 //!
-//! The blob's front end knows these and no more (see `model_export::schema::FrontEnd`). What drifts with the session's time (drift of zero
-//! and gain, a change of set-up) goes into weights and constant as it was when the session ended: that is the rig as it is now. A skew of
-//! the clocks belongs to the recordings, not to the rig, and is left out. A model with any other effect stays on the desktop;
-//! [`physics_model`] then says which effect it is.
-
-use crate::physics::{ChannelRange, CreepFilters, InputPath, Kind, PhysicsModel, Provenance, Source};
-use recording::{Recording, Signal};
+//! Every effect has one stage of the blob's front end (see `model_export::schema`), and its parameters go there as they are; what is a
+//! curve is asked for its values, what is a linear filter for the answer to an impulse. What drifts with the session's time (drift of zero and gain,
+//! a change of set-up) goes into constant and weights as it was when the session ended: that is the rig as it is now. A skew of the clocks
+//! belongs to the recordings, not to the rig, and is left out.
+//!
+//! A model that has any other effect, two for one stage, or effects in another order than the stages stays on the desktop;
+//! [`physics_model`] then says which effect it is. So does one whose form departs from it by more than it errs itself.
 
 use discovery::effects::creep::TIMES_S;
 use discovery::file::DiscoveredModel;
+use discovery::{OperatorLaw, Slot};
+use recording::{Recording, Signal};
 
-/// Whether a lag is so fast that the samples cannot tell it from a delay of the same length.
-fn is_a_delay(time_constant_s: f64, sample_period_s: f64) -> bool {
-    time_constant_s < sample_period_s
+use crate::physics::{
+    ChannelRange, CreepFilters, Curve, FORMAT_VERSION, FillVent, Filter, InputPath, Kind, PhysicsModel, Points, Provenance, SlewLimits,
+    Source, Stages, ThresholdGrowth,
+};
+
+/// Where in the blob's front end an effect acts, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Stage {
+    /// The supply's curve.
+    Supply,
+    /// A limit of the rate.
+    Slew,
+    /// A lag, for both directions or for each.
+    Flow,
+    /// A filter of the second order.
+    Line,
+    /// The muscle's curve.
+    Muscle,
+    /// How thresholds change.
+    Operators,
+    /// Creep of the operators' sum.
+    Creep,
+    /// The readout's curve.
+    Readout,
+    /// A filter of the second order behind it.
+    Tip,
+    /// Zero and gain.
+    Sensor,
 }
 
-/// The physics model for `catheter export`.
-///
-/// # Errors
-/// With the name and the form of the first effect that the microcontroller does not know.
-pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Result<PhysicsModel, String> {
-    let mut input_path = InputPath::default();
-    let mut creep = CreepFilters::default();
-    let (mut scale, mut shift) = (1.0, 0.0);
-    for effect in &model.effects {
-        match (effect.name.as_str(), effect.form.as_str()) {
-            ("dead-time", _) => input_path.dead_time_s += effect.normalised[0],
-            ("pneumatic-lag", "before" | "before the hysteresis") => {
-                input_path.lag_time_constant_s = effect.normalised[0];
-                // Found with straight lines between samples, run with steps there: these arrive half a sample earlier.
-                input_path.dead_time_s += 0.5 * model.sample_period_s;
-            }
-            ("pneumatic-lag", "two-before" | "two in a row before the hysteresis")
-                if is_a_delay(effect.normalised[1], model.sample_period_s) =>
-            {
-                input_path.lag_time_constant_s = effect.normalised[0];
-                input_path.dead_time_s += effect.normalised[1] + 0.5 * model.sample_period_s;
-            }
-            ("creep", form) if form.starts_with("of-the-displacement") || form.starts_with("of the displacement") => {
-                let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
-                (creep.time_constants_s, creep.gains) = active.map(|(time_s, weight)| (*time_s, *weight)).unzip();
-            }
-            ("offset-drift" | "gain-drift" | "setup-change", _) => {
-                let (gain, offset) = model.at_the_end(effect)?;
-                (scale, shift) = (scale * gain, shift * gain + offset);
-            }
-            ("clock-skew", _) => {}
-            (name, form) => return Err(format!("{name} ({form})")),
-        }
+/// Samples of delay that are as good as a stage: lags that were found with straight lines between samples run with steps there, which arrive
+/// half a sample earlier; a command that holds between samples is followed a sample later.
+const STRAIGHT: f64 = 0.5;
+const HELD: f64 = 1.0;
+
+/// How much farther than the recordings go a curve is followed bend by bend.
+const MARGIN: f64 = 0.2;
+
+/// Growth in proportion to a rate of so many spans per s is in proportion at any rate.
+const FASTER_THAN_ANY: f64 = 100.0;
+
+/// The stage of an effect, and the delay in samples that belongs to it.
+fn stage(effect: &Slot) -> Option<(Stage, f64)> {
+    if effect.form.definition().is_some() {
+        return None;
     }
-    let gain = scale * model.output_scale / model.input_scale;
-    let active = || model.thresholds.iter().zip(&model.weights).filter(|(_, weight)| **weight != 0.0);
-    let thresholds: Vec<f64> = active().map(|(threshold, _)| threshold * model.input_scale).collect();
-    // A stop is what a play lacks to the input.
-    let sign = if model.stops { -1.0 } else { 1.0 };
-    let mut weights: Vec<f64> = active().map(|(_, weight)| sign * weight * gain).collect();
-    let mut input_gain = 0.0;
-    if model.stops {
-        // The first operator is the input itself, the others are the input less their plays.
-        input_gain = gain * model.weights.iter().sum::<f64>();
-        for (weight, threshold) in weights.iter_mut().zip(&thresholds) {
-            if *threshold == 0.0 {
-                *weight = 0.0;
-            }
+    Some(match (effect.form.name(), effect.form.key()) {
+        ("supply-saturation", _) => (Stage::Supply, 0.0),
+        ("slew-limit", "one" | "two-sided") => (Stage::Slew, 0.0),
+        ("slew-limit", "one-held" | "two-sided-held") => (Stage::Slew, HELD),
+        ("pneumatic-lag", "before") | ("fill-vent-asymmetry", "by-error") => (Stage::Flow, STRAIGHT),
+        ("pneumatic-lag", "before-held") | ("fill-vent-asymmetry", "by-error-held") => (Stage::Flow, HELD),
+        ("pneumatic-lag", "two-before") | ("resonance", "pressure") => (Stage::Line, 0.0),
+        ("activation-threshold", "rounded" | "opens" | "two-sided") | ("static-nonlinearity", "input-cubic" | "input-power") => {
+            (Stage::Muscle, 0.0)
         }
-    }
-    let extent = |signal: &Signal, values: &dyn Fn(&Recording) -> Vec<f64>| {
-        let all = recordings.iter().flat_map(|recording| values(recording).into_iter());
-        let (minimum, maximum) = all.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-        ChannelRange { quantity: signal.quantity.clone(), unit: signal.unit.clone(), minimum, maximum }
-    };
-    let output = extent(&model.output, &|recording| recording.output.clone());
-    let source = |recording: &Recording| Source {
-        file: recording.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
-        sha256: recording.sha256.clone(),
-        samples: recording.len(),
-    };
-    Ok(PhysicsModel {
-        format_version: crate::physics::FORMAT_VERSION,
-        kind: Kind::PrandtlIshlinskii,
-        sample_period_s: model.sample_period_s,
-        rest_input: model.input_offset,
-        thresholds,
-        weights,
-        input_gain,
-        constant: (model.constant + shift) * model.output_scale,
-        thresholds_95: Vec::new(),
-        weights_95: Vec::new(),
-        constant_95: None,
-        input: extent(&model.input, &|recording| recording.input.clone()),
-        input_path,
-        curve: None,
-        creep,
-        provenance: Provenance {
-            program: model.origin.program.clone(),
-            method: "catheter discover".to_owned(),
-            rmse: model.origin.rmse,
-            nrmse: model.origin.rmse / (output.maximum - output.minimum),
-            samples: recordings.iter().map(Recording::len).sum(),
-            data: recordings.iter().map(source).collect(),
-        },
-        expected: None,
-        nuisances: Vec::new(),
-        output,
+        ("asymmetric-hysteresis", "bouc-wen" | "bouc-wen-going-on" | "dahl" | "dahl-going-on") => return None,
+        ("asymmetric-hysteresis", _) => (Stage::Operators, 0.0),
+        ("rate-dependent-hysteresis", "overstress-asinh" | "overstress-fading" | "share-asinh" | "viscous") => (Stage::Operators, 0.0),
+        ("creep", "of-the-displacement" | "of-the-displacement-going-on") => (Stage::Creep, 0.0),
+        ("activation-threshold", "of-the-displacement") => (Stage::Readout, 0.0),
+        ("static-nonlinearity", form) if form.starts_with("output-") => (Stage::Readout, 0.0),
+        ("pneumatic-lag", "behind" | "two-behind") | ("resonance", "tip" | "shaken-tip" | "part-of-tip") => (Stage::Tip, 0.0),
+        ("offset-drift" | "gain-drift" | "setup-change", _) => (Stage::Sensor, 0.0),
+        _ => return None,
     })
 }
 
-#[cfg(test)]
-mod tests {
-    use std::collections::BTreeMap;
-    use std::path::Path;
-
-    use super::*;
-    use discovery::file::{EffectEntry, KIND, Origin, VERSION};
-
-    fn entry(name: &str, form: &str, normalised: &[f64], weights: &[f64]) -> EffectEntry {
-        EffectEntry {
-            name: name.into(),
-            form: form.into(),
-            definition: None,
-            normalised: normalised.to_vec(),
-            weights: weights.to_vec(),
-            parameters: BTreeMap::new(),
-            intervals: BTreeMap::new(),
-        }
-    }
-
-    fn model(effects: Vec<EffectEntry>, stops: bool) -> DiscoveredModel {
-        DiscoveredModel {
-            kind: KIND.into(),
-            version: VERSION,
-            input: Signal::pressure_bar(),
-            output: Signal::displacement_mm(),
-            sample_period_s: 0.02,
-            input_offset: 0.0,
-            input_scale: 3.0,
-            others: Vec::new(),
-            output_scale: 12.0,
-            session_s: 100.0,
-            session_recordings: 4,
-            session_origin_s: None,
-            calibrate_s: None,
-            stops,
-            memory: Vec::new(),
-            thresholds: vec![0.0, 0.1, 0.3],
-            weights: vec![0.5, 0.3, 0.2],
-            constant: 0.01,
-            origin: Origin { program: String::new(), recordings: Vec::new(), rmse: 0.1, rmse_before: 0.2 },
-            effects,
-            session: Vec::new(),
-        }
-    }
-
-    fn recording() -> Recording {
-        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
-        // Every stroke turns on a sample: the microcontroller samples a thousand times a second and looks for no turn between two.
-        let stroke = |sample: i32| if (sample / 60) % 2 == 0 { sample % 60 } else { 60 - sample % 60 };
-        let input: Vec<f64> = (0..1000).map(|sample| 3.0 * (-0.001 * f64::from(sample)).exp() * f64::from(stroke(sample)) / 60.0).collect();
-        let output = input.iter().map(|value| 4.0 * value).collect();
-        Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).expect("a recording")
-    }
-
-    #[test]
-    fn what_the_microcontroller_can_run_predicts_the_same() {
-        let run = recording();
-        let creep = entry("creep", "of the displacement", &[], &[0.05, 0.0, 0.04, 0.02]);
-        let cases = [
-            (vec![], false, 1e-9),
-            (vec![], true, 1e-9),
-            (vec![creep], false, 2e-2),
-            // Nothing of these moves on in a run of 20 s that ends a session of 100 s, but the drift by 20 s in 600 s.
-            (vec![entry("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08])], false, 1e-9),
-            (vec![entry("offset-drift", "a smooth curve of the session's time", &[600.0], &[0.02, 0.0, 0.0, 0.0])], false, 1e-2),
-            (vec![entry("gain-drift", "a smooth curve of the session's time", &[600.0], &[0.1, 0.0, 0.0, 0.0])], true, 5e-2),
-            // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
-            (vec![entry("dead-time", "constant", &[0.137], &[])], false, 4e-2),
-            (vec![entry("pneumatic-lag", "before", &[0.15], &[])], false, 4e-2),
-            // As files of earlier versions have it.
-            (vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false, 4e-2),
-            (vec![entry("pneumatic-lag", "two-before", &[0.15, 0.008], &[])], false, 4e-2),
-        ];
-        for (effects, stops, tolerance_mm) in cases {
-            let model = model(effects, stops);
-            let physics = physics_model(&model, std::slice::from_ref(&run)).expect("a physics model");
-            physics.front_end().expect("a front end");
-            let expected = model.simulate(&run.input).expect("a prediction");
-            for (found, expected) in physics.simulate(&run.input).iter().zip(&expected) {
-                assert!((found - expected).abs() < tolerance_mm, "{found} instead of {expected} with {:?}", model.effects);
+/// The physics model for `catheter export`; `recordings` are like those that it will meet.
+///
+/// # Errors
+/// With the name and the form of the first effect that the microcontroller does not know, or what else keeps the model off it.
+pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Result<PhysicsModel, String> {
+    let mut forming = Forming::new(model, recordings)?;
+    let mut reached = Stage::Supply;
+    for (at, effect) in model.slots()?.iter().enumerate() {
+        let refused = |why: &str| format!("{} ({}){why}", effect.form.name(), effect.form.key());
+        match effect.form.name() {
+            "dead-time" => forming.delay_samples += effect.parameters[0] / model.sample_period_s,
+            "clock-skew" => {}
+            _ => {
+                let (stage, delay_samples) = stage(effect).ok_or_else(|| refused(""))?;
+                if stage < reached {
+                    return Err(refused(": it acts in another order there"));
+                }
+                reached = stage;
+                forming.delay_samples += delay_samples;
+                forming.add(stage, at, effect).map_err(|why| refused(&why))?;
             }
         }
     }
+    forming.finish()
+}
 
-    #[test]
-    fn a_model_from_a_file_keeps_its_memory_behind_a_lag() {
-        let lagging = || model(vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false);
-        let experienced = DiscoveredModel { memory: vec![0.0, 0.9, 0.4], ..lagging() };
-        let first = |model: &DiscoveredModel| model.simulate(&[1.2; 50]).expect("a prediction")[0];
-        // Of three operators the widest (0.3 of the span, weight 0.2) still stands where 0.9 of the span left it, half the span further
-        // up, and the next (0.1, 0.3) at 0.5 instead of 0.3: 0.2 * 0.5 + 0.3 * 0.2 of 12 mm.
-        let further_mm = first(&experienced) - first(&lagging());
-        assert!((further_mm - 0.16 * 12.0).abs() < 1e-9, "{further_mm}");
+/// A physics model in the making. Its values are normalised as the discovered model's are, and count from the rest input.
+struct Forming<'a> {
+    model: &'a DiscoveredModel,
+    recordings: &'a [Recording],
+    delay_samples: f64,
+    /// Lowest and highest value of the path so far, normalised, with a margin.
+    reach: [f64; 2],
+    /// Effects of the readout, by their numbers.
+    bends: Vec<usize>,
+    creep: CreepFilters,
+    stages: Stages,
+    /// Whether the flow is one lag for both directions, with this time constant.
+    lag_s: Option<f64>,
+    gain: f64,
+    zero: f64,
+}
+
+impl<'a> Forming<'a> {
+    fn new(model: &'a DiscoveredModel, recordings: &'a [Recording]) -> Result<Self, String> {
+        let (low, high) = extent(recordings.iter().flat_map(|recording| &recording.input));
+        if !(low.is_finite() && high.is_finite()) {
+            return Err("recordings without samples".to_owned());
+        }
+        let [low, high] = [low, high].map(|value| (value - model.input_offset) / model.input_scale);
+        let margin = MARGIN * (high - low).max(f64::MIN_POSITIVE);
+        Ok(Self {
+            model,
+            recordings,
+            delay_samples: 0.0,
+            reach: [low.min(0.0) - margin, high.max(0.0) + margin],
+            bends: Vec::new(),
+            creep: CreepFilters::default(),
+            stages: Stages::default(),
+            lag_s: None,
+            gain: 1.0,
+            zero: 0.0,
+        })
     }
 
-    #[test]
-    fn an_effect_that_the_microcontroller_does_not_know_is_named() {
-        let problem = physics_model(&model(vec![entry("resonance", "swinging tip", &[3.0, 0.1], &[])], false), &[recording()]);
-        assert_eq!(problem.expect_err("no such stage"), "resonance (swinging tip)");
-        let two = entry("pneumatic-lag", "two-before", &[0.15, 0.05], &[]);
-        assert!(physics_model(&model(vec![two], false), &[recording()]).is_err(), "a second lag of 50 ms is no delay");
+    /// Gives an effect its stage.
+    fn add(&mut self, stage: Stage, at: usize, effect: &Slot) -> Result<(), String> {
+        let scale = self.model.input_scale;
+        let taken = || Err(": its stage is taken by another effect".to_owned());
+        match stage {
+            Stage::Supply | Stage::Muscle => {
+                let place = if stage == Stage::Supply { &self.stages.supply } else { &self.stages.muscle };
+                if place.is_some() {
+                    return taken();
+                }
+                let curve = Some(self.curve_of_input(at)?);
+                if stage == Stage::Supply { self.stages.supply = curve } else { self.stages.muscle = curve }
+            }
+            Stage::Slew if self.stages.slew.is_none() => {
+                let [rise, fall] = [effect.parameters[0], effect.parameters[effect.parameters.len() - 1]];
+                self.stages.slew = Some(SlewLimits { rise_per_s: rise * scale, fall_per_s: fall * scale });
+            }
+            Stage::Flow if self.stages.flow.is_none() => {
+                let [fill, vent] = [effect.parameters[0], effect.parameters[effect.parameters.len() - 1]];
+                self.lag_s = (effect.form.name() == "pneumatic-lag").then_some(fill);
+                self.stages.flow = Some(FillVent { fill_time_constant_s: fill, vent_time_constant_s: vent });
+            }
+            Stage::Line if self.stages.line.is_none() => self.stages.line = Some(self.filter(at)?),
+            Stage::Tip if self.stages.tip.is_none() => self.stages.tip = Some(self.filter(at)?),
+            // Laws add up, and so do the curves of the path that belong to them.
+            Stage::Operators if self.model.stops => return Err(" of stop operators".to_owned()),
+            Stage::Operators => {
+                let bends = self.model.respond(at, &[0.25, 0.5]).map_err(of_file)?;
+                if bends != [0.25, 0.5] {
+                    if self.stages.muscle.is_some() {
+                        return taken();
+                    }
+                    self.stages.muscle = Some(self.curve_of_input(at)?);
+                }
+                self.stages.growth = Some(self.growth()?);
+            }
+            Stage::Creep if self.creep.gains.is_empty() => {
+                let active = TIMES_S.iter().zip(&effect.weights).filter(|(_, weight)| **weight > 0.0);
+                (self.creep.time_constants_s, self.creep.gains) = active.map(|(time_s, weight)| (*time_s, *weight)).unzip();
+            }
+            Stage::Readout => self.bends.push(at),
+            Stage::Sensor => {
+                let of = |sum: f64| Ok::<f64, String>(self.model.respond(at, &[sum]).map_err(of_file)?[0]);
+                let zero = of(0.0)?;
+                let gain = of(1.0)? - zero;
+                (self.gain, self.zero) = (self.gain * gain, self.zero * gain + zero);
+            }
+            Stage::Slew | Stage::Flow | Stage::Line | Stage::Tip | Stage::Creep => return taken(),
+        }
+        Ok(())
+    }
+
+    /// The curve that an effect makes of the path, in input units from the rest input; the path is what it makes of it from then on.
+    fn curve_of_input(&mut self, at: usize) -> Result<Points, String> {
+        let model = self.model;
+        model.respond(at, &[0.0]).map_err(of_file)?;
+        let [low, high] = self.reach;
+        let mut curve = Points::near(|values| model.respond(at, values).unwrap_or_default(), low, high);
+        let (low, high) = extent(&curve.to);
+        self.reach = [low, high];
+        curve.from.iter_mut().chain(&mut curve.to).for_each(|value| *value *= model.input_scale);
+        Ok(curve)
+    }
+
+    /// The filter that an effect is.
+    fn filter(&self, at: usize) -> Result<Filter, String> {
+        self.model.respond(at, &[0.0]).map_err(of_file)?;
+        Filter::of(|signal| self.model.respond(at, signal).unwrap_or_default())
+            .ok_or_else(|| ": it is no filter of the second order that settles".to_owned())
+    }
+
+    /// The growth of thresholds by all laws together.
+    fn growth(&self) -> Result<ThresholdGrowth, String> {
+        let (model, scale) = (self.model, self.model.input_scale);
+        let law = model.operator_law().map_err(of_file)?;
+        if law.stiffening > 0.0 || law.law.is_some() {
+            return Err(": its law is not known there".to_owned());
+        }
+        let [slope, bend, cubic] = law.envelopes;
+        let [linear, square, cube] = [slope + bend + cubic, -bend - 3.0 * cubic, 2.0 * cubic];
+        let has_rate = law.growth_per_rate != 0.0 || law.extra_per_rate != 0.0;
+        Ok(ThresholdGrowth {
+            per_input: [law.growth_per_input, law.growth_per_input + law.growth_unloading].map(|growth| growth / scale),
+            apart: [linear, square / scale, cube / (scale * scale)],
+            law: has_rate.then(|| self.law_of_steps(&law)),
+            share: law.growth_per_rate,
+            extra: law.extra_per_rate * scale,
+            fading_time_s: law.rate_memory_s,
+            follow_time_s: law.viscous_s,
+        })
+    }
+
+    /// What growth goes with at a size of the path's step, in input units a sample.
+    fn law_of_steps(&self, law: &OperatorLaw) -> Points {
+        let (period_s, scale) = (self.model.sample_period_s, self.model.input_scale);
+        let rate = |step: f64| step / (scale * period_s);
+        if law.rate_scale_per_s == 0.0 || law.rate_scale_per_s > FASTER_THAN_ANY {
+            let one = scale * period_s;
+            return Points { from: vec![0.0, one], to: vec![0.0, law.saturated(1.0)] };
+        }
+        let steps = self.recordings.iter().flat_map(|recording| recording.input.windows(2).map(|pair| (pair[1] - pair[0]).abs()));
+        let most = (1.0 + MARGIN) * steps.fold(0.0, f64::max);
+        Points::near(|steps| steps.iter().map(|step| law.saturated(rate(*step))).collect(), 0.0, most.max(1e-6 * scale))
+    }
+
+    fn finish(mut self) -> Result<PhysicsModel, String> {
+        let model = self.model;
+        let mut input_path = InputPath { dead_time_s: self.delay_samples * model.sample_period_s, lag_time_constant_s: 0.0 };
+        // What is a lag and nothing else runs on firmware that knows no stages.
+        let only_lag = Stages { flow: self.stages.flow, ..Stages::default() } == self.stages;
+        if let Some(lag_s) = self.lag_s.filter(|_| only_lag) {
+            (input_path.lag_time_constant_s, self.stages.flow) = (lag_s, None);
+        }
+        let gain = model.output_scale / model.input_scale;
+        let active = || model.thresholds.iter().zip(&model.weights).filter(|(_, weight)| **weight != 0.0);
+        let thresholds: Vec<f64> = active().map(|(threshold, _)| threshold * model.input_scale).collect();
+        // A stop is what a play lacks to the input.
+        let sign = if model.stops { -1.0 } else { 1.0 };
+        let mut weights: Vec<f64> = active().map(|(_, weight)| sign * weight * gain).collect();
+        let mut input_gain = 0.0;
+        if model.stops {
+            // The first operator is the input itself, the others are the input less their plays.
+            input_gain = gain * model.weights.iter().sum::<f64>();
+            for (weight, threshold) in weights.iter_mut().zip(&thresholds) {
+                if *threshold == 0.0 {
+                    *weight = 0.0;
+                }
+            }
+        }
+        let range = |signal: &Signal, (minimum, maximum): (f64, f64)| ChannelRange {
+            quantity: signal.quantity.clone(),
+            unit: signal.unit.clone(),
+            minimum,
+            maximum,
+        };
+        let source = |recording: &Recording| Source {
+            file: recording.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+            sha256: recording.sha256.clone(),
+            samples: recording.len(),
+        };
+        let mut physics = PhysicsModel {
+            format_version: FORMAT_VERSION,
+            kind: Kind::PrandtlIshlinskii,
+            sample_period_s: model.sample_period_s,
+            rest_input: model.input_offset,
+            thresholds,
+            weights,
+            input_gain,
+            constant: model.constant * model.output_scale,
+            thresholds_95: Vec::new(),
+            weights_95: Vec::new(),
+            constant_95: None,
+            input: range(&model.input, extent(self.recordings.iter().flat_map(|recording| &recording.input))),
+            output: range(&model.output, extent(self.recordings.iter().flat_map(|recording| &recording.output))),
+            input_path,
+            curve: None,
+            creep: self.creep.clone(),
+            stages: self.stages.clone(),
+            provenance: Provenance {
+                program: model.origin.program.clone(),
+                method: "catheter discover".to_owned(),
+                rmse: 0.0,
+                nrmse: 0.0,
+                samples: self.recordings.iter().map(Recording::len).sum(),
+                data: self.recordings.iter().map(source).collect(),
+            },
+            expected: None,
+            nuisances: Vec::new(),
+        };
+        self.bend(&mut physics)?;
+        self.scale_and_zero(&mut physics);
+        self.check(physics)
+    }
+
+    /// The readout's curve: what all its effects make of the sum, where recordings take that.
+    fn bend(&self, physics: &mut PhysicsModel) -> Result<(), String> {
+        if self.bends.is_empty() {
+            return Ok(());
+        }
+        let scale = self.model.output_scale;
+        let sums = self.recordings.iter().flat_map(|recording| physics.sums(&recording.input));
+        let (low, high) = extent(sums.map(|sum| sum / scale).collect::<Vec<_>>().iter());
+        let margin = MARGIN * (high - low).max(f64::MIN_POSITIVE);
+        let bent = |values: &[f64]| self.bends.iter().try_fold(values.to_vec(), |values, &at| self.model.respond(at, &values));
+        bent(&[0.0]).map_err(of_file)?;
+        let mut curve = Points::near(|values| bent(values).unwrap_or_default(), low - margin, high + margin);
+        curve.from.iter_mut().chain(&mut curve.to).for_each(|value| *value *= scale);
+        if scale < 0.0 {
+            curve.from.reverse();
+            curve.to.reverse();
+        }
+        physics.kind = Kind::ModifiedPrandtlIshlinskii;
+        physics.constant += self.gain * curve.to[0];
+        physics.curve = Some(Curve { slopes: curve.slopes(), breakpoints: curve.from });
+        Ok(())
+    }
+
+    /// Gain and zero of the sensor as the session left them.
+    fn scale_and_zero(&self, physics: &mut PhysicsModel) {
+        let weights: Vec<&mut f64> = match &mut physics.curve {
+            Some(curve) => curve.slopes.iter_mut().collect(),
+            None => physics.weights.iter_mut().chain([&mut physics.input_gain]).collect(),
+        };
+        weights.into_iter().for_each(|weight| *weight *= self.gain);
+        // The gain is one of the displacement without the constant.
+        physics.constant += self.zero * self.model.output_scale;
+    }
+
+    /// The model with its own error, if it is the discovered one still.
+    fn check(&self, mut physics: PhysicsModel) -> Result<PhysicsModel, String> {
+        let (mut apart, mut wrong, mut samples) = (0.0, 0.0, 0.0_f64);
+        for recording in self.recordings {
+            let bounds = [&[0], &recording.gaps[..], &[recording.len()]].concat();
+            for bound in bounds.windows(2) {
+                let (input, output) = (&recording.input[bound[0]..bound[1]], &recording.output[bound[0]..bound[1]]);
+                let found = physics.simulate(input);
+                let wanted = self.model.simulate(input).map_err(of_file)?;
+                apart += found.iter().zip(&wanted).map(|(found, wanted)| (found - wanted).powi(2)).sum::<f64>();
+                wrong += found.iter().zip(output).map(|(found, output)| (found - output).powi(2)).sum::<f64>();
+                samples += input.len() as f64;
+            }
+        }
+        let [apart, wrong] = [apart, wrong].map(|sum| (sum / samples.max(1.0)).sqrt());
+        if apart.is_nan() || apart > self.model.origin.rmse {
+            return Err(format!(
+                "its effects in the form they would have there: that departs from the model by {apart:.3} {}, which errs by {:.3} itself",
+                self.model.output.unit, self.model.origin.rmse
+            ));
+        }
+        physics.front_end().map_err(|error| error.to_string())?;
+        physics.provenance.rmse = wrong;
+        physics.provenance.nrmse = wrong / (physics.output.maximum - physics.output.minimum);
+        Ok(physics)
     }
 }
+
+/// Smallest and largest value.
+fn extent<'a>(values: impl IntoIterator<Item = &'a f64>) -> (f64, f64) {
+    values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
+}
+
+/// What is wrong with the file itself.
+fn of_file(problem: String) -> String {
+    format!(": {problem}")
+}
+
+#[cfg(test)]
+mod tests;
