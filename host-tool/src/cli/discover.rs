@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     tell(discovery, &model, &out);
     match for_the_board {
         Ok(_) => say!("For the microcontroller: catheter export {} ...", out.join("microcontroller.toml").display()),
-        Err(effect) => say!("The microcontroller does not know {effect}: this model runs on the desktop only."),
+        Err(why) => say!("No form for the microcontroller: {why}. This model runs on the desktop only."),
     }
     Ok(Outcome::Success)
 }

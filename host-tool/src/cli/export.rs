@@ -2,11 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use model_export::blob::{self, Blob};
 use model_export::compensation::Compensation;
 
 use super::{Common, Outcome};
+use crate::discover::file::DiscoveredModel;
+use crate::discover::physics::physics_model;
 use crate::export::c::CFiles;
 use crate::export::{self, Export, Summary};
 use crate::identify::PhysicsModel;
@@ -33,7 +35,8 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// The trained model, as `catheter train` writes it, or a physics model, as `catheter identify` does; with `--c` also a blob.
+    /// The trained model, as `catheter train` writes it, or a physics model, as `catheter identify`, `fit` and `discover` do; with `--c` also
+    /// a blob.
     #[arg(value_name = "MODEL.safetensors|MODEL.toml|MODEL.blob")]
     model: PathBuf,
     /// Recordings like those the model will meet, for example its training data: CSV files or folders of them. Not for a blob, which
@@ -63,11 +66,12 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
     if model::format(&arguments.model)? == Format::Blob {
         return rewrite(arguments, c.as_ref());
     }
-    let model = load(&arguments.model)?;
+    let format = model::format(&arguments.model)?;
     if arguments.calibration.is_empty() {
         bail!("--calibration is missing: recordings like those that {} will meet", arguments.model.display());
     }
     let mut recordings = arguments.reading.load(&arguments.calibration)?;
+    let model = load(format, &arguments.model, &recordings)?;
     recordings = export::as_the_model_sees(&model, recordings)?;
     let compensation = match &arguments.compensation {
         Some(path) => Some(compensation(path)?),
@@ -147,13 +151,17 @@ fn compensation(path: &Path) -> Result<Compensation> {
     extension.compensation.with_context(|| format!("{}: has no compensation part; give the blob of `catheter tune`", path.display()))
 }
 
-fn load(path: &Path) -> Result<TrainedModel> {
+/// The model in the exporter's form; a discovered one is checked on the recordings.
+fn load(format: Format, path: &Path, recordings: &[recording::Recording]) -> Result<TrainedModel> {
     let refused = || format!("cannot export {}", path.display());
-    match model::format(path)? {
+    match format {
         Format::Physics => export::from_physics(&PhysicsModel::read(path)?).with_context(refused),
         Format::Fitted => export::from_fitted(&FittedModel::read(path)?).with_context(|| path.display().to_string()),
         Format::Discovered => {
-            bail!("{}: a discovered model has no form on the microcontroller yet; `catheter fit` finds one that has", path.display())
+            let physics = physics_model(&DiscoveredModel::read(path)?, recordings).map_err(|why| {
+                anyhow!("{}: no form for the microcontroller: {why}; `catheter fit` finds a model that has one", path.display())
+            })?;
+            export::from_physics(&physics).with_context(refused)
         }
         Format::Network | Format::Blob => Ok(network::load(path)?),
     }

@@ -98,6 +98,34 @@ fn a_hidden_delay_is_named_with_every_key_of_the_contract_and_the_model_runs() {
 }
 
 #[test]
+fn a_discovered_resonance_runs_in_the_blob_and_two_of_them_are_refused() {
+    let bench = Bench::new();
+    bench.works(&format!("hide --effect resonance --seed {SEED} --out case"));
+    let data = thinned(&bench, "case/recordings");
+    bench.works(&format!("discover --data{data} --holdout case/holdout --out found --json result.json --seed 3"));
+    let result = bench.json("result.json");
+    assert_eq!(result["effects"][0]["name"], "resonance", "{result}");
+    for (model, out) in [("model", "one"), ("microcontroller", "two")] {
+        bench.works(&format!("export found/{model}.toml --calibration case/holdout --out {out}.blob --c {out}.c"));
+        bench.works(&format!("evaluate --model {out}.blob --data case/holdout --json {out}.json"));
+        let rmse = number(&bench.json(&format!("{out}.json"))["pooled_rmse"]);
+        let (before, after) = (number(&result["rmse_before"]), number(&result["rmse_after"]));
+        assert!(rmse < after + 0.05 * (before - after), "{model}: {rmse} where the model has {after}, and {before} without it");
+    }
+    // What the file for the microcontroller claims is what it does on the recordings that it names.
+    bench.works(&format!("evaluate --model found/microcontroller.toml --data{data} --json claimed.json"));
+    let text = String::from_utf8(bench.read("found/microcontroller.toml")).expect("text");
+    let claimed = text.lines().find_map(|line| line.strip_prefix("rmse = ")).expect("an error").parse::<f64>().expect("a number");
+    assert!((number(&bench.json("claimed.json")["pooled_rmse"]) / claimed - 1.0).abs() < 1e-6, "{claimed} is claimed");
+
+    let text = String::from_utf8(bench.read("found/model.toml")).expect("text");
+    let from = text.find("[[effects]]").expect("an effect");
+    let length = text[from + 1..].find("\n[[").map_or(text.len() - from, |end| end + 2);
+    bench.write("twice.toml", format!("{text}\n{}", &text[from..from + length]));
+    bench.refuses("export twice.toml --calibration case/holdout --out twice.blob", &["twice.toml", "resonance", "another effect"]);
+}
+
+#[test]
 fn without_a_holdout_some_recordings_are_kept_out_and_named_and_equal_seeds_agree() {
     let bench = Bench::new();
     bench.works(&format!("hide --seed {SEED} --out case"));
