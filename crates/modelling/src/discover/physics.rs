@@ -6,7 +6,8 @@
 //! belongs to the recordings, not to the rig, and is left out.
 //!
 //! A model that has any other effect, two for one stage, or effects in another order than the stages stays on the desktop;
-//! [`physics_model`] then says which effect it is. So does one whose form departs from it by more than it errs itself.
+//! [`physics_model`] then says which effect it is. So does one whose form departs from it by more than it errs itself and than a share of the
+//! output's range.
 
 use discovery::effects::creep::TIMES_S;
 use discovery::file::DiscoveredModel;
@@ -48,8 +49,11 @@ enum Stage {
 const STRAIGHT: f64 = 0.5;
 const HELD: f64 = 1.0;
 
-/// How much farther than the recordings go a curve is followed bend by bend.
+/// How much farther than the recordings go a curve is followed bend by bend, in spans.
 const MARGIN: f64 = 0.2;
+
+/// Share of the output's range by which the form may depart from the model in any case.
+const ALIKE: f64 = 0.01;
 
 /// Growth in proportion to a rate of so many spans per s is in proportion at any rate.
 const FASTER_THAN_ANY: f64 = 100.0;
@@ -131,7 +135,7 @@ impl<'a> Forming<'a> {
             return Err("recordings without samples".to_owned());
         }
         let [low, high] = [low, high].map(|value| (value - model.input_offset) / model.input_scale);
-        let margin = MARGIN * (high - low).max(f64::MIN_POSITIVE);
+        let margin = MARGIN * (high - low).max(1.0);
         Ok(Self {
             model,
             recordings,
@@ -328,7 +332,7 @@ impl<'a> Forming<'a> {
         let scale = self.model.output_scale;
         let sums = self.recordings.iter().flat_map(|recording| physics.sums(&recording.input));
         let (low, high) = extent(sums.map(|sum| sum / scale).collect::<Vec<_>>().iter());
-        let margin = MARGIN * (high - low).max(f64::MIN_POSITIVE);
+        let margin = MARGIN * (high - low).max(1.0);
         let bent = |values: &[f64]| self.bends.iter().try_fold(values.to_vec(), |values, &at| self.model.respond(at, &values));
         bent(&[0.0]).map_err(of_file)?;
         let mut curve = Points::near(|values| bent(values).unwrap_or_default(), low - margin, high + margin);
@@ -356,28 +360,31 @@ impl<'a> Forming<'a> {
 
     /// The model with its own error, if it is the discovered one still.
     fn check(&self, mut physics: PhysicsModel) -> Result<PhysicsModel, String> {
+        // The microcontroller knows nothing of what the session's recordings left: that is told by its error, and no matter of the form.
+        let model = DiscoveredModel { memory: Vec::new(), ..self.model.clone() };
         let (mut apart, mut wrong, mut samples) = (0.0, 0.0, 0.0_f64);
         for recording in self.recordings {
             let bounds = [&[0], &recording.gaps[..], &[recording.len()]].concat();
             for bound in bounds.windows(2) {
                 let (input, output) = (&recording.input[bound[0]..bound[1]], &recording.output[bound[0]..bound[1]]);
                 let found = physics.simulate(input);
-                let wanted = self.model.simulate(input).map_err(of_file)?;
+                let wanted = model.simulate(input).map_err(of_file)?;
                 apart += found.iter().zip(&wanted).map(|(found, wanted)| (found - wanted).powi(2)).sum::<f64>();
                 wrong += found.iter().zip(output).map(|(found, output)| (found - output).powi(2)).sum::<f64>();
                 samples += input.len() as f64;
             }
         }
         let [apart, wrong] = [apart, wrong].map(|sum| (sum / samples.max(1.0)).sqrt());
-        if apart.is_nan() || apart > self.model.origin.rmse {
+        let range = physics.output.maximum - physics.output.minimum;
+        if apart.is_nan() || apart > model.origin.rmse.max(ALIKE * range) {
             return Err(format!(
                 "its effects in the form they would have there: that departs from the model by {apart:.3} {}, which errs by {:.3} itself",
-                self.model.output.unit, self.model.origin.rmse
+                model.output.unit, model.origin.rmse
             ));
         }
         physics.front_end().map_err(|error| error.to_string())?;
         physics.provenance.rmse = wrong;
-        physics.provenance.nrmse = wrong / (physics.output.maximum - physics.output.minimum);
+        physics.provenance.nrmse = wrong / range;
         Ok(physics)
     }
 }
