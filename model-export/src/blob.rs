@@ -386,7 +386,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::schema::{Activation, Cell, Curve, Feature, FeatureSource, Filter, Flow, Growth, Layer, Slew};
+    use crate::schema::{Activation, Cell, Curve, Feature, FeatureSource, Filter, Flow, Growth, Layer};
 
     const WEIGHTS: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -428,11 +428,10 @@ mod tests {
         let filter = Filter { momentum: 0.5, gains: [0.25, 0.125, 0.0] };
         let stages = Stages {
             supply: Some(curve.clone()),
-            slew: Some(Slew { rise: 0.25, fall: 0.5 }),
-            flow: Some(Flow { fill: 0.5, vent: 0.25 }),
+            flow: Some(Flow { fill: curve.clone(), vent: curve.clone() }),
             line: Some(filter),
             muscle: Some(curve.clone()),
-            growth: Some(Growth { per_path: [0.5, 0.0], law: curve, share: 2.0, ..Growth::default() }),
+            growth: Some(Growth { per_path: [0.5, 0.0], law: curve.clone(), share: 2.0, follow: Some(curve), ..Growth::default() }),
             tip: Some(filter),
         };
         let mut staged = model(Cell::Lstm);

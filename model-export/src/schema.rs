@@ -29,8 +29,7 @@
 //!
 //! ```text
 //! a  = supply(delay(u, dead_time_samples))                          what the supply gives
-//! q  : q += min(max(a - q, -fall), rise)                            limit of the valve's speed
-//! w  : w += c (q - w), c = fill where q > w, else vent              filling and venting
+//! w  : w += fill(a - w) where a > w, else w -= vent(w - a)          the valve's speed, filling and venting
 //! v  = muscle(line(w))                                              swinging line, curve of the muscle; at most 1000 in size
 //! ```
 //!
@@ -85,7 +84,7 @@ pub use self::limits::{
     MAX_WIDTH, MAX_WINDOW_VALUES,
 };
 pub use self::network::{Activation, Cell, Dense, Gate, Layer, Mode, Network};
-pub use self::stages::{Filter, Flow, Growth, Slew, Stages};
+pub use self::stages::{Filter, Flow, Growth, Stages};
 
 /// One physical channel: unit and the affine map to its normalised form, `normalised = (value - offset) / scale`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

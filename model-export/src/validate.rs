@@ -101,21 +101,19 @@ impl Stages {
     /// The first field out of its domain.
     pub fn validate(&self) -> Result<(), Invalid> {
         let coefficient = |value: f32| value > 0.0 && value <= 1.0;
-        let positive = |value: f32| value > 0.0 && value <= MAX_PARAMETER;
         [&self.supply, &self.muscle].into_iter().flatten().try_for_each(Curve::validate)?;
         [&self.line, &self.tip].into_iter().flatten().try_for_each(Filter::validate)?;
-        if let Some(slew) = self.slew {
-            require(positive(slew.rise) && positive(slew.fall), "front_end.stages.slew", 0, "above 0 and at most a million")?;
-        }
-        if let Some(flow) = self.flow {
-            require(coefficient(flow.fill) && coefficient(flow.vent), "front_end.stages.flow", 0, "above 0 and at most 1")?;
+        if let Some(flow) = &self.flow {
+            flow.fill.validate()?;
+            flow.vent.validate()?;
         }
         if let Some(growth) = &self.growth {
             growth.law.validate()?;
             bounded(&growth.per_path, "front_end.stages.per_path")?;
             bounded(&growth.apart, "front_end.stages.apart")?;
             bounded(&[growth.share, growth.extra], "front_end.stages.share")?;
-            require(coefficient(growth.fading) && coefficient(growth.follow), "front_end.stages.fading", 0, "above 0 and at most 1")?;
+            require(coefficient(growth.fading), "front_end.stages.fading", 0, "above 0 and at most 1")?;
+            growth.follow.iter().try_for_each(Curve::validate)?;
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use firmware::estimator::{Estimator, EstimatorState};
 use host_tool::export::reference::Reference;
 use host_tool::network::{Activation, Cell, Mode, TrainedModel};
 use model_export::blob;
-use model_export::schema::{Curve, FeatureSource, Filter, Flow, FrontEnd, Growth, MAX_BENDS, Slew, Stages};
+use model_export::schema::{Curve, FeatureSource, Filter, Flow, FrontEnd, Growth, MAX_BENDS, Stages};
 
 use crate::emulator::{Task, Work};
 use crate::models::{compensation, exported, exported_with, layered, model, network, physics_front_end, plain_front_end, smooth_input};
@@ -68,18 +68,17 @@ fn every_stage() -> Stages {
     let curve = Curve { offset: 0.01, slope: 0.9, bend_points: places().collect(), bends: places().map(|place| 0.1 * place).collect() };
     Stages {
         supply: Some(curve.clone()),
-        slew: Some(Slew { rise: 0.05, fall: 0.04 }),
-        flow: Some(Flow { fill: 0.4, vent: 0.3 }),
+        flow: Some(Flow { fill: curve.clone(), vent: curve.clone() }),
         line: Some(Filter { momentum: 0.5, gains: [0.2, 0.2, 0.1] }),
         muscle: Some(curve.clone()),
         growth: Some(Growth {
             per_path: [0.3, 0.2],
             apart: [0.05, 0.02, 0.01],
-            law: curve,
+            law: curve.clone(),
             share: 0.5,
             extra: 0.1,
             fading: 0.4,
-            follow: 0.7,
+            follow: Some(curve),
         }),
         tip: Some(Filter { momentum: 0.8, gains: [0.05, 0.05, 0.0] }),
     }

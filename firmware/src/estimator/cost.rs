@@ -19,7 +19,6 @@ const BEND: usize = 16;
 /// What leads an input through further stages, whichever there are, and what each of them adds to that. A curve without its bends, a filter.
 const STAGES: usize = 40;
 const CURVE: usize = 10;
-const SLEW: usize = 8;
 const FLOW: usize = 8;
 const FILTER: usize = 35;
 /// Thresholds that change: with all that an operator does not see, and what each operator takes more.
@@ -57,9 +56,13 @@ fn stage_instructions(stages: &Stages, plays: usize) -> usize {
     let curve = |curve: &Curve| CURVE + BEND * curve.bends.len();
     let curves: usize = [&stages.supply, &stages.muscle].into_iter().flatten().map(curve).sum();
     let filters = FILTER * [&stages.line, &stages.tip].into_iter().flatten().count();
-    let limits = SLEW * usize::from(stages.slew.is_some()) + FLOW * usize::from(stages.flow.is_some());
-    let growth = stages.growth.as_ref().map_or(0, |growth| GROWTH + curve(&growth.law) + GROWING_PLAY * plays);
-    STAGES + curves + filters + limits + growth
+    // One of the two runs in a sample.
+    let flow = stages.flow.as_ref().map_or(0, |flow| FLOW + curve(&flow.fill).max(curve(&flow.vent)));
+    let growth = stages.growth.as_ref().map_or(0, |growth| {
+        let follow = growth.follow.as_ref().map_or(0, curve);
+        GROWTH + curve(&growth.law) + (GROWING_PLAY + follow) * plays
+    });
+    STAGES + curves + filters + flow + growth
 }
 
 /// Instructions of the assembly for one layer, as it stands in `smlad`.

@@ -2,14 +2,13 @@
 //!
 //! # Example
 //! ```
-//! use model_export::schema::{Curve, Filter, Flow, Growth, Slew, Stages};
+//! use model_export::schema::{Curve, Filter, Flow, Growth, Stages};
 //!
-//! // A supply that gives no more than 0.8 of the scale, a valve that vents at half the speed, a tip that overshoots.
+//! // A supply that gives no more than 0.8 of the scale, a muscle that vents at half the speed, a tip that overshoots.
 //! let supply = Curve { slope: 1.0, bend_points: [0.8].into_iter().collect(), bends: [-1.0].into_iter().collect(), ..Curve::default() };
 //! let stages = Stages {
 //!     supply: Some(supply),
-//!     slew: Some(Slew { rise: 0.1, fall: 0.1 }),
-//!     flow: Some(Flow { fill: 0.2, vent: 0.1 }),
+//!     flow: Some(Flow { fill: Curve { slope: 0.2, ..Curve::default() }, vent: Curve { slope: 0.1, ..Curve::default() } }),
 //!     growth: Some(Growth { per_path: [0.3, 0.3], ..Growth::default() }),
 //!     tip: Some(Filter { momentum: 0.9, gains: [0.02, 0.02, 0.0] }),
 //!     ..Stages::default()
@@ -23,22 +22,14 @@ use serde::{Deserialize, Serialize};
 
 use super::curve::Curve;
 
-/// Most that the signal may change in a sample.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Slew {
-    /// Upwards, normalised input.
-    pub rise: f32,
-    /// Downwards.
-    pub fall: f32,
-}
-
-/// A first-order lag with a coefficient for each direction: `w += c (q - w)`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A flow that what is missing drives: `w += fill(a - w)` where `a` is above `w`, else `w -= vent(w - a)`; no farther than to `a`. A straight
+/// line is a lag, a flat end limits the rate, a power law is an orifice.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Flow {
-    /// Where `q` is above `w`.
-    pub fill: f32,
-    /// Where it is not.
-    pub vent: f32,
+    /// By how much the signal rises in a sample, of what is missing.
+    pub fill: Curve,
+    /// By how much it falls, of what is too much.
+    pub vent: Curve,
 }
 
 /// A stable second-order filter with a gain of one at rest:
@@ -58,7 +49,7 @@ pub struct Filter {
 ///
 /// With `f = share * law(m)` and `e = extra * law(m) + apart_0 v + apart_1 v^2 + apart_2 v^3`, the operator of threshold `r` has the gap
 /// `max((max(1 + per_path_b v, 0) + f) r + e, 0)` to the branch `b`, 0 where the path rises and 1 where it falls. `m` follows the size of
-/// the path's step: `m += fading (|v(k) - v(k-1)| - m)`. The operator goes `follow` of the distance to its bound in a sample.
+/// the path's step: `m += fading (|v(k) - v(k-1)| - m)`. In a sample the operator goes `follow` of the distance to its bound, and no farther.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Growth {
     /// Growth with the path, of the rising branch and of the falling one.
@@ -73,13 +64,13 @@ pub struct Growth {
     pub extra: f32,
     /// How fast the size of step is forgotten, above 0; 1 is at once.
     pub fading: f32,
-    /// Share of the distance to its bound that an operator goes in a sample, above 0; 1 is all of it.
-    pub follow: f32,
+    /// How far an operator goes towards its bound in a sample, of the distance; without it all the way.
+    pub follow: Option<Curve>,
 }
 
 impl Default for Growth {
     fn default() -> Self {
-        Self { per_path: [0.0; 2], apart: [0.0; 3], law: Curve::default(), share: 0.0, extra: 0.0, fading: 1.0, follow: 1.0 }
+        Self { per_path: [0.0; 2], apart: [0.0; 3], law: Curve::default(), share: 0.0, extra: 0.0, fading: 1.0, follow: None }
     }
 }
 
@@ -89,9 +80,7 @@ impl Default for Growth {
 pub struct Stages {
     /// What the supply gives of the command.
     pub supply: Option<Curve>,
-    /// How fast the valve may go.
-    pub slew: Option<Slew>,
-    /// How the muscle fills and vents.
+    /// How fast the valve goes, and how the muscle fills and vents.
     pub flow: Option<Flow>,
     /// What swings in the line.
     pub line: Option<Filter>,

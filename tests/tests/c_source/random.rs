@@ -5,7 +5,7 @@ use firmware::parity::{Noise, RandomNetwork};
 use model_export::blob::crc32;
 use model_export::schema::{
     Activation, Cell, Channel, Curve, Feature, FeatureSource, Filter, Flow, FrontEnd, Golden, Growth, MAX_BENDS, MAX_CREEP, MAX_FEATURES,
-    MAX_INPUTS, MAX_PLAY, Mode, Model, Slew, Stages,
+    MAX_INPUTS, MAX_PLAY, Mode, Model, Stages,
 };
 
 /// Most units of a layer, so that thousands of samples are run soon.
@@ -142,7 +142,7 @@ fn curve(noise: &mut Noise) -> Curve {
 /// Every stage or none of each; filters settle, slowly or soon.
 fn stages(noise: &mut Noise) -> Stages {
     let mut has = || noise.below(2) == 0;
-    let [supply, slew, flow, line, muscle, growth, tip] = [has(), has(), has(), has(), has(), has(), has()];
+    let [supply, flow, line, muscle, growth, follow, tip] = [has(), has(), has(), has(), has(), has(), has()];
     let filter = |noise: &mut Noise| {
         let momentum = 0.9 * noise.symmetric();
         let sum = (1.0 + momentum) * (0.05 + noise.symmetric().abs());
@@ -151,8 +151,7 @@ fn stages(noise: &mut Noise) -> Stages {
     };
     Stages {
         supply: supply.then(|| curve(noise)),
-        slew: slew.then(|| Slew { rise: of_any_size(noise, 2).abs().max(1e-6), fall: of_any_size(noise, 2).abs().max(1e-6) }),
-        flow: flow.then(|| Flow { fill: coefficient(noise), vent: coefficient(noise) }),
+        flow: flow.then(|| Flow { fill: curve(noise), vent: curve(noise) }),
         line: line.then(|| filter(noise)),
         muscle: muscle.then(|| curve(noise)),
         growth: growth.then(|| Growth {
@@ -162,7 +161,7 @@ fn stages(noise: &mut Noise) -> Stages {
             share: of_any_size(noise, 2),
             extra: of_any_size(noise, 2),
             fading: coefficient(noise),
-            follow: coefficient(noise),
+            follow: follow.then(|| curve(noise)),
         }),
         tip: tip.then(|| filter(noise)),
     }

@@ -15,8 +15,8 @@ use discovery::{OperatorLaw, Slot};
 use recording::{Recording, Signal};
 
 use crate::physics::{
-    ChannelRange, CreepFilters, Curve, FORMAT_VERSION, FillVent, Filter, InputPath, Kind, PhysicsModel, Points, Provenance, SlewLimits,
-    Source, Stages, ThresholdGrowth,
+    ChannelRange, CreepFilters, Curve, FORMAT_VERSION, Filter, Flow, InputPath, Kind, PhysicsModel, Points, Provenance, Source, Stages,
+    ThresholdGrowth,
 };
 
 /// Where in the blob's front end an effect acts, in the order of the signal.
@@ -24,9 +24,7 @@ use crate::physics::{
 enum Stage {
     /// The supply's curve.
     Supply,
-    /// A limit of the rate.
-    Slew,
-    /// A lag, for both directions or for each.
+    /// What is missing drives a flow.
     Flow,
     /// A filter of the second order.
     Line,
@@ -44,13 +42,13 @@ enum Stage {
     Sensor,
 }
 
-/// Samples of delay that are as good as a stage: lags that were found with straight lines between samples run with steps there, which arrive
-/// half a sample earlier; a command that holds between samples is followed a sample later.
-const STRAIGHT: f64 = 0.5;
-const HELD: f64 = 1.0;
-
 /// How much farther than the recordings go a curve is followed bend by bend, in spans.
 const MARGIN: f64 = 0.2;
+
+/// Sizes of steps that a flow is tried with, the largest of them in spans, and samples of a ramp.
+const PROBES: usize = 200;
+const MOST_MISSING: f64 = 1.5;
+const RAMP: usize = 1000;
 
 /// Share of the output's range by which the form may depart from the model in any case.
 const ALIKE: f64 = 0.01;
@@ -58,29 +56,30 @@ const ALIKE: f64 = 0.01;
 /// Growth in proportion to a rate of so many spans per s is in proportion at any rate.
 const FASTER_THAN_ANY: f64 = 100.0;
 
-/// The stage of an effect, and the delay in samples that belongs to it.
-fn stage(effect: &Slot) -> Option<(Stage, f64)> {
+/// The stage of an effect.
+fn stage(effect: &Slot) -> Option<Stage> {
     if effect.form.definition().is_some() {
         return None;
     }
     Some(match (effect.form.name(), effect.form.key()) {
-        ("supply-saturation", _) => (Stage::Supply, 0.0),
-        ("slew-limit", "one" | "two-sided") => (Stage::Slew, 0.0),
-        ("slew-limit", "one-held" | "two-sided-held") => (Stage::Slew, HELD),
-        ("pneumatic-lag", "before") | ("fill-vent-asymmetry", "by-error") => (Stage::Flow, STRAIGHT),
-        ("pneumatic-lag", "before-held") | ("fill-vent-asymmetry", "by-error-held") => (Stage::Flow, HELD),
-        ("pneumatic-lag", "two-before") | ("resonance", "pressure") => (Stage::Line, 0.0),
+        ("supply-saturation", _) => Stage::Supply,
+        ("slew-limit", _)
+        | ("pneumatic-lag", "before" | "before-held" | "orifice")
+        | ("fill-vent-asymmetry", "by-error" | "by-error-held" | "orifices") => Stage::Flow,
+        ("pneumatic-lag", "two-before") | ("resonance", "pressure") => Stage::Line,
         ("activation-threshold", "rounded" | "opens" | "two-sided") | ("static-nonlinearity", "input-cubic" | "input-power") => {
-            (Stage::Muscle, 0.0)
+            Stage::Muscle
         }
         ("asymmetric-hysteresis", "bouc-wen" | "bouc-wen-going-on" | "dahl" | "dahl-going-on") => return None,
-        ("asymmetric-hysteresis", _) => (Stage::Operators, 0.0),
-        ("rate-dependent-hysteresis", "overstress-asinh" | "overstress-fading" | "share-asinh" | "viscous") => (Stage::Operators, 0.0),
-        ("creep", "of-the-displacement" | "of-the-displacement-going-on") => (Stage::Creep, 0.0),
-        ("activation-threshold", "of-the-displacement") => (Stage::Readout, 0.0),
-        ("static-nonlinearity", form) if form.starts_with("output-") => (Stage::Readout, 0.0),
-        ("pneumatic-lag", "behind" | "two-behind") | ("resonance", "tip" | "shaken-tip" | "part-of-tip") => (Stage::Tip, 0.0),
-        ("offset-drift" | "gain-drift" | "setup-change", _) => (Stage::Sensor, 0.0),
+        ("asymmetric-hysteresis", _) => Stage::Operators,
+        ("rate-dependent-hysteresis", "overstress-asinh" | "overstress-fading" | "share-asinh" | "viscous" | "viscous-stiffening") => {
+            Stage::Operators
+        }
+        ("creep", "of-the-displacement" | "of-the-displacement-going-on") => Stage::Creep,
+        ("activation-threshold", "of-the-displacement") => Stage::Readout,
+        ("static-nonlinearity", form) if form.starts_with("output-") => Stage::Readout,
+        ("pneumatic-lag", "behind" | "two-behind") | ("resonance", "tip" | "shaken-tip" | "part-of-tip") => Stage::Tip,
+        ("offset-drift" | "gain-drift" | "setup-change", _) => Stage::Sensor,
         _ => return None,
     })
 }
@@ -98,12 +97,11 @@ pub fn physics_model(model: &DiscoveredModel, recordings: &[Recording]) -> Resul
             "dead-time" => forming.delay_samples += effect.parameters[0] / model.sample_period_s,
             "clock-skew" => {}
             _ => {
-                let (stage, delay_samples) = stage(effect).ok_or_else(|| refused(""))?;
+                let stage = stage(effect).ok_or_else(|| refused(""))?;
                 if stage < reached {
                     return Err(refused(": it acts in another order there"));
                 }
                 reached = stage;
-                forming.delay_samples += delay_samples;
                 forming.add(stage, at, effect).map_err(|why| refused(&why))?;
             }
         }
@@ -152,7 +150,6 @@ impl<'a> Forming<'a> {
 
     /// Gives an effect its stage.
     fn add(&mut self, stage: Stage, at: usize, effect: &Slot) -> Result<(), String> {
-        let scale = self.model.input_scale;
         let taken = || Err(": its stage is taken by another effect".to_owned());
         match stage {
             Stage::Supply | Stage::Muscle => {
@@ -163,15 +160,12 @@ impl<'a> Forming<'a> {
                 let curve = Some(self.curve_of_input(at)?);
                 if stage == Stage::Supply { self.stages.supply = curve } else { self.stages.muscle = curve }
             }
-            Stage::Slew if self.stages.slew.is_none() => {
-                let [rise, fall] = [effect.parameters[0], effect.parameters[effect.parameters.len() - 1]];
-                self.stages.slew = Some(SlewLimits { rise_per_s: rise * scale, fall_per_s: fall * scale });
-            }
             Stage::Flow if self.stages.flow.is_none() => {
-                let [fill, vent] = [effect.parameters[0], effect.parameters[effect.parameters.len() - 1]];
-                self.lag_s = (effect.form.name() == "pneumatic-lag").then_some(fill);
-                self.stages.flow = Some(FillVent { fill_time_constant_s: fill, vent_time_constant_s: vent });
+                self.lag_s = (effect.form.name() == "pneumatic-lag" && effect.parameters.len() == 1).then(|| effect.parameters[0]);
+                self.flow(at)?;
             }
+            // A lag behind another flow is a filter.
+            Stage::Flow if effect.form.name() == "pneumatic-lag" && self.stages.line.is_none() => self.stages.line = Some(self.filter(at)?),
             Stage::Line if self.stages.line.is_none() => self.stages.line = Some(self.filter(at)?),
             Stage::Tip if self.stages.tip.is_none() => self.stages.tip = Some(self.filter(at)?),
             // Laws add up, and so do the curves of the path that belong to them.
@@ -197,7 +191,7 @@ impl<'a> Forming<'a> {
                 let gain = of(1.0)? - zero;
                 (self.gain, self.zero) = (self.gain * gain, self.zero * gain + zero);
             }
-            Stage::Slew | Stage::Flow | Stage::Line | Stage::Tip | Stage::Creep => return taken(),
+            Stage::Flow | Stage::Line | Stage::Tip | Stage::Creep => return taken(),
         }
         Ok(())
     }
@@ -225,7 +219,7 @@ impl<'a> Forming<'a> {
     fn growth(&self) -> Result<ThresholdGrowth, String> {
         let (model, scale) = (self.model, self.model.input_scale);
         let law = model.operator_law().map_err(of_file)?;
-        if law.stiffening > 0.0 || law.law.is_some() {
+        if law.law.is_some() {
             return Err(": its law is not known there".to_owned());
         }
         let [slope, bend, cubic] = law.envelopes;
@@ -238,8 +232,60 @@ impl<'a> Forming<'a> {
             share: law.growth_per_rate,
             extra: law.extra_per_rate * scale,
             fading_time_s: law.rate_memory_s,
-            follow_time_s: law.viscous_s,
+            follow: (law.viscous_s > 0.0).then(|| self.follow(&law)),
         })
+    }
+
+    /// How far operators go towards bounds that stand still, in a sample: for a distance `x` at the speed `x / T (1 + (x / E)^2)`.
+    fn follow(&self, law: &OperatorLaw) -> Points {
+        let ratio = self.model.sample_period_s / law.viscous_s;
+        let left = |distance: f64| match law.stiffening > 0.0 && distance > 0.0 {
+            false => distance * (-ratio).exp(),
+            true => {
+                let (near, far) = (distance.powi(-2), law.stiffening.powi(-2));
+                ((near + far) * (2.0 * ratio).min(700.0).exp() - far).powf(-0.5)
+            }
+        };
+        let mut curve = Points::near(|distances| distances.iter().map(|distance| distance - left(*distance)).collect(), 0.0, 1.0);
+        curve.from.iter_mut().chain(&mut curve.to).for_each(|value| *value *= self.model.input_scale);
+        curve
+    }
+
+    /// The flow that an effect is: how far it goes in a sample is seen from steps of every size, and how late it is from a ramp.
+    fn flow(&mut self, at: usize) -> Result<(), String> {
+        let model = self.model;
+        model.respond(at, &[0.0]).map_err(of_file)?;
+        let respond = |signal: &[f64]| model.respond(at, signal).unwrap_or_default();
+        let curve = |sign: f64| {
+            // What is missing after the sample of a step, and how much of it is there a sample later.
+            let probe = |step: usize| {
+                let step = MOST_MISSING * (step as f64 / PROBES as f64).powi(2);
+                let answer = respond(&[0.0, sign * step, sign * step, sign * step]);
+                (step - sign * answer[2], sign * (answer[3] - answer[2]))
+            };
+            let probes: Vec<(f64, f64)> = (0..=PROBES).map(probe).collect();
+            let most = probes[PROBES].0;
+            Points::near(|sizes| sizes.iter().map(|size| interpolated(&probes, *size)).collect(), 0.0, most)
+        };
+        let mut flow = Flow { fill: curve(1.0), vent: curve(-1.0) };
+        let late = |sign: f64| -> f64 {
+            let step = sign * self.typical_step();
+            let ramp: Vec<f64> = (0..RAMP).map(|sample| sample as f64 * step).collect();
+            (flow.run(&ramp)[RAMP - 1] - respond(&ramp)[RAMP - 1]) / step
+        };
+        self.delay_samples += f64::max(0.5 * (late(1.0) + late(-1.0)), 0.0);
+        for curve in [&mut flow.fill, &mut flow.vent] {
+            curve.from.iter_mut().chain(&mut curve.to).for_each(|value| *value *= model.input_scale);
+        }
+        self.stages.flow = Some(flow);
+        Ok(())
+    }
+
+    /// Root mean square of the input's steps from sample to sample, normalised.
+    fn typical_step(&self) -> f64 {
+        let steps = || self.recordings.iter().flat_map(|recording| recording.input.windows(2).map(|pair| pair[1] - pair[0]));
+        let squares: f64 = steps().map(|step| step * step).sum();
+        ((squares / steps().count().max(1) as f64).sqrt() / self.model.input_scale).max(1e-6)
     }
 
     /// What growth goes with at a size of the path's step, in input units a sample.
@@ -259,7 +305,7 @@ impl<'a> Forming<'a> {
         let model = self.model;
         let mut input_path = InputPath { dead_time_s: self.delay_samples * model.sample_period_s, lag_time_constant_s: 0.0 };
         // What is a lag and nothing else runs on firmware that knows no stages.
-        let only_lag = Stages { flow: self.stages.flow, ..Stages::default() } == self.stages;
+        let only_lag = Stages { flow: self.stages.flow.clone(), ..Stages::default() } == self.stages;
         if let Some(lag_s) = self.lag_s.filter(|_| only_lag) {
             (input_path.lag_time_constant_s, self.stages.flow) = (lag_s, None);
         }
@@ -387,6 +433,13 @@ impl<'a> Forming<'a> {
         physics.provenance.nrmse = wrong / range;
         Ok(physics)
     }
+}
+
+/// A value between those of points that ascend.
+fn interpolated(points: &[(f64, f64)], at: f64) -> f64 {
+    let above = points.partition_point(|point| point.0 < at).clamp(1, points.len() - 1);
+    let ((low, from), (high, to)) = (points[above - 1], points[above]);
+    if high > low { from + (to - from) * (at - low) / (high - low) } else { to }
 }
 
 /// Smallest and largest value.

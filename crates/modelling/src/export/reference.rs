@@ -26,7 +26,6 @@ pub struct LayerSignals {
 /// Signals of the further stages after a step; those of filters newest first, outputs beside inputs.
 #[derive(Default)]
 struct StageSignals {
-    slewed: f64,
     flowed: f64,
     line: Vec<[f64; 2]>,
     step_size: f64,
@@ -131,8 +130,8 @@ impl<'a> Reference<'a> {
             let path = paths[config.play_input(operator)];
             let [up, down] = growth.map_or([r; 2], |growth| gaps(growth, r, path, self.stages.step_size));
             let bound = (path - up).max((path + down).min(*play));
-            let follow = growth.filter(|_| !first).map_or(1.0, |growth| f64::from(growth.follow));
-            *play += follow * (bound - *play);
+            let follow = growth.filter(|_| !first).and_then(|growth| growth.follow.as_ref());
+            *play = follow.map_or(bound, |follow| towards(follow, follow, *play, bound));
             sum += f64::from(config.play_weights[operator]) * *play;
         }
         let weights = std::iter::once(&config.input_weight).chain(&config.more_input_weights);
@@ -222,6 +221,13 @@ fn filtered(filter: &Filter, signals: &mut Vec<[f64; 2]>, input: f64) -> f64 {
     output
 }
 
+/// A value on its way to a target, by a curve of the distance for each direction; never beyond.
+fn towards(up: &Curve, down: &Curve, from: f64, target: f64) -> f64 {
+    let distance = (target - from).abs();
+    let moved = along(Some(if target > from { up } else { down }), distance).clamp(0.0, distance);
+    from + moved * (target - from).signum()
+}
+
 /// The gaps of an operator to its rising and its falling branch.
 fn gaps(growth: &Growth, threshold: f64, path: f64, step_size: f64) -> [f64; 2] {
     let law = along(Some(&growth.law), step_size);
@@ -235,17 +241,9 @@ fn gaps(growth: &Growth, threshold: f64, path: f64, step_size: f64) -> [f64; 2] 
 impl StageSignals {
     fn path(&mut self, stages: &Stages, delayed: f64, first: bool) -> f64 {
         let supplied = along(stages.supply.as_ref(), delayed);
-        let (mut slewed, mut flowed) = (supplied, supplied);
-        if let Some(slew) = stages.slew.filter(|_| !first) {
-            slewed = self.slewed + (supplied - self.slewed).clamp(-f64::from(slew.fall), f64::from(slew.rise));
-            flowed = slewed;
-        }
-        if let Some(flow) = stages.flow.filter(|_| !first) {
-            let coefficient = if slewed > self.flowed { flow.fill } else { flow.vent };
-            flowed = self.flowed + f64::from(coefficient) * (slewed - self.flowed);
-        }
-        (self.slewed, self.flowed) = (slewed, flowed);
-        let swung = stages.line.as_ref().map_or(flowed, |line| filtered(line, &mut self.line, flowed));
+        let flow = stages.flow.as_ref().filter(|_| !first);
+        self.flowed = flow.map_or(supplied, |flow| towards(&flow.fill, &flow.vent, self.flowed, supplied));
+        let swung = stages.line.as_ref().map_or(self.flowed, |line| filtered(line, &mut self.line, self.flowed));
         along(stages.muscle.as_ref(), swung).clamp(-1000.0, 1000.0)
     }
 

@@ -52,14 +52,12 @@ pub(super) fn front_end_parameters(front_end: &FrontEnd) -> usize {
 
 /// Numbers of the further stages.
 fn stage_parameters(stages: &Stages) -> usize {
-    let law = stages.growth.as_ref().map(|growth| &growth.law);
-    let curves = [stages.supply.as_ref(), stages.muscle.as_ref(), law].into_iter().flatten();
+    let growth = stages.growth.as_ref();
+    let flow = stages.flow.iter().flat_map(|flow| [&flow.fill, &flow.vent]);
+    let of_operators = growth.into_iter().flat_map(|growth| std::iter::once(&growth.law).chain(&growth.follow));
+    let curves = stages.supply.iter().chain(&stages.muscle).chain(flow).chain(of_operators);
     let bends: usize = curves.map(|curve| 2 + 2 * curve.bends.len()).sum();
-    let filters = 4 * [stages.line, stages.tip].iter().flatten().count();
-    bends
-        + filters
-        + 2 * (usize::from(stages.slew.is_some()) + usize::from(stages.flow.is_some()))
-        + 9 * usize::from(stages.growth.is_some())
+    bends + 4 * [stages.line, stages.tip].iter().flatten().count() + 8 * usize::from(growth.is_some())
 }
 
 /// What a front end with a network of these layers is, in words; `window` is the length of its window, 1 for streaming.

@@ -19,4 +19,4 @@ pub use input_path::input_path;
 pub(crate) use model::range;
 pub use model::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath, Kind, ModelError, PhysicsModel, Provenance, Source};
 pub use points::Points;
-pub use stages::{FillVent, Filter, SlewLimits, Stages, ThresholdGrowth};
+pub use stages::{Filter, Flow, Stages, ThresholdGrowth};

@@ -326,7 +326,7 @@ impl PhysicsModel {
     pub fn sums(&self, input: &[f64]) -> Vec<f64> {
         let path = input_path(input, self.input_path.dead_time_s / self.sample_period_s, self.lag_coefficient());
         let path: Vec<f64> = path.into_iter().map(|value| value - self.rest_input).collect();
-        let path = self.stages.lead(&path, self.sample_period_s);
+        let path = self.stages.lead(&path);
         let creep: Vec<f64> = self.creep.time_constants_s.iter().map(|time| coefficient(self.sample_period_s, *time)).collect();
         let mut elements: Option<Vec<f64>> = None;
         path.iter()

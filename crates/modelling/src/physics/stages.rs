@@ -6,24 +6,15 @@ use serde::{Deserialize, Serialize};
 use super::input_path::coefficient;
 use super::points::Points;
 
-/// Most that the signal may change in a second.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A flow that what is missing drives, at the model's sample period: a lag is a straight line, a limit of the rate a flat end, an orifice a
+/// power law. Both curves count sizes, in input units, and begin at zero.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SlewLimits {
-    /// Upwards, input units per s.
-    pub rise_per_s: f64,
-    /// Downwards.
-    pub fall_per_s: f64,
-}
-
-/// A first-order lag with a time constant for each direction.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FillVent {
-    /// Where what drives it is higher, s.
-    pub fill_time_constant_s: f64,
-    /// Where it is not, s.
-    pub vent_time_constant_s: f64,
+pub struct Flow {
+    /// By how much the signal rises in a sample, of what is missing.
+    pub fill: Points,
+    /// By how much it falls, of what is too much.
+    pub vent: Points,
 }
 
 /// A second-order filter with a gain of one at rest, at the model's sample period; the equation is that of [`schema::Filter`].
@@ -56,9 +47,9 @@ pub struct ThresholdGrowth {
     /// Time constant with which the size of step is forgotten, s; 0 is at once.
     #[serde(default)]
     pub fading_time_s: f64,
-    /// Time constant with which operators follow their bounds, s; 0 is at once.
-    #[serde(default)]
-    pub follow_time_s: f64,
+    /// How far operators go towards their bounds in a sample, of the distance in input units; without it all the way.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub follow: Option<Points>,
 }
 
 /// The stages in the order of the signal. Everything counts from the rest input.
@@ -68,12 +59,9 @@ pub struct Stages {
     /// What the supply gives of the command, in input units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub supply: Option<Points>,
-    /// How fast the valve may go.
+    /// How fast the valve goes, and how the muscle fills and vents.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub slew: Option<SlewLimits>,
-    /// How the muscle fills and vents.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub flow: Option<FillVent>,
+    pub flow: Option<Flow>,
     /// What swings in the line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<Filter>,
@@ -140,6 +128,26 @@ impl Filter {
     }
 }
 
+impl Flow {
+    /// Leads a state along a signal from where that begins.
+    #[must_use]
+    pub fn run(&self, signal: &[f64]) -> Vec<f64> {
+        let mut state = signal.first().copied().unwrap_or_default();
+        let step = |&target: &f64| {
+            state = towards(&self.fill, &self.vent, state, target);
+            state
+        };
+        signal.iter().map(step).collect()
+    }
+}
+
+/// A value on its way to a target, by a curve of the distance for each direction; never beyond.
+fn towards(up: &Points, down: &Points, from: f64, target: f64) -> f64 {
+    let distance = (target - from).abs();
+    let curve = if target > from { up } else { down };
+    from + curve.at(distance).clamp(0.0, distance) * (target - from).signum()
+}
+
 impl ThresholdGrowth {
     /// The gaps of an operator to its rising and its falling branch.
     fn gaps(&self, threshold: f64, path: f64, law: f64) -> [f64; 2] {
@@ -151,7 +159,7 @@ impl ThresholdGrowth {
     /// The weighted sum of play operators along a path from rest.
     #[must_use]
     pub fn sums(&self, path: &[f64], operators: &[(f64, f64)], sample_period_s: f64) -> Vec<f64> {
-        let (fading, follow) = (coefficient(sample_period_s, self.fading_time_s), coefficient(sample_period_s, self.follow_time_s));
+        let fading = coefficient(sample_period_s, self.fading_time_s);
         let mut plays = vec![0.0; operators.len()];
         let (mut last, mut size) = (None, 0.0);
         path.iter()
@@ -159,12 +167,12 @@ impl ThresholdGrowth {
                 let step = last.map_or(0.0, |last: f64| (value - last).abs());
                 size = if last.is_some() { size + fading * (step - size) } else { 0.0 };
                 let law = self.law.as_ref().map_or(0.0, |law| law.at(size));
-                let share = if last.is_some() { follow } else { 1.0 };
+                let follow = self.follow.as_ref().filter(|_| last.is_some());
                 last = Some(value);
                 let play = |(play, &(threshold, weight)): (&mut f64, &(f64, f64))| {
                     let [rising, falling] = self.gaps(threshold, value, law);
                     let bound = (value - rising).max((value + falling).min(*play));
-                    *play += share * (bound - *play);
+                    *play = follow.map_or(bound, |follow| towards(follow, follow, *play, bound));
                     weight * *play
                 };
                 plays.iter_mut().zip(operators).map(play).sum()
@@ -183,38 +191,36 @@ impl Stages {
     /// Whether what they do hangs on how fast the input goes.
     #[must_use]
     pub fn depend_on_rate(&self) -> bool {
-        let by_rate = |growth: &ThresholdGrowth| growth.law.is_some() || growth.follow_time_s > 0.0;
-        self.slew.is_some() || self.flow.is_some() || self.line.is_some() || self.tip.is_some() || self.growth.as_ref().is_some_and(by_rate)
+        let by_rate = |growth: &ThresholdGrowth| growth.law.is_some() || growth.follow.is_some();
+        self.flow.is_some() || self.line.is_some() || self.tip.is_some() || self.growth.as_ref().is_some_and(by_rate)
     }
 
     /// Numbers in them.
     #[must_use]
     pub fn parameters(&self) -> usize {
-        let curve = |points: &Option<Points>| points.as_ref().map_or(0, |points| 2 * points.from.len());
         let growth = |growth: &ThresholdGrowth| {
-            let single = [growth.share, growth.extra, growth.fading_time_s, growth.follow_time_s];
-            let used = single.iter().chain(&growth.per_input).chain(&growth.apart).filter(|value| **value != 0.0).count();
-            used + curve(&growth.law)
+            let single = [growth.share, growth.extra, growth.fading_time_s];
+            single.iter().chain(&growth.per_input).chain(&growth.apart).filter(|value| **value != 0.0).count()
         };
         let filters = 4 * [self.line, self.tip].iter().flatten().count();
-        let pairs = 2 * (usize::from(self.slew.is_some()) + usize::from(self.flow.is_some()));
-        curve(&self.supply) + curve(&self.muscle) + filters + pairs + self.growth.as_ref().map_or(0, growth)
+        self.curves().map(|curve| 2 * curve.from.len()).sum::<usize>() + filters + self.growth.as_ref().map_or(0, growth)
+    }
+
+    fn curves(&self) -> impl Iterator<Item = &Points> {
+        let flow = self.flow.iter().flat_map(|flow| [&flow.fill, &flow.vent]);
+        let of_operators = self.growth.iter().flat_map(|growth| growth.law.iter().chain(&growth.follow));
+        self.supply.iter().chain(&self.muscle).chain(flow).chain(of_operators)
     }
 
     /// The path that the operators follow, for the input behind the dead time, both from the rest input.
     #[must_use]
-    pub fn lead(&self, delayed: &[f64], sample_period_s: f64) -> Vec<f64> {
+    pub fn lead(&self, delayed: &[f64]) -> Vec<f64> {
         let mut path = delayed.to_vec();
         if let Some(supply) = &self.supply {
             path.iter_mut().for_each(|value| *value = supply.at(*value));
         }
-        if let Some(slew) = self.slew {
-            let (rise, fall) = (slew.rise_per_s * sample_period_s, slew.fall_per_s * sample_period_s);
-            follow(&mut path, |state, target| state + (target - state).clamp(-fall, rise));
-        }
-        if let Some(flow) = self.flow {
-            let [fill, vent] = [flow.fill_time_constant_s, flow.vent_time_constant_s].map(|time| coefficient(sample_period_s, time));
-            follow(&mut path, |state, target| state + if target > state { fill } else { vent } * (target - state));
+        if let Some(flow) = &self.flow {
+            path = flow.run(&path);
         }
         if let Some(line) = &self.line {
             path = line.run(&path);
@@ -234,7 +240,7 @@ impl Stages {
         let curve = |points: &Option<Points>, stage: &'static str| {
             points.as_ref().map(|points| points.dead_zones(input_scale, input_scale).ok_or(stage)).transpose()
         };
-        let lag = |time_constant_s: f64| coefficient(sample_period_s, time_constant_s) as f32;
+        let of_sizes = |points: &Points| points.dead_zones(input_scale, input_scale);
         let growth = |growth: &ThresholdGrowth| -> Result<schema::Growth, &'static str> {
             let [linear, square, cube] = growth.apart;
             let law = growth.law.as_ref().map(|law| law.dead_zones(input_scale, 1.0).ok_or("growth")).transpose()?;
@@ -244,17 +250,16 @@ impl Stages {
                 law: law.unwrap_or_default(),
                 share: growth.share as f32,
                 extra: (growth.extra / input_scale) as f32,
-                fading: lag(growth.fading_time_s),
-                follow: lag(growth.follow_time_s),
+                fading: coefficient(sample_period_s, growth.fading_time_s) as f32,
+                follow: growth.follow.as_ref().map(|follow| of_sizes(follow).ok_or("growth")).transpose()?,
             })
+        };
+        let flow = |flow: &Flow| {
+            Ok::<_, &'static str>(schema::Flow { fill: of_sizes(&flow.fill).ok_or("flow")?, vent: of_sizes(&flow.vent).ok_or("flow")? })
         };
         Ok(schema::Stages {
             supply: curve(&self.supply, "supply")?,
-            slew: self.slew.map(|slew| {
-                let [rise, fall] = [slew.rise_per_s, slew.fall_per_s].map(|limit| (limit * sample_period_s / input_scale) as f32);
-                schema::Slew { rise, fall }
-            }),
-            flow: self.flow.map(|flow| schema::Flow { fill: lag(flow.fill_time_constant_s), vent: lag(flow.vent_time_constant_s) }),
+            flow: self.flow.as_ref().map(flow).transpose()?,
             line: self.line.map(|line| line.as_wire()),
             muscle: curve(&self.muscle, "muscle")?,
             growth: self.growth.as_ref().map(growth).transpose()?,
@@ -265,36 +270,17 @@ impl Stages {
     /// What contradicts itself in the values, if anything.
     pub(super) fn problem(&self) -> Option<String> {
         let growth = self.growth.as_ref();
-        let curves = [&self.supply, &self.muscle].into_iter().flatten().chain(growth.and_then(|growth| growth.law.as_ref()));
-        if let Some(problem) = curves.filter_map(Points::problem).next() {
+        if let Some(problem) = self.curves().filter_map(Points::problem).next() {
             return Some(problem.to_owned());
         }
         if [self.line, self.tip].into_iter().flatten().any(|filter| filter.as_wire().validate().is_err()) {
             return Some("a filter of the line or the tip does not settle".to_owned());
         }
-        let positive = [
-            self.slew.map(|slew| [slew.rise_per_s, slew.fall_per_s]),
-            self.flow.map(|flow| [flow.fill_time_constant_s, flow.vent_time_constant_s]),
-        ];
-        if positive.into_iter().flatten().flatten().any(|value| !(value.is_finite() && value > 0.0)) {
-            return Some("limits of the slew and time constants of the flow must be positive".to_owned());
-        }
         let finite = growth.map(|growth| {
-            let times = [growth.fading_time_s, growth.follow_time_s];
-            let others = [growth.share, growth.extra];
-            let finite = growth.per_input.iter().chain(&growth.apart).chain(&times).chain(&others).all(|value| value.is_finite());
-            finite && times.iter().all(|time| *time >= 0.0)
+            let single = [growth.share, growth.extra, growth.fading_time_s];
+            growth.per_input.iter().chain(&growth.apart).chain(&single).all(|value| value.is_finite()) && growth.fading_time_s >= 0.0
         });
         (finite == Some(false)).then(|| "the growth of thresholds needs finite numbers and times that are not negative".to_owned())
-    }
-}
-
-/// Leads a state along a signal from where that begins; `step` gives the next state from the last one and the signal.
-fn follow(signal: &mut [f64], step: impl Fn(f64, f64) -> f64) {
-    let mut state = signal.first().copied().unwrap_or_default();
-    for value in signal {
-        state = step(state, *value);
-        *value = state;
     }
 }
 

@@ -7,7 +7,6 @@ use crate::estimator::curve::{MAX_NORMALISED, bent};
 /// The memory of the stages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StagesState {
-    slewed: f32,
     flowed: f32,
     line: FilterState,
     /// Size of the path's steps, as far as it is remembered.
@@ -31,22 +30,18 @@ impl FilterState {
 
 impl StagesState {
     /// Before the first sample, which sets what is not set here.
-    pub const NEW: Self = Self { slewed: 0.0, flowed: 0.0, line: FilterState::NEW, step_size: 0.0, tip: FilterState::NEW };
+    pub const NEW: Self = Self { flowed: 0.0, line: FilterState::NEW, step_size: 0.0, tip: FilterState::NEW };
 
     /// The path that the operators follow, for an input behind the dead time.
     #[inline(never)]
     pub fn lead(&mut self, stages: &Stages, delayed: f32, first: bool) -> f32 {
         let supplied = along(stages.supply.as_ref(), delayed);
-        self.slewed = match stages.slew {
-            Some(slew) if !first => self.slewed + between(supplied - self.slewed, -slew.fall, slew.rise),
-            _ => supplied,
-        };
-        self.flowed = match stages.flow {
+        self.flowed = match &stages.flow {
             Some(flow) if !first => {
-                let missing = self.slewed - self.flowed;
-                self.flowed + (if missing > 0.0 { flow.fill } else { flow.vent }) * missing
+                let missing = supplied - self.flowed;
+                if missing > 0.0 { self.flowed + towards(&flow.fill, missing) } else { self.flowed - towards(&flow.vent, -missing) }
             }
-            _ => self.slewed,
+            _ => supplied,
         };
         let swung = stages.line.as_ref().map_or(self.flowed, |filter| self.line.step(filter, self.flowed, first));
         // What no measurement may be, no path is either: everything behind it stays finite.
@@ -75,7 +70,13 @@ impl StagesState {
             let low = path - not_negative(rising * threshold + extra);
             let high = path + not_negative(falling * threshold + extra);
             let bound = between(*memory, low, high);
-            *memory = if first || growth.follow >= 1.0 { bound } else { *memory + growth.follow * (bound - *memory) };
+            *memory = match &growth.follow {
+                Some(follow) if !first => {
+                    let missing = bound - *memory;
+                    if missing > 0.0 { *memory + towards(follow, missing) } else { *memory - towards(follow, -missing) }
+                }
+                _ => bound,
+            };
             sum += weight * *memory;
         }
         sum
@@ -105,6 +106,11 @@ impl FilterState {
 
 fn along(curve: Option<&Curve>, value: f32) -> f32 {
     curve.map_or(value, |curve| bent(curve, value))
+}
+
+/// How far something goes over a distance, and no farther.
+fn towards(curve: &Curve, distance: f32) -> f32 {
+    between(bent(curve, distance), 0.0, distance)
 }
 
 /// Not `f32::clamp`: comparisons in this order, and the same answer on every target.

@@ -1,6 +1,6 @@
 use super::*;
 use heapless::Vec;
-use model_export::schema::{Curve, Feature, Filter, Flow, Growth, Slew, Stages};
+use model_export::schema::{Curve, Feature, Filter, Flow, Growth, Stages};
 
 fn channel() -> Channel<'static> {
     Channel { quantity: "pressure", unit: "bar", offset: 1.0, scale: 2.0, minimum: 0.0, maximum: 3.0 }
@@ -184,10 +184,18 @@ fn stages_follow_their_equations_by_hand() {
     // No more than one half; then twice what is above one quarter.
     let curves = Stages { supply: Some(bend(0.5, -1.0)), muscle: Some(bend(0.25, 1.0)), ..none.clone() };
     assert_eq!(run(curves, straight(), &[0.0, 0.25, 0.375, 1.0]), [0.0, 0.25, 0.5, 0.75]);
-    let slew = Stages { slew: Some(Slew { rise: 0.25, fall: 0.5 }), ..none.clone() };
-    assert_eq!(run(slew, straight(), &[0.0, 1.0, 1.0, 0.125, -1.0, -1.0]), [0.0, 0.25, 0.5, 0.125, -0.375, -0.875]);
-    let flow = Stages { flow: Some(Flow { fill: 0.5, vent: 0.25 }), ..none.clone() };
+    // All of what is missing, and no more than one quarter upwards; a half of it downwards.
+    let half = Curve { slope: 0.5, ..Curve::default() };
+    let slew = Stages { flow: Some(Flow { fill: bend(0.25, -1.0), vent: half.clone() }), ..none.clone() };
+    assert_eq!(run(slew, straight(), &[0.0, 1.0, 1.0, 0.125, -1.0, 0.0]), [0.0, 0.25, 0.5, 0.3125, -0.34375, -0.09375]);
+    let quarter = Curve { slope: 0.25, ..Curve::default() };
+    let flow = Stages { flow: Some(Flow { fill: half, vent: quarter }), ..none.clone() };
     assert_eq!(run(flow, straight(), &[0.0, 1.0, 1.0, 0.0, 0.0]), [0.0, 0.5, 0.75, 0.5625, 0.421_875]);
+    // Nobody goes beyond what is missing, nor away from it.
+    let twice = Curve { slope: 2.0, ..Curve::default() };
+    let away = Curve { slope: -1.0, ..Curve::default() };
+    let bounded = Stages { flow: Some(Flow { fill: twice, vent: away }), ..none.clone() };
+    assert_eq!(run(bounded, straight(), &[0.0, 1.0, 0.5, 2.0]), [0.0, 1.0, 1.0, 2.0]);
     // y0 = y1 + (y1 - y2) / 2 + (x0 - y1) / 4: 0, 1/4, then 1/4 + 1/8 + 3/16, then 9/16 + 5/32 + 7/64.
     let swing = Filter { momentum: 0.5, gains: [0.25, 0.0, 0.0] };
     let expected = [0.0, 0.25, 0.5625, 0.828_125];
@@ -229,7 +237,8 @@ fn thresholds_grow_with_the_path_and_with_its_rate() {
     assert_eq!(run(fading, &inputs[..3]), [0.0, 0.6875, 1.656_25]);
     assert_eq!(run(Growth { share: 0.5, extra: 0.0, ..by_rate }, &inputs), [0.0, 0.625, 1.625, 1.375, 0.375]);
     // Half of the distance to the bound in a sample.
-    assert_eq!(run(Growth { follow: 0.5, ..none }, &inputs), [0.0, 0.375, 1.0625, 1.0625, 0.656_25]);
+    let half = Curve { slope: 0.5, ..Curve::default() };
+    assert_eq!(run(Growth { follow: Some(half), ..none }, &inputs), [0.0, 0.375, 1.0625, 1.0625, 0.656_25]);
 }
 
 #[test]

@@ -84,11 +84,11 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
         (one("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08]), false, 1e-9),
         (one("offset-drift", "a smooth curve of the session's time", &[600.0], &[0.02, 0.0, 0.0, 0.0]), false, 1e-2),
         (one("gain-drift", "a smooth curve of the session's time", &[600.0], &[0.1, 0.0, 0.0, 0.0]), true, 5e-2),
-        // Straight lines instead of a cubic between samples, steps instead of lines in the lag: hundredths of 12 mm.
+        // A straight line instead of a cubic between samples: hundredths of 12 mm.
         (one("dead-time", "constant", &[0.137], &[]), false, 4e-2),
-        (one("pneumatic-lag", "before", &[0.15], &[]), false, 4e-2),
+        (one("pneumatic-lag", "before", &[0.15], &[]), false, 2e-3),
         // As files of earlier versions have it.
-        (one("pneumatic-lag", "before the hysteresis", &[0.15], &[]), false, 4e-2),
+        (one("pneumatic-lag", "before the hysteresis", &[0.15], &[]), false, 2e-3),
         (one("pneumatic-lag", "before-held", &[0.15], &[]), false, 2e-3),
         (one("pneumatic-lag", "two-before", &[0.15, 0.008], &[]), false, 2e-3),
         (one("pneumatic-lag", "two-before", &[0.15, 0.05], &[]), true, 2e-3),
@@ -100,9 +100,13 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
         (one("resonance", "part-of-tip", &[3.0, 0.1, 0.4], &[]), false, 1e-9),
         (one("supply-saturation", "rounded", &[0.7, 0.001], &[]), false, 3e-2),
         (one("supply-saturation", "rounded", &[0.6, 0.1], &[]), true, 3e-2),
-        (one("slew-limit", "one", &[0.5], &[]), false, 4e-2),
-        (one("slew-limit", "two-sided-held", &[0.6, 0.4], &[]), false, 4e-2),
-        (one("fill-vent-asymmetry", "by-error", &[0.05, 0.2], &[]), false, 6e-2),
+        (one("slew-limit", "one", &[0.5], &[]), false, 8e-2),
+        (one("slew-limit", "two-sided-held", &[0.6, 0.4], &[]), false, 8e-2),
+        (one("slew-limit", "gradual", &[0.5, 0.03], &[]), false, 8e-2),
+        (one("slew-limit", "gradual-held", &[0.6, 0.02], &[]), true, 8e-2),
+        (one("pneumatic-lag", "orifice", &[0.1, 0.6], &[]), false, 6e-2),
+        (one("fill-vent-asymmetry", "orifices", &[0.05, 0.15, 0.7], &[]), false, 6e-2),
+        (one("fill-vent-asymmetry", "by-error", &[0.05, 0.2], &[]), false, 1e-2),
         (one("fill-vent-asymmetry", "by-error-held", &[0.2, 0.05], &[]), false, 2e-3),
         (one("activation-threshold", "rounded", &[0.15, 0.04], &[]), false, 3e-2),
         (one("activation-threshold", "opens", &[0.15, 0.05], &[]), false, 6e-2),
@@ -118,6 +122,7 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
         (one(asymmetry, "bend-apart", &[0.3], &[]), false, 1e-9),
         (one(asymmetry, "each-curves", &[0.3, -0.2, 0.1, 0.05, 0.1], &[]), false, 5e-2),
         (one(rate, "viscous", &[0.05], &[]), false, 1e-9),
+        (one(rate, "viscous-stiffening", &[0.5, 0.03], &[]), false, 1e-1),
         (one(rate, "overstress-fading", &[0.05, 0.04], &[]), false, 1e-9),
         // Where a stroke turns on a sample the discovered model takes the mean rate of both sides, which is none.
         (one(rate, "overstress-asinh", &[0.01, 0.2], &[]), false, 3e-1),
@@ -125,7 +130,7 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
         (
             vec![
                 entry("slew-limit", "one", &[0.6], &[]),
-                entry("fill-vent-asymmetry", "by-error-held", &[0.05, 0.1], &[]),
+                entry("pneumatic-lag", "before", &[0.05], &[]),
                 entry("dead-time", "constant", &[0.04], &[]),
                 entry(curve, "input-power", &[1.3, 100.0], &[]),
                 entry(asymmetry, "thresholds-grow", &[0.8], &[]),

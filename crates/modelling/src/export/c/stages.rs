@@ -1,7 +1,5 @@
 //! The further stages of the physics part in C.
 
-use std::fmt::Write;
-
 use model_export::schema::{Filter, Growth, Stages};
 
 use super::curve::curve;
@@ -18,8 +16,13 @@ pub fn source(context: &Context<'_>) -> String {
     }
     text.push_str(&curve(stages.supply.as_ref(), "What the supply gives", "supply"));
     text.push_str(&curve(stages.muscle.as_ref(), "What the muscle makes of its pressure", "muscle"));
+    if let Some(flow) = &stages.flow {
+        text.push_str(&curve(Some(&flow.fill), "By how much the path rises in a sample, of what is missing", "fill"));
+        text.push_str(&curve(Some(&flow.vent), "By how much it falls, of what is too much", "vent"));
+    }
     if let Some(growth) = growth(stages, front_end.play_thresholds.len()) {
         text.push_str(&curve(Some(&growth.law), "What thresholds grow with at a size of the path's step", "growth_law"));
+        text.push_str(&curve(growth.follow.as_ref(), "How far operators go to their bounds in a sample", "follow"));
         text.push_str(&growth_constants(growth));
     }
     if let Some(tip) = &stages.tip {
@@ -32,22 +35,7 @@ pub fn source(context: &Context<'_>) -> String {
 pub fn lead(context: &Context<'_>) -> String {
     let Some(stages) = &context.model().front_end.stages else { return String::new() };
     let (mut constants, mut body) = (String::new(), String::new());
-    if let Some(slew) = stages.slew {
-        let _ = write!(
-            constants,
-            "\n/* Most that the path changes in a sample. */\nstatic const float SLEW_RISE = {}\nstatic const float SLEW_FALL = {}\n",
-            constant(slew.rise),
-            constant(slew.fall)
-        );
-        body.push_str(include_str!("template/slew.c"));
-    }
-    if let Some(flow) = stages.flow {
-        let _ = write!(
-            constants,
-            "\n/* Share of what is missing that flows in a sample. */\nstatic const float FLOW_FILL = {}\nstatic const float FLOW_VENT = {}\n",
-            constant(flow.fill),
-            constant(flow.vent)
-        );
+    if stages.flow.is_some() {
         body.push_str(include_str!("template/flow.c"));
     }
     if let Some(line) = &stages.line {
@@ -76,19 +64,16 @@ pub fn growth(stages: &Stages, plays: usize) -> Option<&Growth> {
 
 /// The step of operators whose thresholds grow.
 pub fn step_growing_plays(growth: &Growth) -> String {
-    let followed = match growth.follow >= 1.0 {
-        true => "bound",
-        false => "first ? bound : (state->plays[index] + product(GROWTH_FOLLOW, bound - state->plays[index]))",
+    let follow = match growth.follow {
+        None => "\n            state->plays[index] = bound;\n",
+        Some(_) => include_str!("template/follow.c"),
     };
-    fill(include_str!("template/step_growing_plays.c"), &[("followed", followed)])
+    fill(include_str!("template/step_growing_plays.c"), &[("follow", follow)])
 }
 
 /// Names and lengths of what the stages remember, with what they are.
 pub fn fields(stages: &Stages, plays: usize) -> Vec<(&'static str, usize, &'static str)> {
     let mut fields = Vec::new();
-    if stages.slew.is_some() {
-        fields.push(("slewed", 0, "q: behind the limit of its speed"));
-    }
     if stages.flow.is_some() {
         fields.push(("flowed", 0, "w: filled and vented"));
     }
@@ -114,10 +99,6 @@ fn filter_constants(name: &str, meaning: &str, filter: &Filter) -> String {
 
 fn growth_constants(growth: &Growth) -> String {
     let [rising, falling] = growth.per_path.map(constant);
-    let follow = match growth.follow >= 1.0 {
-        true => String::new(),
-        false => format!("static const float GROWTH_FOLLOW = {}\n", constant(growth.follow)),
-    };
     fill(
         include_str!("template/growth.c"),
         &[
@@ -127,7 +108,6 @@ fn growth_constants(growth: &Growth) -> String {
             ("share", &constant(growth.share)),
             ("extra", &constant(growth.extra)),
             ("fading", &constant(growth.fading)),
-            ("follow_constant", &follow),
         ],
     )
 }

@@ -1,6 +1,7 @@
     if (!first) {
         const float missing = path - state->flowed;
 
-        path = state->flowed + product((missing > 0.0f) ? FLOW_FILL : FLOW_VENT, missing);
+        path = (missing > 0.0f) ? (state->flowed + between(fill(missing), 0.0f, missing))
+                                : (state->flowed - between(vent(-missing), 0.0f, -missing));
     }
     state->flowed = path;

@@ -7,7 +7,6 @@ static const float APART[3] = {
 static const float GROWTH_SHARE = @share@
 static const float GROWTH_EXTRA = @extra@
 static const float GROWTH_FADING = @fading@
-@follow_constant@
 static float not_negative(float value)
 {
     return (value > 0.0f) ? value : 0.0f;

@@ -16,8 +16,6 @@
             const float low = path - not_negative(product(rising, PLAY_THRESHOLDS[index]) + extra);
             const float high = path + not_negative(product(falling, PLAY_THRESHOLDS[index]) + extra);
             const float bound = between(state->plays[index], low, high);
-
-            state->plays[index] = @followed@;
-            sum = sum + product(PLAY_WEIGHTS[index], state->plays[index]);
+@follow@            sum = sum + product(PLAY_WEIGHTS[index], state->plays[index]);
         }
     }
