@@ -24,6 +24,9 @@ const FILTER: usize = 35;
 /// Thresholds that change: with all that an operator does not see, and what each operator takes more.
 const GROWTH: usize = 60;
 const GROWING_PLAY: usize = 8;
+/// What following its bound late adds to that, and a bend of that curve: short distances lie before most of them.
+const FOLLOW: usize = 12;
+const FOLLOW_BEND: usize = 12;
 /// A feature with its rounding; without a network there are none.
 const FEATURE: usize = 32;
 /// Glue around a layer's kernel, and a unit's share of the dense output.
@@ -59,7 +62,7 @@ fn stage_instructions(stages: &Stages, plays: usize) -> usize {
     // One of the two runs in a sample.
     let flow = stages.flow.as_ref().map_or(0, |flow| FLOW + curve(&flow.fill).max(curve(&flow.vent)));
     let growth = stages.growth.as_ref().map_or(0, |growth| {
-        let follow = growth.follow.as_ref().map_or(0, curve);
+        let follow = growth.follow.as_ref().map_or(0, |curve| FOLLOW + FOLLOW_BEND * curve.bends.len());
         GROWTH + curve(&growth.law) + (GROWING_PLAY + follow) * plays
     });
     STAGES + curves + filters + flow + growth
