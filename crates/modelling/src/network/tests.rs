@@ -285,6 +285,17 @@ fn every_truncation_of_a_model_file_is_refused() {
     }
 }
 
+#[test]
+fn a_model_with_further_stages_is_read_as_it_was_written() {
+    let mut staged = model();
+    staged.front_end.lag_coefficient = 1.0;
+    let tip = model_export::schema::Filter { momentum: 0.5, gains: [0.25, 0.125, 0.0] };
+    staged.front_end.stages = Some(model_export::schema::Stages { tip: Some(tip), ..Default::default() });
+    let bytes = to_bytes(&staged).unwrap();
+    assert!(bytes.windows(20).any(|window| window == b"\\\"format_version\\\":4"), "older programs must refuse it");
+    assert_eq!(from_bytes(&bytes, "m.safetensors").unwrap(), staged);
+}
+
 /// The file with a piece of its metadata replaced by one of the same length, so that the rest stays in place.
 fn with_metadata(from: &str, to: &str) -> Vec<u8> {
     assert_eq!(from.len(), to.len());
@@ -298,7 +309,7 @@ fn with_metadata(from: &str, to: &str) -> Vec<u8> {
 fn another_version_shape_or_origin_is_refused_by_name() {
     let refusal = |bytes: &[u8]| from_bytes(bytes, "m.safetensors").unwrap_err().to_string();
     let version = refusal(&with_metadata("\\\"format_version\\\":1", "\\\"format_version\\\":9"));
-    assert!(version.contains("m.safetensors") && version.contains("version 9") && version.contains("reads versions 1 to 3"), "{version}");
+    assert!(version.contains("m.safetensors") && version.contains("version 9") && version.contains("reads versions 1 to 4"), "{version}");
     let shape = refusal(&with_metadata("\\\"units\\\":[6,4]", "\\\"units\\\":[6,5]"));
     assert!(shape.contains("layers.1.input_weights") && shape.contains("[20, 6]"), "{shape}");
     let features = refusal(&with_metadata("\\\"features\\\":2,", "\\\"features\\\":3,"));
