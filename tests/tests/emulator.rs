@@ -96,8 +96,10 @@ fn steps_and_ticks_take_the_recorded_instructions_and_keep_their_targets() {
 #[test]
 #[ignore = "needs QEMU and the image; `cargo xtask test` runs it"]
 fn the_networks_cost_does_not_depend_on_data() {
-    // Only the front end has branches: on the sample itself and on which side of its play an operator is.
-    for cost in costs(&configurations()) {
+    // Only the front end has branches: on the sample itself, on which side of its play an operator is, and at the bends of further stages, which
+    // are left out here.
+    let configurations: Vec<_> = configurations().into_iter().filter(|one| one.model.front_end.stages.is_none()).collect();
+    for cost in costs(&configurations) {
         let [least, most] = cost.packed;
         let allowed = if cost.name.contains("window") { 50 * 50 } else { 200 };
         assert!(most - least <= allowed, "{cost:?}");
