@@ -72,8 +72,9 @@ fn the_image_finds_no_hse_says_so_and_refuses_to_arm() {
     assert!(!status.faults.contains(Fault::StorageFailed) && status.settings_unsaved);
     assert_eq!((status.state, status.first_fault), (State::Fault, Fault::ClockFailed.number()));
     eprintln!("stack never used: {} bytes", status.stack_unused_bytes);
-    // Half of it. A model's check, under a tick with a model, is measured on the board's model: `an_upload_and_its_check_leave_a_quarter_of_the_stack`.
-    assert!(status.stack_unused_bytes >= 8 * 1024, "{} bytes of stack left", status.stack_unused_bytes);
+    // 10,136 of 16,384 bytes, in every run. A model's check, under a tick with a model, is measured on the board's model:
+    // `an_upload_and_its_check_leave_a_quarter_of_the_stack`.
+    assert!(status.stack_unused_bytes >= 9 * 1024 + 512, "{} bytes of stack left", status.stack_unused_bytes);
 }
 
 #[test]

@@ -406,7 +406,7 @@ impl<'a> Forming<'a> {
 
     /// The model with its own error, if it is the discovered one still.
     fn check(&self, mut physics: PhysicsModel) -> Result<PhysicsModel, String> {
-        // The microcontroller knows nothing of what the session's recordings left: that is told by its error, and no matter of the form.
+        // The microcontroller knows nothing of what the session's recordings left: its error shows that, and it is no matter of the form.
         let model = DiscoveredModel { memory: Vec::new(), ..self.model.clone() };
         let (mut apart, mut wrong, mut samples) = (0.0, 0.0, 0.0_f64);
         for recording in self.recordings {
