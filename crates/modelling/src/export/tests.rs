@@ -337,7 +337,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     /// From nearly linear to saturated: the blob stays near the `f64` reference, and no sum can overflow. Where weights of a unit cancel, less
-    /// than half a step of their 8 bits is left.
+    /// than a tenth of a step of their 8 bits is lost.
     #[test]
     fn random_imported_layers_stay_near_their_reference(
         seed in any::<u64>(),
@@ -356,7 +356,7 @@ proptest! {
         for layer in &export.comparison.layers {
             let hidden = layer.signals.last().unwrap();
             let steps = 127.0 / f64::from(gain) * hidden.rms_over_time.iter().copied().fold(0.0, f64::max);
-            prop_assert!(steps < 0.5 || hidden.signal_to_noise_db.is_none_or(|ratio| ratio > 20.0), "{:?}", layer.signals);
+            prop_assert!(steps < 0.1 || hidden.signal_to_noise_db.is_none_or(|ratio| ratio > 20.0), "{:?}", layer.signals);
         }
     }
 
