@@ -1,23 +1,29 @@
 //! The flashable image, byte for byte, on a register-level model of its chip: equal to the library to the bit, no register without a model,
 //! and safe whatever breaks. `cargo xtask test` builds what these tests need.
 
-use host_tool::link::{BoardModel, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep};
+use host_tool::link::{BoardModel, BoardModelConfig, Breakage, FlashMemory, Hardware, HardwareConfig, Lockstep};
 use host_tool::plant::{Plant, PlantConfig};
 use model_export::link::fault::Fault;
 use model_export::link::profiles::PROFILES;
 use rig_tests::board_faults::{ROWS, Row, held_with_drive, measure_all, measure_all_on, profile_ends, slice, slice_in_the_chip};
-use rig_tests::board_model::{ModelRig, config, config_of, played, played_on, unmodelled};
+use rig_tests::board_model::{ModelRig, config, config_of, meet, played, played_on, unmodelled};
 use rig_tests::hybrid;
 
 fn rig(seed: u64, flash: &FlashMemory) -> ModelRig {
-    let processor = BoardModel::start(rig_config(seed), flash).unwrap();
-    let plant = Plant::new(PlantConfig::default()).unwrap();
-    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
-    ModelRig::connect(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap()
+    rig_of(&rig_config(seed), flash)
 }
 
-fn rig_config(seed: u64) -> host_tool::link::BoardModelConfig {
-    host_tool::link::BoardModelConfig { seed, ..config() }
+fn rig_of(config: &BoardModelConfig, flash: &FlashMemory) -> ModelRig {
+    meet(|| {
+        let processor = BoardModel::start(config.clone(), flash).unwrap();
+        let plant = Plant::new(PlantConfig::default()).unwrap();
+        let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+        Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()
+    })
+}
+
+fn rig_config(seed: u64) -> BoardModelConfig {
+    BoardModelConfig { seed, ..config() }
 }
 
 #[test]
@@ -307,10 +313,7 @@ fn the_faults_that_the_second_chips_model_knows_end_as_their_rows_say_on_its_ima
 #[test]
 #[ignore = "needs the board's model and the image: `cargo xtask test`"]
 fn the_second_chip_family_tells_which_chip_it_is_and_raises_its_brown_out_level_once() {
-    let processor = BoardModel::start(config_of("nucleo-h743zi"), &FlashMemory::default()).unwrap();
-    let plant = Plant::new(PlantConfig::default()).unwrap();
-    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
-    let mut rig = ModelRig::connect(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap();
+    let mut rig = rig_of(&config_of("nucleo-h743zi"), &FlashMemory::default());
     assert_eq!(rig.hello().build.chip & 0xfff, 0x450, "the chip's identifier (RM0433 chapter 60)");
     rig.transport().processor().break_something("reset").unwrap();
     rig.transport().advance_for(200).unwrap();
@@ -325,10 +328,7 @@ fn the_second_chip_family_tells_which_chip_it_is_and_raises_its_brown_out_level_
 fn settings_of_the_second_chip_family_lie_in_its_flash_and_outlast_a_reset() {
     use model_export::link::message::Request;
     use model_export::link::settings::{SettingValue, by_name};
-    let processor = BoardModel::start(config_of("nucleo-h743zi"), &FlashMemory::default()).unwrap();
-    let plant = Plant::new(PlantConfig::default()).unwrap();
-    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
-    let mut rig = ModelRig::connect(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap();
+    let mut rig = rig_of(&config_of("nucleo-h743zi"), &FlashMemory::default());
     host_tool::experiment::settle(&mut rig).unwrap();
     let number = by_name("limits.ceiling_bar").unwrap().number;
     for ceiling_bar in [1.25, 1.5, 0.75] {

@@ -135,11 +135,13 @@ pub fn build(board: &Board) -> Result<Sealed> {
     let sealed = describe(&bytes)?;
     let image = board.image();
     std::fs::create_dir_all(image.parent().unwrap_or(Path::new(".")))?;
-    // A fresh file: the old one may be a hard link into cargo's own folder.
-    if image.exists() {
-        std::fs::remove_file(&image)?;
+    // Tests may be reading the one that is there: it stays if it is the same, and otherwise another takes its place at once. What was there may
+    // be a hard link into cargo's own folder.
+    if std::fs::read(&image).ok().as_ref() != Some(&bytes) {
+        let fresh = image.with_extension("new");
+        std::fs::write(&fresh, &bytes).with_context(|| format!("cannot write {}", fresh.display()))?;
+        std::fs::rename(&fresh, &image).with_context(|| format!("cannot write {}", image.display()))?;
     }
-    std::fs::write(&image, &bytes).with_context(|| format!("cannot write {}", image.display()))?;
     eprintln!(
         "{}: sealed with {checksum:08x}; {} bytes of flash, {} of RAM, of which {} are stack\nSHA-256 {}",
         image.display(),

@@ -310,6 +310,10 @@ impl Processor for BoardModel {
         ResetCause::Software
     }
 
+    fn condition(&self) -> String {
+        format!("\n{:?}\n{}", self.pins, self.log.trim_end())
+    }
+
     fn read_flash(&mut self) -> Result<FlashMemory, LinkError> {
         let mut bytes = Vec::new();
         for (address, length) in slots(&self.config.board) {

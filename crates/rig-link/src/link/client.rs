@@ -148,7 +148,12 @@ fn greet(transport: &mut impl Transport, line: &mut Line, attempts: u32) -> Resu
     if line.received > 0 && line.sound_frames == 0 {
         return Err(LinkError::Garbage { place, bytes: line.received });
     }
-    Err(LinkError::NoAnswer { place, request: "Hello".to_owned(), milliseconds: (REPLY_WITHIN * attempts).as_millis() })
+    Err(silence(transport, "Hello".to_owned(), REPLY_WITHIN * attempts))
+}
+
+fn silence(transport: &impl Transport, request: String, limit: Duration) -> LinkError {
+    let condition = transport.condition();
+    LinkError::NoAnswer { place: transport.place().to_owned(), request, milliseconds: limit.as_millis(), condition }
 }
 
 impl<T: Transport> Client<T> {
@@ -358,8 +363,7 @@ impl<T: Transport> Client<T> {
             }
             let now = self.transport.elapsed();
             if now >= until {
-                let place = self.transport.place().to_owned();
-                return Err(LinkError::NoAnswer { place, request: name(request), milliseconds: limit.as_millis() });
+                return Err(silence(&self.transport, name(request), limit));
             }
             self.listen(until - now)?;
         }

@@ -52,7 +52,7 @@ pub enum LinkError {
         bytes: usize,
     },
     /// Silence.
-    #[error("{place}: no answer to {request} within {milliseconds} ms; is the device powered and is this its port?")]
+    #[error("{place}: no answer to {request} within {milliseconds} ms; is the device powered and is this its port?{condition}")]
     NoAnswer {
         /// Where.
         place: String,
@@ -60,6 +60,8 @@ pub enum LinkError {
         request: String,
         /// How long was waited.
         milliseconds: u128,
+        /// What can be seen of it besides, or nothing.
+        condition: String,
     },
     /// The firmware is older than this program.
     #[error(

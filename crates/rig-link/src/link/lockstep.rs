@@ -56,6 +56,11 @@ pub trait Processor {
     /// What its reset flags say after it restarted by itself.
     fn cause_of_restart(&self) -> ResetCause;
 
+    /// What can be seen of it when it does not answer, for messages.
+    fn condition(&self) -> String {
+        String::new()
+    }
+
     /// The flash as it is now.
     ///
     /// # Errors
@@ -288,5 +293,9 @@ impl<P: Processor, O: Observer> Transport for Lockstep<P, O> {
 
     fn place(&self) -> &str {
         &self.place
+    }
+
+    fn condition(&self) -> String {
+        self.processor.condition()
     }
 }

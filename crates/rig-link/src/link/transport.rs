@@ -24,6 +24,11 @@ pub trait Transport {
     /// Where it leads, for messages.
     fn place(&self) -> &str;
 
+    /// What can be seen of the other end when it does not answer, for messages; empty where nothing can.
+    fn condition(&self) -> String {
+        String::new()
+    }
+
     /// The token before the first request's. A line that others may have used begins at random, so that a reply that was for somebody else is not
     /// taken for one of ours; a rig in simulated time begins at zero, so that the same command gives the same bytes.
     fn token_before_the_first(&self) -> u32 {
@@ -46,6 +51,10 @@ impl<T: Transport + ?Sized> Transport for &mut T {
 
     fn place(&self) -> &str {
         (**self).place()
+    }
+
+    fn condition(&self) -> String {
+        (**self).condition()
     }
 
     fn token_before_the_first(&self) -> u32 {
