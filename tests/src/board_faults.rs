@@ -1,7 +1,5 @@
 //! Single faults of the flashable image on the model of its chip: what strikes, what should notice it, what was measured.
 
-use std::cell::RefCell;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -57,6 +55,24 @@ struct Bench {
     watch: Watch,
 }
 
+/// Power comes to a board with something broken already or nothing; time has not passed.
+fn power(
+    mut config: BoardModelConfig,
+    flash: &FlashMemory,
+    first: Option<(&str, Option<u64>)>,
+    hardware: HardwareConfig,
+) -> (Lockstep<BoardModel, Watch>, Watch) {
+    config.core_hz = first.and_then(|(_, core_hz)| core_hz);
+    let mut processor = BoardModel::start(config, flash).unwrap_or_else(|error| panic!("{error}"));
+    if let Some((what, _)) = first {
+        processor.break_something(what).expect("a fault the board knows");
+    }
+    let plant = Plant::new(PlantConfig::default()).expect("a plant");
+    let hardware = Hardware::new(hardware, Box::new(plant.start(0.0)));
+    let watch = Watch::default();
+    (Lockstep::new(processor, hardware, watch.clone(), "the board's model", BOARD_MODEL).expect("a start"), watch)
+}
+
 impl Bench {
     fn start(flash: &FlashMemory, first: Option<(&str, Option<u64>)>) -> Self {
         Self::start_on(config(), flash, first)
@@ -66,21 +82,9 @@ impl Bench {
         Self::start_with(config, flash, first, HardwareConfig::default())
     }
 
-    fn start_with(mut config: BoardModelConfig, flash: &FlashMemory, first: Option<(&str, Option<u64>)>, hardware: HardwareConfig) -> Self {
-        config.core_hz = first.and_then(|(_, core_hz)| core_hz);
-        let watch = RefCell::new(Watch::default());
-        let rig = meet(|| {
-            let mut processor = BoardModel::start(config.clone(), flash).unwrap_or_else(|error| panic!("{error}"));
-            if let Some((what, _)) = first {
-                processor.break_something(what).expect("a fault the board knows");
-            }
-            let plant = Plant::new(PlantConfig::default()).expect("a plant");
-            let hardware = Hardware::new(hardware.clone(), Box::new(plant.start(0.0)));
-            let observer = Watch::default();
-            watch.replace(observer.clone());
-            Lockstep::new(processor, hardware, observer, "the board's model", BOARD_MODEL).expect("a start")
-        });
-        Self { rig, watch: watch.into_inner() }
+    fn start_with(config: BoardModelConfig, flash: &FlashMemory, first: Option<(&str, Option<u64>)>, hardware: HardwareConfig) -> Self {
+        let (lockstep, watch) = power(config, flash, first, hardware);
+        Self { rig: meet(lockstep).unwrap_or_else(|error| panic!("{error}")), watch }
     }
 
     fn pass(&mut self, milliseconds: u32) {
@@ -99,7 +103,7 @@ impl Bench {
     fn run_up(&mut self) {
         self.arm();
         self.rig.command(&Request::Start).expect("a started rig");
-        self.hold(800);
+        self.hold(400);
         let pressure_bar = self.rig.transport().hardware().pressure_bar();
         assert!((pressure_bar - SET_POINT_BAR).abs() < 0.1, "{pressure_bar} bar before the fault");
     }
@@ -255,14 +259,14 @@ pub fn measure_all(rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<
 /// As [`measure`].
 pub fn measure_all_on(board: &BoardModelConfig, rows: &[&Row], each: impl Fn(&Row, &Measured) + Sync) -> Vec<Measured> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let (next, again) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let next = AtomicUsize::new(0);
     let done: Mutex<Vec<Option<Measured>>> = Mutex::new(vec![None; rows.len()]);
     std::thread::scope(|scope| {
         for _ in 0..threads.min(rows.len()) {
             scope.spawn(|| {
                 while let Some((index, row)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, rows.get(index)?)))
                 {
-                    let measured = measure_twice_if_it_fails(board, row, &again);
+                    let measured = measure_on(board, row);
                     each(row, &measured);
                     done.lock().expect("no thread panics while it holds the lock")[index] = Some(measured);
                 }
@@ -270,19 +274,6 @@ pub fn measure_all_on(board: &BoardModelConfig, rows: &[&Row], each: impl Fn(&Ro
         }
     });
     done.into_inner().expect("no thread panics while it holds the lock").into_iter().flatten().collect()
-}
-
-/// Rows of a matrix that may be measured a second time.
-const MOST_AGAIN: usize = 2;
-
-/// A row that fails is measured a second time, for the reason that [`meet`] gives: an image that is wrong is wrong again.
-fn measure_twice_if_it_fails(board: &BoardModelConfig, row: &Row, again: &AtomicUsize) -> Measured {
-    let first = catch_unwind(AssertUnwindSafe(|| measure_on(board, row)));
-    if matches!(&first, Ok(measured) if measured.ok) || again.fetch_add(1, Ordering::Relaxed) >= MOST_AGAIN {
-        return first.unwrap_or_else(|panic| resume_unwind(panic));
-    }
-    println!("{}: a second time, after {first:?}", row.name);
-    measure_on(board, row)
 }
 
 /// Does what a row says.
@@ -343,6 +334,7 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
         Injection::BabbleBesideTheHost => more::babble_beside_the_host(board),
         Injection::ModelBits => storage::model_bits(),
         Injection::MemoryBits => more::memory_bits(),
+        Injection::ProgramBits => more::program_bits(board),
         Injection::InputsSwapped => more::inputs_swapped(board, row),
         Injection::InputsSwapAlike => more::inputs_swap_alike(board, row),
         Injection::SupplyRamp(step_mv) => more::supply_ramp(row, step_mv),

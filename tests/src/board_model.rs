@@ -8,7 +8,7 @@ use std::time::Instant;
 use host_tool::backend::BOARD_MODEL;
 use host_tool::excitation::{ExcitationConfig, Limits, Segment, Signal};
 use host_tool::experiment::{self, OverTheLink};
-use host_tool::link::{BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, Lockstep, Observer, TickRecord};
+use host_tool::link::{BoardModel, BoardModelConfig, Client, FlashMemory, Hardware, LinkError, Lockstep, Observer, TickRecord};
 use host_tool::replay_log::{ReplayLog, Tracing, replay};
 use host_tool::track::compare::{self, Run};
 use host_tool::track::rig::{self, Mover, Truth};
@@ -41,24 +41,13 @@ pub fn config_of(board: &str) -> BoardModelConfig {
 /// Time from power until an image answers, ms: the first start of an F405 programs its option bytes, 200 ms.
 const UP_MS: u32 = 250;
 
-/// Starts a rig and meets the image on it. What has not come up is started a second time: equal requests give equal answers, so what the image
-/// does not do it does not do again. One start in some hundreds stands still in its first millisecond, in a virtual machine on a loaded host; the
-/// same start, repeated, comes up.
+/// Lets the image come up and meets it.
 ///
-/// # Panics
-/// When it comes up neither time.
-pub fn meet<O: Observer>(mut start: impl FnMut() -> Lockstep<BoardModel, O>) -> ModelRig<O> {
-    let mut met = || {
-        let mut lockstep = start();
-        lockstep.advance_for(UP_MS)?;
-        Client::connect(lockstep)
-    };
-    met()
-        .or_else(|error| {
-            println!("a second start, since {error}");
-            met()
-        })
-        .unwrap_or_else(|error| panic!("a connection: {error}"))
+/// # Errors
+/// When it does not answer, with what it logged.
+pub fn meet<O: Observer>(mut lockstep: Lockstep<BoardModel, O>) -> Result<ModelRig<O>, LinkError> {
+    lockstep.advance_for(UP_MS)?;
+    Client::connect(lockstep)
 }
 
 /// SHA-256 of the image, in hexadecimal.
@@ -136,11 +125,10 @@ pub fn played_on(config: &BoardModelConfig, blob: &[u8], seconds: f64, seed: u64
     let begun = Instant::now();
     let settings = model_export::link::settings::Settings { mismatch_displacement_mm: 0.0, ..Default::default() };
     let flash = FlashMemory::with_model(blob).and_then(|flash| flash.with_settings(&settings)).expect("flash");
-    let mut client = meet(|| {
-        let (hardware, _) = Mover::Realistic.hardware(seed, 1);
-        let processor = BoardModel::start(config.clone(), &flash).unwrap_or_else(|error| panic!("{error}"));
-        Lockstep::new(processor, hardware, (), "the board's model", BOARD_MODEL).expect("a start")
-    });
+    let (hardware, _) = Mover::Realistic.hardware(seed, 1);
+    let processor = BoardModel::start(config.clone(), &flash).unwrap_or_else(|error| panic!("{error}"));
+    let lockstep = Lockstep::new(processor, hardware, (), "the board's model", BOARD_MODEL).expect("a start");
+    let mut client = meet(lockstep).unwrap_or_else(|error| panic!("{error}"));
     let signal = Signal::DescendingSine { amplitude_bar: 1.4, frequency_hz: 0.5, decay_per_s: 0.05, offset_bar: 0.0 };
     let segments = vec![Segment { duration_s: seconds, signal }];
     let excitation = ExcitationConfig { sample_period_s: 0.02, noise_bar: 0.0, seed: 1, segments };

@@ -14,12 +14,10 @@ fn rig(seed: u64, flash: &FlashMemory) -> ModelRig {
 }
 
 fn rig_of(config: &BoardModelConfig, flash: &FlashMemory) -> ModelRig {
-    meet(|| {
-        let processor = BoardModel::start(config.clone(), flash).unwrap();
-        let plant = Plant::new(PlantConfig::default()).unwrap();
-        let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
-        Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()
-    })
+    let processor = BoardModel::start(config.clone(), flash).unwrap();
+    let plant = Plant::new(PlantConfig::default()).unwrap();
+    let hardware = Hardware::new(HardwareConfig::default(), Box::new(plant.start(0.0)));
+    meet(Lockstep::new(processor, hardware, (), "the board's model", "test").unwrap()).unwrap()
 }
 
 fn rig_config(seed: u64) -> BoardModelConfig {

@@ -73,6 +73,8 @@ pub enum Injection {
     ModelBits,
     /// Bits of static memory while there is pressure.
     MemoryBits,
+    /// Bits of the program before a start, all over the image, one start for each.
+    ProgramBits,
 }
 
 /// What should happen.
@@ -166,7 +168,7 @@ pub const ROWS: &[Row] = &[
     vents("core-hangs-slow-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 17000", "hang"), Fault::WatchdogReset),
     vents("core-hangs-fast-watchdog", "outputs frozen", Injection::ChipWith("watchdog-oscillator 47000", "hang"), Fault::WatchdogReset),
     row("supply-low-at-start", "undefined logic", Injection::Start("supply 2800", None), Expected::StaysVented(Fault::BrownOut)),
-    row("program-bit-flipped", "any", Injection::Start("flip 08010000 5", None), Expected::StaysVented(Fault::FlashCorrupt)),
+    row("program-bit-flipped", "any", Injection::ProgramBits, Expected::StaysVented(Fault::FlashCorrupt)),
     vents("supply-dips-2.8-v", "wrong codes, undefined logic", Injection::Chip("supply 2800"), Fault::BrownOut),
     vents("supply-dips-for-5-ms", "wrong codes, undefined logic", Injection::ChipFor("supply 2800", 5, "supply 3300"), Fault::BrownOut),
     row("supply-gone", "undefined outputs", Injection::Chip("supply 0"), Expected::Restarts(SAFE_WITHIN_MS)),

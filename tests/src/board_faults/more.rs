@@ -2,16 +2,22 @@
 
 use host_tool::experiment;
 use host_tool::link::{BoardModelConfig, HardwareConfig, Transport};
+use model_export::link::fault::Fault;
 use model_export::link::message::{Message, Quantity, Request, RequestFrame};
 use model_export::link::state::State;
 
-use super::{Bench, CEILING_BAR, Expected, Injection, Measured, Row, SET_POINT_BAR, WATCHED_MS, at_rest, set_point_flash};
+use super::storage::is_thorough;
+use super::{Bench, CEILING_BAR, Expected, Injection, Measured, Row, SET_POINT_BAR, WATCHED_MS, at_rest, power, set_point_flash};
+use crate::board_model::meet;
 
 /// Where static memory begins, and how much of it the sweep takes (`memory.x`: the stack is below).
 const STATICS: u32 = 0x2000_4000;
 const STATICS_BYTES: u32 = 20 << 10;
 /// The tick's entry in the vector table: interrupt 18, ADC (RM0090 table 62).
 const TICK_VECTOR: u32 = 0x0800_0000 + 4 * (16 + 18);
+/// The program's flash.
+const PROGRAM: u32 = 0x0800_0000;
+const PROGRAM_BYTES: u32 = 256 << 10;
 /// Executable flash behind every image (`memory.x`).
 const UNUSED_PROGRAM: u32 = 0x0807_f000;
 
@@ -137,6 +143,47 @@ pub(super) fn in_the_tick(board: &BoardModelConfig, row: &Row, instructions: &[u
     bench.pass(400);
     bench.watch_from(from, at_rest);
     bench.measure(from, row.expected)
+}
+
+/// Bits of the program, from the vector table to the last constant, each before a start of its own. What the start itself needs cannot tell
+/// anything when it is damaged: it has to leave the pins alone. All else has to be found by the check of the program.
+pub(super) fn program_bits(board: &BoardModelConfig) -> Measured {
+    /// Places of a sample, and of the whole sweep.
+    const PLACES: (usize, usize) = (12, 256);
+    let flash = set_point_flash(CEILING_BAR as f32);
+    let (mut intact, _) = power(board.clone(), &flash, None, HardwareConfig::default());
+    let program = intact.processor().read(PROGRAM, PROGRAM_BYTES).expect("memory");
+    let length = program.iter().rposition(|byte| *byte != 0xff).expect("a program");
+    let places = if is_thorough() { PLACES.1 } else { PLACES.0 };
+    let (mut told, mut silent, mut missed, mut peak_bar) = (0, 0, Vec::new(), 0.0f64);
+    for (offset, bit) in (0..length).step_by(length.div_ceil(places)).zip((0..).step_by(3)) {
+        let place = PROGRAM + u32::try_from(offset).expect("an address");
+        let (lockstep, watch) =
+            power(board.clone(), &flash, Some((&format!("flip {place:08x} {}", bit % 8), None)), HardwareConfig::default());
+        let is_told = meet(lockstep).ok().map(|rig| {
+            let mut bench = Bench { rig, watch: watch.clone() };
+            let _ = experiment::settle(&mut bench.rig);
+            let _ = bench.rig.ask(&Request::Arm);
+            let _ = bench.rig.ask(&Request::Start);
+            bench.hold(100);
+            bench.status().is_some_and(|status| status.faults.contains(Fault::FlashCorrupt))
+        });
+        let moments = watch.since(0);
+        peak_bar = moments.iter().map(|moment| moment.pressure_bar).fold(peak_bar, f64::max);
+        match is_told {
+            _ if moments.iter().any(|moment| moment.energised) => missed.push(place),
+            Some(true) => told += 1,
+            None => silent += 1,
+            Some(false) => missed.push(place),
+        }
+    }
+    let ok = missed.is_empty() && told > 2 * silent;
+    let remark = if missed.is_empty() {
+        format!("{} flips: {told} told, {silent} silent and vented", told + silent)
+    } else {
+        format!("energised or not told: {missed:#010x?}")
+    };
+    Measured { detected_ms: None, peak_bar, fault: Fault::FlashCorrupt.number(), ok, remark }
 }
 
 /// The supply falls slowly, stays low, and comes back.

@@ -92,7 +92,7 @@ fn sweep(
 }
 
 /// Whether sweeps are complete: when rows are asked for by name (`BOARD_FAULTS`). Beside all the others they take a sample.
-fn is_thorough() -> bool {
+pub(super) fn is_thorough() -> bool {
     std::env::var_os("BOARD_FAULTS").is_some_and(|rows| rows != "all")
 }
 
