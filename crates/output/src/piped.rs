@@ -34,7 +34,8 @@ impl Piped<io::Stderr> {
 }
 
 impl<W> Piped<W> {
-    fn new(writer: W, first_after: Duration, every: Duration) -> Self {
+    /// On this writer: nothing before `first_after`, then a line in `every`.
+    pub(crate) fn new(writer: W, first_after: Duration, every: Duration) -> Self {
         Self { state: Mutex::new(State { writer, line: String::new(), due: Instant::now() + first_after, every }) }
     }
 
@@ -99,14 +100,21 @@ impl<W: Write + Send> TermLike for Piped<W> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use super::*;
+pub(crate) mod kept {
+    use std::io::{self, Write};
+    use std::sync::{Arc, Mutex};
 
     /// A writer that the test reads.
     #[derive(Clone, Default)]
-    struct Kept(Arc<Mutex<Vec<u8>>>);
+    pub(crate) struct Kept(Arc<Mutex<Vec<u8>>>);
+
+    impl Kept {
+        /// What was written, line by line.
+        pub(crate) fn lines(&self) -> Vec<String> {
+            let bytes = self.0.lock().map(|kept| kept.clone()).unwrap_or_default();
+            String::from_utf8_lossy(&bytes).lines().map(str::to_owned).collect()
+        }
+    }
 
     impl Write for Kept {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -120,6 +128,12 @@ mod tests {
             Ok(())
         }
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::kept::Kept;
+    use super::*;
 
     fn lines(first_after: Duration, every: Duration) -> Vec<String> {
         let kept = Kept::default();
@@ -132,8 +146,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(20));
         }
         bar.finish_and_clear();
-        let bytes = kept.0.lock().map(|kept| kept.clone()).unwrap_or_default();
-        String::from_utf8_lossy(&bytes).lines().map(str::to_owned).collect()
+        kept.lines()
     }
 
     #[test]

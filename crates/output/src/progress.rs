@@ -17,9 +17,7 @@ const DRAWN_EVERY: Duration = Duration::from_millis(500);
 #[must_use]
 pub fn progress(length: u64, label: &str) -> ProgressBar {
     // Of nothing, all would be done.
-    let bar = bar(length.max(1), label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style());
-    bar.enable_steady_tick(DRAWN_EVERY);
-    bar
+    bar(length.max(1), label, "{prefix:>12} [{bar:32}] {percent:>3}% {msg} {left}", plain_style())
 }
 
 /// Progress over stages of which nobody knows how many come: the time so far is reported, and the time left of the part under way. It vanishes
@@ -28,7 +26,6 @@ pub fn progress(length: u64, label: &str) -> ProgressBar {
 pub fn stages(label: &str) -> Stages {
     let plain = style("{prefix}: {msg}, {elapsed} so far");
     let bar = bar(1, label, "{prefix:>12} {spinner} {msg}, {elapsed} so far", plain);
-    bar.enable_steady_tick(DRAWN_EVERY);
     Stages { bar, under_way: Mutex::new(UnderWay { stage: String::new(), begun: Instant::now() }) }
 }
 
@@ -87,7 +84,6 @@ pub fn working(label: &str, what: &str) -> Working {
     let plain = style("{prefix}: {msg}, {elapsed} so far");
     let bar = bar(1, label, "{prefix:>12} {spinner} {msg}, {elapsed} so far", plain);
     bar.set_message(what.to_owned());
-    bar.enable_steady_tick(DRAWN_EVERY);
     Working(bar)
 }
 
@@ -109,15 +105,20 @@ impl Drop for Working {
 }
 
 fn bar(length: u64, label: &str, template: &str, plain: ProgressStyle) -> ProgressBar {
-    let bar = if loudness() == Loudness::Quiet {
-        ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden())
-    } else if std::io::stderr().is_terminal() {
-        ProgressBar::new(length).with_style(style(template).progress_chars("=> "))
-    } else {
-        let target = ProgressDrawTarget::term_like_with_hz(Box::new(Piped::stderr()), 1);
-        ProgressBar::with_draw_target(Some(length), target).with_style(plain)
-    };
+    if loudness() == Loudness::Quiet {
+        return bar_on(ProgressDrawTarget::hidden(), length, label, plain);
+    }
+    if std::io::stderr().is_terminal() {
+        return bar_on(ProgressDrawTarget::stderr(), length, label, style(template).progress_chars("=> "));
+    }
+    bar_on(ProgressDrawTarget::term_like_with_hz(Box::new(Piped::stderr()), 1), length, label, plain)
+}
+
+/// A bar that is drawn anew while nothing changes, so that its times go on.
+fn bar_on(target: ProgressDrawTarget, length: u64, label: &str, style: ProgressStyle) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length), target).with_style(style);
     bar.set_prefix(label.to_owned());
+    bar.enable_steady_tick(DRAWN_EVERY);
     bar
 }
 
@@ -145,6 +146,7 @@ pub(super) fn plain_style() -> ProgressStyle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::piped::kept::Kept;
 
     #[test]
     fn time_left_is_proportional_to_what_is_left_however_long_the_part_under_way_takes() {
@@ -163,6 +165,23 @@ mod tests {
         assert_eq!(part_of("every effect", Duration::from_millis(900), 60, 120), "every effect", "too early");
         assert_eq!(part_of("every effect", seconds(6), 120, 120), "every effect", "the next part begins");
         assert_eq!(part_of("figures", seconds(6), 0, 0), "figures", "a part of nothing");
+    }
+
+    #[test]
+    fn what_lasts_is_said_again_though_nobody_moves_the_bar() {
+        let kept = Kept::default();
+        let piped = Piped::new(kept.clone(), Duration::from_millis(700), Duration::from_millis(700));
+        let bar = bar_on(ProgressDrawTarget::term_like_with_hz(Box::new(piped), 20), 1, "fit", style("{prefix}: {msg}, {elapsed} so far"));
+        bar.set_message("one long part");
+        // Nothing moves it; two lines are due after 700 and 1400 ms and the drawings that follow them.
+        let begun = Instant::now();
+        while kept.lines().len() < 2 && begun.elapsed() < Duration::from_secs(60) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let lines = kept.lines();
+        assert!(lines.len() >= 2 && lines.iter().all(|line| line.starts_with("fit: one long part, ")), "{lines:?}");
+        assert!(begun.elapsed() >= Duration::from_millis(1400), "no line before it is due: {lines:?}");
+        bar.finish_and_clear();
     }
 
     #[test]
