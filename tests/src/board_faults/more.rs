@@ -166,7 +166,9 @@ pub(super) fn program_bits(board: &BoardModelConfig) -> Measured {
             let _ = bench.rig.ask(&Request::Arm);
             let _ = bench.rig.ask(&Request::Start);
             bench.hold(100);
+            // Where the damage lies in what tells it, the log has it still.
             bench.status().is_some_and(|status| status.faults.contains(Fault::FlashCorrupt))
+                || bench.rig.transport().processor().log().contains(Fault::FlashCorrupt.explanation().name)
         });
         let moments = watch.since(0);
         peak_bar = moments.iter().map(|moment| moment.pressure_bar).fold(peak_bar, f64::max);
