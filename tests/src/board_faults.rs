@@ -245,6 +245,11 @@ fn pulse_flash() -> FlashMemory {
     FlashMemory::default().with_settings(&settings).expect("settings that fit")
 }
 
+/// Whether sweeps are complete: when rows are asked for by name (`BOARD_FAULTS`). Beside all the others they take a sample.
+fn is_thorough() -> bool {
+    std::env::var_os("BOARD_FAULTS").is_some_and(|rows| rows != "all")
+}
+
 /// [`measure`] of some rows, on as many threads as there are cores; `each` hears of every one when it is done. In the order of the rows.
 ///
 /// # Panics

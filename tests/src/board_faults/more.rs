@@ -6,8 +6,9 @@ use model_export::link::fault::Fault;
 use model_export::link::message::{Message, Quantity, Request, RequestFrame};
 use model_export::link::state::State;
 
-use super::storage::is_thorough;
-use super::{Bench, CEILING_BAR, Expected, Injection, Measured, Row, SET_POINT_BAR, WATCHED_MS, at_rest, power, set_point_flash};
+use super::{
+    Bench, CEILING_BAR, Expected, Injection, Measured, Row, SET_POINT_BAR, WATCHED_MS, at_rest, is_thorough, power, set_point_flash,
+};
 use crate::board_model::meet;
 
 /// Where static memory begins, and how much of it the sweep takes (`memory.x`: the stack is below).

@@ -11,7 +11,7 @@ use model_export::link::settings::{SettingValue, Settings, by_name};
 use model_export::link::state::State;
 
 use super::more::{joined, measured};
-use super::{Bench, Expected, Measured, Row, set_point_flash};
+use super::{Bench, Expected, Measured, Row, is_thorough, set_point_flash};
 use crate::hybrid;
 
 /// First addresses of the settings' and the models' first slot (`firmware/src/board/stm32f405/facts.rs`).
@@ -89,11 +89,6 @@ fn sweep(
         bench.break_something(&flip);
     }
     count
-}
-
-/// Whether sweeps are complete: when rows are asked for by name (`BOARD_FAULTS`). Beside all the others they take a sample.
-pub(super) fn is_thorough() -> bool {
-    std::env::var_os("BOARD_FAULTS").is_some_and(|rows| rows != "all")
 }
 
 /// Every bit of every word of the stored settings, on a board for each core; in a sample one bit of each.
