@@ -32,7 +32,9 @@ const GONE_BAR: f64 = 0.1;
 /// What is corrected is right this long after it struck, ms, and how exact.
 const CORRECTED_WITHIN_MS: usize = 100;
 const EXACT: f64 = 0.01;
-/// How long a fault is watched at most, ms. A second after the outputs were safe there is nothing more to see.
+/// Outputs that were safe so long, with the pressure gone, stay so: ten times what they may take.
+const STAYS_SAFE_MS: usize = 500;
+/// How long a fault is watched at most, ms.
 const WATCHED_MS: u32 = 1800;
 
 /// What was measured.
@@ -125,7 +127,9 @@ impl Bench {
     /// Whether the outputs have been safe since a fault for long enough.
     fn is_over(&self, from: usize) -> bool {
         let moments = self.watch.since(from);
-        moments.iter().position(|moment| !moment.energised).is_some_and(|safe| moments.len() > safe + GONE_WITHIN_MS + 20)
+        let Some(safe) = moments.iter().position(|moment| !moment.energised) else { return false };
+        let is_gone = moments.last().is_some_and(|moment| moment.pressure_bar < GONE_BAR);
+        moments.len() > safe + if is_gone { STAYS_SAFE_MS } else { GONE_WITHIN_MS } + 20
     }
 
     fn ask_while(&mut self, milliseconds: u32, bar_at: impl Fn(u32) -> f64, goes_on: impl Fn(&Self) -> bool) {
@@ -161,7 +165,10 @@ impl Bench {
         let peak_bar = moments.iter().map(|moment| moment.pressure_bar).fold(0.0, f64::max);
         let (fault, status) = self.fault();
         let mut remarks = Vec::new();
-        let gone = safe.is_none_or(|safe| moments.get(safe + GONE_WITHIN_MS).is_none_or(|moment| moment.pressure_bar < GONE_BAR));
+        let gone = safe.is_none_or(|safe| {
+            let end = moments.get(safe + GONE_WITHIN_MS).or(moments.last());
+            end.is_some_and(|moment| moment.pressure_bar < GONE_BAR)
+        });
         let detected_ms = safe.and_then(|ticks| u32::try_from(ticks).ok());
         let mut want = |holds: bool, what: &str| {
             if !holds {
