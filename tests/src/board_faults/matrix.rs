@@ -73,7 +73,7 @@ pub enum Injection {
     ModelBits,
     /// Bits of static memory while there is pressure.
     MemoryBits,
-    /// Bits of the program before a start, all over the image, one start for each.
+    /// Bits all over the program, with one start for each.
     ProgramBits,
 }
 
