@@ -2,6 +2,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
+use crate::data::session::{Role, Run, Session};
 use crate::data::turning::between_samples;
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
@@ -95,6 +96,33 @@ pub fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64
     let mut scored: Vec<(f64, Vec<f64>)> = grid.map(|point| (score(&point), point)).collect();
     scored.sort_by(|x, y| y.0.total_cmp(&x.0));
     scored.into_iter().take(count).map(|entry| entry.1).collect()
+}
+
+/// The `count` points of a grid with which what `input` does to the steps of the command goes best with what a model misses of those of the
+/// output, on a third of the recordings that are fitted.
+pub fn best_by_steps(
+    grid: impl Iterator<Item = Vec<f64>>,
+    count: usize,
+    session: &Session,
+    residual: &[Vec<f64>],
+    input: impl Fn(&[f64], &Run, &mut [f64]),
+) -> Vec<Vec<f64>> {
+    let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
+    let score = |parameters: &Vec<f64>| {
+        let (mut cross, mut energy) = (0.0, 1e-30);
+        for run in &runs {
+            let mut path = run.input.clone();
+            input(parameters, run, &mut path);
+            let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
+            for (behind, missed) in behind.windows(3).zip(residual[run.index].windows(3)) {
+                let (x, y) = (behind[2] - behind[0], missed[2] - missed[0]);
+                cross += x * y;
+                energy += x * x;
+            }
+        }
+        cross / energy.sqrt()
+    };
+    best_starts(grid, score, count)
 }
 
 /// Values from `low` to `high` at equal ratios.

@@ -2,10 +2,10 @@
 //! the rate. A command that turns again while it holds changes nothing, or begins the time anew.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{ladder, lag_coefficients};
+use crate::chain::filters::{best_by_steps, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
-use crate::data::session::Run;
+use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST];
@@ -44,6 +44,9 @@ const ANY_RATE: f64 = 200.0;
 /// Motion back from an extremum that counts as a reversal, spans: more than the rounding of a recorded command.
 const BACK: f64 = 1e-3;
 
+/// Starts that are fitted.
+const STARTS: usize = 24;
+
 impl Form for Held {
     fn spec(&self) -> Spec {
         Spec {
@@ -55,14 +58,15 @@ impl Form for Held {
                 Parameter { name: "trough_over_peak", quantity: Quantity::Ratio, low: 0.0, high: 3.0, logarithmic: false },
             ],
             simpler_at: &[(1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0)],
-            // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
-            starts: || {
-                let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
-                let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
-                ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of).collect()
-            },
             ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }
+    }
+    fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
+        let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
+        let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
+        let grid = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of);
+        best_by_steps(grid, STARTS, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }

@@ -2,10 +2,10 @@
 //! spool with overlap passes nothing inside the band and in proportion to what goes beyond it.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{best_starts, ladder, lag_coefficients};
+use crate::chain::filters::{best_by_steps, ladder, lag_coefficients};
 use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side::leads_input;
-use crate::data::session::{Role, Run, Session};
+use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag;
 use crate::effects::sticking::Sticking;
 
@@ -94,23 +94,8 @@ impl Form for Follow {
         // A valve that closes with no error left is a fast one.
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
-        let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
-        // What the valve does to the steps of the command against what the model misses of those of the output.
-        let score = |parameters: &Vec<f64>| {
-            let (mut cross, mut energy) = (0.0, 1e-30);
-            for run in &runs {
-                let mut path = run.input.clone();
-                self.input_from(parameters, run, &mut path, 2, 0);
-                let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
-                for (behind, missed) in behind.windows(3).zip(residual[run.index].windows(3)) {
-                    let (x, y) = (behind[2] - behind[0], missed[2] - missed[0]);
-                    cross += x * y;
-                    energy += x * x;
-                }
-            }
-            cross / energy.sqrt()
-        };
-        best_starts(ladder(0.008, 0.2, 150).into_iter().flat_map(of), score, 24)
+        let grid = ladder(0.008, 0.2, 150).into_iter().flat_map(of);
+        best_by_steps(grid, 24, session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);

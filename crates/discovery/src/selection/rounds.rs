@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::chain::form::Form;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
-use crate::model::structure::{Model, Order, Scope};
+use crate::model::structure::{Model, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
 use crate::search::parallel::{Progress, Watch, in_parallel_by, is_narrow, labour, labour_of_all};
@@ -101,11 +101,8 @@ impl Bench<'_> {
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
         let with_sensitivities = forms::with_sensitivities(base, self.session);
-        let started = self.in_parallel(
-            &forms,
-            |form| labour(*form),
-            |form| forms::start_form(&with_sensitivities, *form, Order::Usual, self.session, &residual),
-        );
+        let started =
+            self.in_parallel(&forms, |form| labour(*form), |form| forms::start_form(&with_sensitivities, *form, self.session, &residual));
         let started: Vec<Started> = started.into_iter().flatten().collect();
         let was = forms::screened(&with_sensitivities, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
@@ -128,21 +125,29 @@ impl Bench<'_> {
 
     /// Polishes every model's parameters together and judges what comes of it; best first.
     pub fn polished(&self, models: &[Model], evaluations: usize) -> Vec<Judged> {
-        let mut polished = self.in_parallel(models, labour_of_all, |model| {
-            let fitted = forms::polish(model, self.session, Scope::Fit, evaluations);
-            let judged = self.judge(&fitted.model);
-            // What the muscle remembers of earlier recordings shows only when nothing large is missing any more.
-            let other = fitted.model.with_best_initial_state(self.session);
-            if other.model.initial_state != fitted.model.initial_state && (other.select / fitted.select).ln() < -PENALTY {
-                let other = self.judge(&forms::polish(&other.model, self.session, Scope::Fit, evaluations).model);
-                if other.select < judged.select {
-                    return other;
-                }
-            }
+        let polish = |model: &Model| self.judge(&forms::polish(model, self.session, Scope::Fit, evaluations).model);
+        let sorted = |mut judged: Vec<Judged>| {
+            judged.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
             judged
-        });
-        polished.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
-        polished
+        };
+        let polished = sorted(self.in_parallel(models, labour_of_all, polish));
+        // What the muscle remembers of earlier recordings shows only when nothing large is missing any more: the best is asked, and where it
+        // remembers otherwise than it was fitted, all are.
+        let with_best_memory = |judged: &Judged| {
+            let (_, select) = judged.model.clone().fit(self.session, Scope::Both);
+            let other = judged.model.with_best_initial_state(self.session);
+            if other.model.initial_state == judged.model.initial_state || (other.select / select).ln() >= -PENALTY {
+                return None;
+            }
+            Some(polish(&other.model)).filter(|other| other.select < judged.select)
+        };
+        let Some(best) = polished.first().and_then(with_best_memory) else { return polished };
+        let others = self.in_parallel(
+            &polished[1..],
+            |judged| labour_of_all(&judged.model),
+            |judged| with_best_memory(judged).unwrap_or_else(|| judged.clone()),
+        );
+        sorted(std::iter::once(best).chain(others).collect())
     }
 
     /// Weighs a model on the fine grid.

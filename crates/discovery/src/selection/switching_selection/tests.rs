@@ -1,8 +1,14 @@
 //! Tests of the switching selection.
 
+use crate::chain::form::Drive;
 use crate::data::closed_form::deviates;
+use crate::data::noise;
+use crate::data::session::Session;
 use crate::discover;
+use crate::model::initial_state::InitialState;
+use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery, Verdict};
+use crate::selection::switching_likelihood::QuasiStatic;
 use recording::{Recording, Signal};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,8 +16,8 @@ use virtual_rig as rig;
 use virtual_rig::{CaseConfig, Excitation, Generator};
 
 /// Twelve decaying sines of a closed-form rig: three play operators, and a tip on a stick band of 0.5 mm that jumps by 0.35 mm. The full
-/// stroke is about 8 mm and the noise 0.5 % of it.
-fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
+/// stroke is about 8 mm and the noise 0.5 % of it. A slip takes `slip_s`, at one speed.
+fn stick_band(band_mm: f64, travel_mm: f64, slip_s: f64) -> Vec<Recording> {
     const STEPS: usize = 40;
     let mut noise = deviates(0x2545_F491_4F6C_DD1D);
     let command = |frequency_hz: f64, decay_per_s: f64, time_s: f64| {
@@ -22,6 +28,8 @@ fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
         let (frequency_hz, decay_per_s) = ([0.15, 0.3, 0.5, 0.7][(index % 4) as usize], [0.02, 0.06, 0.12][(index / 4) as usize]);
         let mut plays = [(0.1, 1.2, 0.0), (0.35, 0.9, 0.0), (0.8, 0.9, 0.0)];
         let mut place_mm: f64 = 0.0;
+        let (mut way_mm, mut left) = (0.0, 0);
+        let slip_steps = ((slip_s / 0.02 * STEPS as f64).round() as usize).max(1);
         let (mut times, mut inputs, mut outputs) = (Vec::new(), Vec::new(), Vec::new());
         for step in 0..1100 * STEPS {
             let time_s = step as f64 * 0.02 / STEPS as f64;
@@ -34,10 +42,13 @@ fn stick_band(band_mm: f64, travel_mm: f64) -> Vec<Recording> {
                 })
                 .sum();
             let stretch_mm = response_mm - place_mm;
-            if band_mm > 0.0 && stretch_mm.abs() > band_mm {
-                place_mm = response_mm - stretch_mm.signum() * (band_mm - travel_mm);
-            } else if band_mm <= 0.0 {
+            if band_mm <= 0.0 {
                 place_mm = response_mm;
+            } else if left == 0 && stretch_mm.abs() > band_mm {
+                (way_mm, left) = (stretch_mm.signum() * (stretch_mm.abs() - band_mm + travel_mm) / slip_steps as f64, slip_steps);
+            }
+            if left > 0 {
+                (place_mm, left) = (place_mm + way_mm, left - 1);
             }
             if step % STEPS == 0 {
                 times.push(time_s);
@@ -58,7 +69,7 @@ fn found(recordings: &[Recording]) -> Discovery {
 #[test]
 fn a_stick_band_in_closed_form_is_named_with_its_travel() {
     let (band_mm, travel_mm) = (0.5, 0.35);
-    let discovery = found(&stick_band(band_mm, travel_mm));
+    let discovery = found(&stick_band(band_mm, travel_mm, 0.0));
     assert_eq!(discovery.verdict, Verdict::Named, "{:?}", discovery.effects);
     assert_eq!(discovery.effects[0].name, "stick-slip");
     let parameters: &BTreeMap<String, f64> = &discovery.effects[0].parameters;
@@ -69,8 +80,21 @@ fn a_stick_band_in_closed_form_is_named_with_its_travel() {
 }
 
 #[test]
+fn the_ladder_of_laws_tells_slips_that_take_several_samples_from_slips_at_once() {
+    for slip_s in [0.0, 0.06] {
+        let session = Session::new(&stick_band(0.5, 0.35, slip_s), &[]).expect("a session");
+        let mut model = Model::baseline(InitialState::Fresh, false).refined();
+        model.fit(&session, Scope::Both);
+        let noise = noise::floor(&session, &model.residuals(&session));
+        let law = QuasiStatic::new(&session, &model, noise, false).law(Drive::QuasiStatic, 0.0, &[]);
+        // To a sample: the response that it stands on is fitted as if what jumps were noise.
+        assert!((law.slip_s - slip_s).abs() < 0.02, "{} s instead of {slip_s} s", law.slip_s);
+    }
+}
+
+#[test]
 fn without_a_band_the_same_rig_has_no_jumps() {
-    let discovery = found(&stick_band(0.0, 0.0));
+    let discovery = found(&stick_band(0.0, 0.0, 0.0));
     assert_eq!(discovery.verdict, Verdict::None, "{:?}", discovery.effects);
 }
 
