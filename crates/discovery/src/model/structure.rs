@@ -42,6 +42,15 @@ pub struct Model {
     pub fixed_weights: bool,
 }
 
+/// In which order two effects on the same side of the operators follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// That of their places in the chain.
+    Usual,
+    /// The other way round.
+    Turned,
+}
+
 /// Which samples a pass looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
@@ -80,24 +89,40 @@ impl Model {
     /// This model with one more effect, in its place in the chain.
     #[must_use]
     pub fn with(&self, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+        self.with_in(Order::Usual, form, parameters)
+    }
+
+    /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there.
+    #[must_use]
+    pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
         let mut model = self.with_free_weights();
-        model.slots.insert(self.place_of(form), Slot { form, parameters, weights: Vec::new() });
+        let usual = self.place_of(form);
+        let at = match self.neighbour_of(form) {
+            Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
+            Some(_) if order == Order::Turned => usual + 1,
+            _ => usual,
+        };
+        model.slots.insert(at, Slot { form, parameters, weights: Vec::new() });
         model
     }
 
-    /// This model with two neighbours on the same side of the operators, both before or both behind, the other way round: for each such two.
-    pub fn turned(&self) -> impl Iterator<Item = Self> {
-        let side = |slot: usize| self.slots[slot].form.place().cmp(&Place::Operators);
-        (1..self.slots.len()).filter(move |&slot| side(slot) == side(slot - 1) && side(slot).is_ne()).map(|slot| {
-            let mut model = self.with_free_weights();
-            model.slots.swap(slot - 1, slot);
-            model
-        })
+    /// Whether the effect has a neighbour in the chain that changes the same side, input or output: then their order matters.
+    #[must_use]
+    pub fn turns_with(&self, form: &'static dyn Form) -> bool {
+        self.neighbour_of(form).is_some()
     }
 
     /// Where an effect comes in the usual order: behind the last one that comes before it, though others may have changed places.
     fn place_of(&self, form: &'static dyn Form) -> usize {
         self.slots.iter().rposition(|slot| slot.form.place() <= form.place()).map_or(0, |last| last + 1)
+    }
+
+    /// The nearest effect on the same side of the operators.
+    fn neighbour_of(&self, form: &'static dyn Form) -> Option<usize> {
+        let usual = self.place_of(form);
+        let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
+        let beside = |at: &usize| self.slots.get(*at).is_some_and(|slot| side(slot.form) == side(form) && side(form).is_ne());
+        usual.checked_sub(1).into_iter().chain([usual]).find(beside)
     }
 
     /// This model without one effect.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::chain::form::Form;
 use crate::data::session::Session;
 use crate::model::line::{axes, inward, outward, place};
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Order, Scope};
 use crate::model::workspace::Workspace;
 use crate::search::descent::descend;
 use crate::search::simplex::{Effort, Fitted, indices_of, objective, simplex};
@@ -57,10 +57,10 @@ pub fn screened(base: &Model, session: &Session) -> f64 {
 
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
 #[must_use]
-pub fn start_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
+pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
     let mut workspace = Workspace::new(session);
     let mut look = |start: Vec<f64>| {
-        let mut model = base.with(form, start.clone());
+        let mut model = base.with_in(order, form, start.clone());
         let square = if form.spec().discrete {
             let sums = workspace.sums(&model, Scope::Both);
             let weights = sums.fit.solve(&sums.free, &model.weights());
@@ -157,7 +157,7 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
 /// Fits one more effect in one form, the others held.
 #[must_use]
 pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
-    start_form(base, form, session, residual).map(|started| refine_form(&started, session))
+    start_form(base, form, Order::Usual, session, residual).map(|started| refine_form(&started, session))
 }
 
 /// Improves all parameters of all effects together, by the samples of `scope`.

@@ -6,12 +6,12 @@
 //! in place of a greedy addition (sequential floating selection; Pudil, Novovicova and Kittler 1994).
 //!
 //! The catalogue knows a usual order of the signal, and a rig may have another: a supply that gives way behind a leak bends what the leak
-//! has left. So where the usual order leaves something, the best pairs are tried the other way round as well, if both members change the
-//! input or both the output.
+//! has left. So where the usual order leaves something, the other way round is tried as well, if both members change the input or both the
+//! output.
 
 use crate::chain::form::Form;
 use crate::data::noise;
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
 use crate::search::parallel::{is_narrow, labour, labour_of_all};
@@ -64,7 +64,7 @@ pub fn search(
     let unfinished = |pairs: &[Judged]| pairs.first().is_none_or(leaves_something);
     for some in [&begun[..1], &begun[1..few], &begun[few..]] {
         if unfinished(&pairs) {
-            more_pairs(bench, &bench.forms, some, &mut pairs);
+            more_pairs(bench, &bench.forms, some, Order::Usual, &mut pairs);
         }
     }
     // The first effect came in when the second was missing: whatever goes better with the second may take its place, in whatever form.
@@ -81,38 +81,39 @@ pub fn search(
         if held.is_empty() {
             break;
         }
-        more_pairs(bench, &large, &held, &mut pairs);
+        more_pairs(bench, &large, &held, Order::Usual, &mut pairs);
         begun.extend(held);
     }
     if unfinished(&pairs) {
-        let turned: Vec<Model> = pairs.iter().flat_map(|pair| pair.model.turned()).take(BREADTH).collect();
-        pairs.extend(bench.polished(&turned, POLISH));
-        pairs.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
+        more_pairs(bench, &bench.forms, &begun, Order::Turned, &mut pairs);
     }
     pairs
 }
 
 /// Adds the best pairs with one of `firsts` and one of `forms` in them to `pairs`, best first.
-fn more_pairs(bench: &Bench<'_>, forms: &[&'static dyn Form], firsts: &[Model], pairs: &mut Vec<Judged>) {
-    pairs.extend(bench.polished(&distinct(seconds(bench, forms, firsts), pairs), POLISH));
+fn more_pairs(bench: &Bench<'_>, forms: &[&'static dyn Form], firsts: &[Model], order: Order, pairs: &mut Vec<Judged>) {
+    pairs.extend(bench.polished(&distinct(seconds(bench, forms, firsts, order), pairs), POLISH));
     pairs.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
 }
 
 /// The best few of `forms` on top of each model, all parameters fitted together to the screening samples.
-fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model]) -> Vec<Fitted> {
+fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], order: Order) -> Vec<Fitted> {
     let session = bench.session;
     let residuals: Vec<Vec<Vec<f64>>> = models.iter().map(|model| model.residuals(session)).collect();
     let with_sensitivities: Vec<Model> = models.iter().map(|model| forms::with_sensitivities(model, session)).collect();
     // A narrow valley in several parameters takes as long as all other forms together: beside the best first effect only.
     let laborious = |form: &'static dyn Form| is_narrow(form) && form.parameters().len() > 1;
-    let wanted =
-        |first: usize, form: &&'static dyn Form| models[first].names().all(|name| name != form.name()) && (first == 0 || !laborious(*form));
+    let wanted = |first: usize, form: &&'static dyn Form| {
+        let is_other = models[first].names().all(|name| name != form.name());
+        let in_reach = first == 0 && order == Order::Usual || !laborious(*form);
+        is_other && in_reach && (order == Order::Usual || models[first].turns_with(*form))
+    };
     let of = |first: usize| forms.iter().copied().filter(move |form| wanted(first, form)).map(move |form| (first, form));
     let jobs: Vec<(usize, &'static dyn Form)> = (0..models.len()).flat_map(of).collect();
     let started = bench.in_parallel(
         &jobs,
         |(_, form)| labour(*form),
-        |&(first, form)| forms::start_form(&with_sensitivities[first], form, session, &residuals[first]),
+        |&(first, form)| forms::start_form(&with_sensitivities[first], form, order, session, &residuals[first]),
     );
     let mut leading: Vec<&Started> = Vec::new();
     let mut others: Vec<&Started> = Vec::new();
@@ -180,23 +181,23 @@ mod tests {
         let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1, watch: &|_| {} };
         let mut leak = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
         leak = forms::polish(&leak, &session, Scope::Fit, POLISH).model;
-        let mut pairs = Vec::new();
-        more_pairs(&bench, &bench.forms, std::slice::from_ref(&leak), &mut pairs);
-        let usual = &pairs[0];
-        let turned: Vec<Model> = usual.model.turned().collect();
-        let turned = &bench.polished(&turned, POLISH)[0];
-        assert!(turned.select < 0.7 * usual.select, "{} is not much less than {}", turned.select, usual.select);
+        let left = |order| {
+            let mut pairs = Vec::new();
+            more_pairs(&bench, &bench.forms, std::slice::from_ref(&leak), order, &mut pairs);
+            pairs.first().map_or(f64::NAN, |pair| pair.select)
+        };
+        let (usual, turned) = (left(Order::Usual), left(Order::Turned));
+        assert!(turned < 0.7 * usual, "{turned} is not much less than {usual}");
     }
 
     #[test]
     fn effects_on_two_sides_of_the_hysteresis_have_one_order() {
         let (lag, supply, tip) = (pneumatic_lag::FORMS[0], supply_saturation::FORMS[0], resonance::FORMS[0]);
         let lagging = Model::baseline(InitialState::Fresh, false).with(lag, vec![0.1]);
-        let limited = lagging.with(supply, vec![0.5]);
-        assert_eq!(limited.names().collect::<Vec<_>>(), ["supply-saturation", "pneumatic-lag"]);
-        let turned: Vec<Model> = limited.turned().collect();
-        assert_eq!(turned.iter().map(|model| model.names().collect()).collect::<Vec<Vec<_>>>(), [["pneumatic-lag", "supply-saturation"]]);
-        assert_eq!(turned[0].slots[0].parameters, [0.1]);
-        assert_eq!(lagging.with(tip, vec![2.0, 0.1]).turned().count(), 0);
+        assert!(lagging.turns_with(supply) && !lagging.turns_with(tip));
+        let names = |order, form| lagging.with_in(order, form, vec![0.5, 0.1]).names().collect::<Vec<_>>();
+        assert_eq!(names(Order::Usual, supply), ["supply-saturation", "pneumatic-lag"]);
+        assert_eq!(names(Order::Turned, supply), ["pneumatic-lag", "supply-saturation"]);
+        assert_eq!(names(Order::Turned, tip), ["pneumatic-lag", "resonance"]);
     }
 }

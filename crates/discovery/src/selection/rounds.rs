@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::chain::form::Form;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
 use crate::search::parallel::{Progress, Watch, in_parallel_by, is_narrow, labour, labour_of_all};
@@ -101,8 +101,11 @@ impl Bench<'_> {
         let forms: Vec<&'static dyn Form> =
             self.forms.iter().copied().filter(|form| !base.slots.iter().any(|slot| slot.form.name() == form.name())).collect();
         let with_sensitivities = forms::with_sensitivities(base, self.session);
-        let started =
-            self.in_parallel(&forms, |form| labour(*form), |form| forms::start_form(&with_sensitivities, *form, self.session, &residual));
+        let started = self.in_parallel(
+            &forms,
+            |form| labour(*form),
+            |form| forms::start_form(&with_sensitivities, *form, Order::Usual, self.session, &residual),
+        );
         let started: Vec<Started> = started.into_iter().flatten().collect();
         let was = forms::screened(&with_sensitivities, self.session);
         let gain = |started: &Started| 1.0 - started.square / was;
