@@ -107,17 +107,14 @@ pub fn best_by_steps(
     residual: &[Vec<f64>],
     input: impl Fn(&[f64], &Run, &mut [f64]),
 ) -> Vec<Vec<f64>> {
-    let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
     let score = |parameters: &Vec<f64>| {
         let (mut cross, mut energy) = (0.0, 1e-30);
-        for run in &runs {
+        for run in session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3) {
             let mut path = run.input.clone();
             input(parameters, run, &mut path);
-            let behind: Vec<f64> = path.iter().zip(&run.input).map(|(after, before)| after - before).collect();
-            for (behind, missed) in behind.windows(3).zip(residual[run.index].windows(3)) {
-                let (x, y) = (behind[2] - behind[0], missed[2] - missed[0]);
-                cross += x * y;
-                energy += x * x;
+            for ((after, before), missed) in path.windows(3).zip(run.input.windows(3)).zip(residual[run.index].windows(3)) {
+                let step = (after[2] - before[2]) - (after[0] - before[0]);
+                (cross, energy) = (cross + step * (missed[2] - missed[0]), energy + step * step);
             }
         }
         cross / energy.sqrt()

@@ -44,9 +44,6 @@ const ANY_RATE: f64 = 200.0;
 /// Motion back from an extremum that counts as a reversal, spans: more than the rounding of a recorded command.
 const BACK: f64 = 1e-3;
 
-/// Starts that are fitted.
-const STARTS: usize = 24;
-
 impl Form for Held {
     fn spec(&self) -> Spec {
         Spec {
@@ -66,7 +63,7 @@ impl Form for Held {
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
         let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
         let grid = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of);
-        best_by_steps(grid, STARTS, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
+        best_by_steps(grid, 24, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }

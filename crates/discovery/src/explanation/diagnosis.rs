@@ -10,7 +10,7 @@ use crate::data::session::{Role, Run, Session};
 use crate::data::statistics::tail;
 use crate::effects::{dead_time, pneumatic_lag};
 use crate::explanation::intervals;
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Order, Scope};
 use crate::search::{forms, parallel, simplex};
 
 /// A share of the loop's area with its 95 % interval.
@@ -149,7 +149,8 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     // Delay and lag stand in for each other: begin once with each alone, and keep what ends better.
     let residual = baseline.residuals(session);
     let alone = |form: &'static dyn Form, other: &'static dyn Form| {
-        let with_one = forms::fit_form(baseline, form, session, &residual)?.model;
+        let started = forms::start_form(baseline, form, Order::Usual, session, &residual)?;
+        let with_one = forms::refine_form(&started, session).model;
         let mut both = forms::polish(&with_one.with(other, vec![0.01]), session, Scope::Fit, 25).model;
         let (fit, _) = both.fit(session, Scope::Fit);
         Some((fit, both))

@@ -70,7 +70,6 @@ pub struct Tip {
 
 impl Tip {
     /// The tip by a model's `columns` and its `output`, constant included, whose operators follow the command by `follows_s`.
-    #[must_use]
     pub fn new(run: &Run, columns: &Columns, output: &[f64], feels: bool, follows_s: f64) -> Self {
         let share = if feels { 0.0 } else { 1.0 };
         let without = |values: &[f64]| values.iter().zip(&columns.at_sensor).map(|(value, added)| value - share * added).collect();
@@ -88,7 +87,6 @@ impl Tip {
     }
 
     /// What the observers see of it.
-    #[must_use]
     pub fn seen<'a>(&'a self, run: &'a Run, noise: f64) -> Seen<'a> {
         Seen {
             command: &self.command,
@@ -128,13 +126,11 @@ const UNKNOWN_WEIGHT: f64 = 0.01;
 const SUREST: f64 = 0.25;
 
 /// Logarithms of the likelihoods of a smooth output: quasi-static response, model error and noise.
-#[must_use]
 pub fn smooth(seen: &Seen<'_>, model_error: f64, model_error_s: f64) -> Vec<f64> {
     follow_smoothly(seen, model_error, model_error_s, |likelihood, _| likelihood)
 }
 
 /// What the observer of a smooth output expects of every sample, by the samples before it.
-#[must_use]
 pub fn expect_smoothly(seen: &Seen<'_>, model_error: f64, model_error_s: f64) -> Vec<f64> {
     follow_smoothly(seen, model_error, model_error_s, |_, expected| expected)
 }
@@ -164,7 +160,6 @@ fn follow_smoothly(seen: &Seen<'_>, model_error: f64, model_error_s: f64, tell: 
 }
 
 /// What the jump observer expects of every sample.
-#[must_use]
 pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
     match law.drive {
         Drive::QuasiStatic => stick_slip_filter::observe(seen, law),

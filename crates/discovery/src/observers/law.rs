@@ -148,13 +148,11 @@ impl SlipLaw {
     }
 
     /// Whether the operators are those of the muscle behind a valve, and have taken nothing of the valve for hysteresis of theirs.
-    #[must_use]
     pub fn leads_the_muscle(&self) -> bool {
         self.drive == Drive::Command && self.overshoot == 0.0
     }
 
     /// The law with this break-away distance. A tip keeps its travel, which recordings show far better than where in it the quasi-static response is.
-    #[must_use]
     pub fn with_break_away(&self, break_away: f64) -> Self {
         let overshoot = match self.drive {
             Drive::QuasiStatic => ((1.0 + self.overshoot) * self.break_away / break_away - 1.0).clamp(LEAST_OVERSHOOT_OF_A_TIP, 1.0),
@@ -164,7 +162,6 @@ impl SlipLaw {
     }
 
     /// A tip's law for a quasi-static response that is farther from the stick position by this on every way: it moves as before.
-    #[must_use]
     pub fn of_a_response_farther(&self, by: f64) -> Self {
         let break_away = self.break_away + by;
         let share = self.break_away / break_away;
@@ -181,7 +178,6 @@ impl SlipLaw {
     }
 
     /// The law with its slip overshoot moved by this: a share of a tip's travel, and of a valve's break-away distance.
-    #[must_use]
     pub fn with_overshoot(&self, by: f64) -> Self {
         let overshoot = match self.drive {
             Drive::QuasiStatic => (self.overshoot + (1.0 + self.overshoot) * by).clamp(LEAST_OVERSHOOT_OF_A_TIP, 1.0),
@@ -192,7 +188,6 @@ impl SlipLaw {
     }
 
     /// The law with these parameters of a form, and the noise behind it.
-    #[must_use]
     pub fn of_parameters(drive: Drive, parameters: &[f64]) -> (Self, f64) {
         let &[break_away, overshoot, of_kind, scatter, model_error, lag_s, noise, ref others @ ..] = parameters else {
             unreachable!("forms whose seat is seen have seven parameters in common");
@@ -216,7 +211,6 @@ impl SlipLaw {
     }
 
     /// The parameters of a form with this law.
-    #[must_use]
     pub fn as_parameters(&self, noise: f64) -> Vec<f64> {
         let of = |of_kind: f64| vec![self.break_away, self.overshoot, of_kind, self.scatter, self.model_error, self.lag_s, noise];
         match self.drive {

@@ -423,7 +423,6 @@ impl Hypotheses<'_> {
 }
 
 /// What the observer of a tip expects of every sample.
-#[must_use]
 pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
     let stay = (-seen.period_s / MODEL_ERROR_S).exp();
     let (mut before, mut last_step) = (seen.quasi_static[0], 0.0);

@@ -144,7 +144,6 @@ fn opens(before: f64, now: f64) -> f64 {
 }
 
 /// What the observer of a valve expects of every sample.
-#[must_use]
 pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
     let stay = (-seen.period_s / MODEL_ERROR_S).exp();
     let kick = law.model_error * law.model_error * (1.0 - stay * stay);
@@ -238,7 +237,6 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
 }
 
 /// The pressure behind a valve of this law, of which nothing is seen.
-#[must_use]
 pub fn foretold(command: &[f64], law: &SlipLaw, period_s: f64) -> Vec<f64> {
     let mut valve = Hypothesis { stick_position: command[0], ..Hypothesis::default() };
     let mut before = command[0];

@@ -23,7 +23,6 @@ pub struct Started {
 
 /// `model` with further columns that let its effects' parameters give way to first order: what its output changes by with a tenth of a
 /// first step of each. Beside them an effect is judged by what it takes away when those that are there already are fitted again.
-#[must_use]
 pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
     const STEP: f64 = 0.1;
     let axes = axes(model);
@@ -50,13 +49,11 @@ pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
 }
 
 /// Mean square that `base` leaves of the samples that [`start_form`] looks at.
-#[must_use]
 pub fn screened(base: &Model, session: &Session) -> f64 {
     objective(base, &mut Workspace::new(session), Scope::Screen)
 }
 
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
-#[must_use]
 pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
     let mut workspace = Workspace::new(session);
     let mut look = |start: Vec<f64>| {
@@ -101,7 +98,6 @@ const VALLEYS: usize = 5;
 const ACROSS: i32 = 6;
 
 /// The form as it was started, its weights fitted to all that is fitted.
-#[must_use]
 pub fn settle_form(started: &Started, session: &Session) -> Fitted {
     let mut model = started.model.clone();
     let (_, select) = model.fit(session, Scope::Both);
@@ -109,7 +105,6 @@ pub fn settle_form(started: &Started, session: &Session) -> Fitted {
 }
 
 /// Improves the form's parameters on the screening samples from where it was started, the others' held.
-#[must_use]
 pub fn refine_form(started: &Started, session: &Session) -> Fitted {
     let (mut model, form) = (started.model.clone(), started.form);
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
@@ -154,14 +149,7 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
     model.slots[slot].parameters[parameter] = best.1;
 }
 
-/// Fits one more effect in one form, the others held.
-#[must_use]
-pub fn fit_form(base: &Model, form: &'static dyn Form, session: &Session, residual: &[Vec<f64>]) -> Option<Fitted> {
-    start_form(base, form, Order::Usual, session, residual).map(|started| refine_form(&started, session))
-}
-
 /// Improves all parameters of all effects together, by the samples of `scope`.
-#[must_use]
 pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
     let mut model = model.clone();
     let indices: Vec<usize> =

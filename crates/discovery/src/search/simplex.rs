@@ -24,7 +24,6 @@ pub struct Fitted {
 
 impl Fitted {
     /// What competing models are ordered by.
-    #[must_use]
     pub fn penalised(&self) -> f64 {
         penalised(&self.model, self.select)
     }

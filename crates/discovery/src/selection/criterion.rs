@@ -57,7 +57,6 @@ pub struct Scored {
 
 impl Scored {
     /// Mean over the recordings.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         self.densities.iter().sum::<f64>() / self.densities.len().max(1) as f64
     }
@@ -240,7 +239,6 @@ pub struct Comparison {
 
 impl Comparison {
     /// Compares models, of which the first has no effects; there is one at least.
-    #[must_use]
     pub fn new(session: &Session, models: &[Model], seed: u64, threads: usize) -> Self {
         let folds = folds(session);
         let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
@@ -268,25 +266,21 @@ impl Comparison {
     }
 
     /// Whether no explanation is better than none.
-    #[must_use]
     pub fn holds_none(&self) -> bool {
         self.set.iter().any(|member| member.index == 0)
     }
 
     /// Which of the models is the explanation: the first of the set, or the one without effects where that is in it.
-    #[must_use]
     pub fn best(&self) -> usize {
         if self.holds_none() { 0 } else { self.set.first().map_or(0, |member| member.index) }
     }
 
     /// How much better a model that is still in the race predicts than the one without effects, nats per sample.
-    #[must_use]
     pub fn gain(&self, index: usize) -> f64 {
         self.scored.iter().find(|one| one.index == index).map_or(0.0, |one| one.mean() - self.scored[0].mean())
     }
 
     /// A member of the set for the result.
-    #[must_use]
     pub fn member(&self, member: &Scored) -> Member {
         Member {
             effects: member.names.iter().map(|name| (*name).to_owned()).collect(),
@@ -296,7 +290,6 @@ impl Comparison {
     }
 
     /// The best of those that have an effect which the explanation does not have, and whether the recordings tell it apart.
-    #[must_use]
     pub fn second(&self) -> Option<(&Scored, bool)> {
         let best = self.scored.iter().find(|one| one.index == self.best())?;
         let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
@@ -307,7 +300,6 @@ impl Comparison {
 
     /// Probability that an effect is part of the explanation: the share of draws of recordings, with replacement, by which the cheapest model within
     /// the margin of the best has it.
-    #[must_use]
     pub fn probability(&self, name: &str) -> f64 {
         let mut generator = ChaCha8Rng::seed_from_u64(self.seed);
         let recordings = self.scored[0].densities.len();

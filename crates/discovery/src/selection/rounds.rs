@@ -129,28 +129,22 @@ impl Bench<'_> {
     /// Polishes every model's parameters together and judges what comes of it; best first.
     pub fn polished(&self, models: &[Model], evaluations: usize) -> Vec<Judged> {
         let polish = |model: &Model| self.judge(&forms::polish(model, self.session, Scope::Fit, evaluations).model);
-        let sorted = |mut judged: Vec<Judged>| {
-            judged.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
-            judged
-        };
-        let polished = sorted(self.in_parallel(models, labour_of_all, polish));
+        let mut polished = self.in_parallel(models, labour_of_all, polish);
+        polished.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
         // What the muscle remembers of earlier recordings shows only when nothing large is missing any more: the best is asked, and where it
         // remembers otherwise than it was fitted, all are.
-        let with_best_memory = |judged: &Judged| {
-            let (_, select) = judged.model.clone().fit(self.session, Scope::Both);
+        let remembering = |judged: &Judged| {
             let other = judged.model.with_best_initial_state(self.session);
-            if other.model.initial_state == judged.model.initial_state || (other.select / select).ln() >= -PENALTY {
-                return None;
-            }
-            Some(polish(&other.model)).filter(|other| other.select < judged.select)
+            let is_other = other.model.initial_state != judged.model.initial_state;
+            let pays = is_other && (other.select / judged.model.clone().fit(self.session, Scope::Both).1).ln() < -PENALTY;
+            pays.then(|| polish(&other.model)).filter(|other| other.select < judged.select)
         };
-        let Some(best) = polished.first().and_then(with_best_memory) else { return polished };
-        let others = self.in_parallel(
-            &polished[1..],
-            |judged| labour_of_all(&judged.model),
-            |judged| with_best_memory(judged).unwrap_or_else(|| judged.clone()),
-        );
-        sorted(std::iter::once(best).chain(others).collect())
+        if let Some(best) = polished.first().and_then(remembering) {
+            let of = |judged: &Judged| remembering(judged).unwrap_or_else(|| judged.clone());
+            polished = [vec![best], self.in_parallel(&polished[1..], |judged| labour_of_all(&judged.model), of)].concat();
+            polished.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
+        }
+        polished
     }
 
     /// Weighs a model on the fine grid.
