@@ -98,11 +98,13 @@ pub fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64
     scored.into_iter().take(count).map(|entry| entry.1).collect()
 }
 
-/// The `count` points of a grid with which what `input` does to the steps of the command goes best with what a model misses of those of the
+/// Points of a grid that a matched score leaves.
+const MATCHED: usize = 24;
+
+/// The [`MATCHED`] points of a grid with which what `input` does to the steps of the command goes best with what a model misses of those of the
 /// output, on a third of the recordings that are fitted.
 pub fn best_by_steps(
     grid: impl Iterator<Item = Vec<f64>>,
-    count: usize,
     session: &Session,
     residual: &[Vec<f64>],
     input: impl Fn(&[f64], &Run, &mut [f64]),
@@ -119,7 +121,7 @@ pub fn best_by_steps(
         }
         cross / energy.sqrt()
     };
-    best_starts(grid, score, count)
+    best_starts(grid, score, MATCHED)
 }
 
 /// Values from `low` to `high` at equal ratios.

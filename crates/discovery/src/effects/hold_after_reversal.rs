@@ -63,7 +63,7 @@ impl Form for Held {
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
         let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
         let grid = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of);
-        best_by_steps(grid, 24, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
+        best_by_steps(grid, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }
@@ -216,6 +216,26 @@ mod tests {
             }
             // Where the limit of the rate ends inside a sample, a sample is off by a part of it.
             assert!(worst < 0.01, "{}: {worst}", form.form.0);
+        }
+    }
+
+    #[test]
+    fn a_hold_and_where_it_holds_come_first_among_the_starts() {
+        let input: Vec<f64> = (0..1000).map(|sample| 0.5 - 0.5 * (f64::from(sample) * 0.02 * 2.0).cos()).collect();
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        for (hold_s, trough) in [(0.2, 1.0), (0.2, 0.0), (0.6, 1.0), (0.6, 0.0)] {
+            let missed = |run: &Run| {
+                let mut path = run.input.clone();
+                ONCE.input(&[hold_s, 0.02, ANY_RATE, trough], run, &mut path);
+                path.iter().zip(&run.input).map(|(held, command)| held - command).collect()
+            };
+            let residual: Vec<Vec<f64>> = session.runs.iter().map(missed).collect();
+            let starts = ONCE.starts(&session, &residual);
+            // A tenth is half a step of the ladder.
+            assert!((starts[0][0] / hold_s).ln().abs() < 0.11 && starts[0][3] == trough, "{hold_s} s, {trough}: {starts:?}");
         }
     }
 

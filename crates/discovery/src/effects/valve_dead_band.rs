@@ -95,7 +95,7 @@ impl Form for Follow {
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
         let grid = ladder(0.008, 0.2, 150).into_iter().flat_map(of);
-        best_by_steps(grid, 24, session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
+        best_by_steps(grid, session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);
