@@ -1,8 +1,8 @@
-//! `first-cycle-softening` (Mullins): the first strokes are stiffer, `y = s (1 - A exp(-d / D))` with the distance travelled `d` since the
-//! recording began, where the muscle recovers in between (and maybe in time), or since the session began, where it does not; or with the number of
-//! strokes done. Or it is the largest load so far
-//! that counts, and the way back is another one than the way there (Mullins 1969): `y = s (1 - A (1 - U))` with the highest input `U`; or below its own
-//! peak `p` it is softer than on the way there, `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999).
+//! `first-cycle-softening` (Mullins): the first strokes are others, `y = s - V(s) F(c)`. What is left of the virgin material, `F`, goes with what has
+//! worked it, `c`: the distance travelled since the recording began, where the muscle recovers in between (and maybe in time), or since the session
+//! began, where it does not; the strokes done; the time under load; or the largest load so far (Mullins 1969). Mostly it is stiffer, `V(s) = A s`; in
+//! general `V` is a parabola: a set that stays, a threshold that the first strokes have to pass, stiffness at large displacements alone. Or below its
+//! own peak `p` it is softer than on the way there, `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999).
 
 use std::collections::BTreeMap;
 
@@ -10,32 +10,46 @@ use statrs::function::erf::erf;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
-    &Softening::Distance,
-    &Softening::Strokes,
-    &Softening::Lasting,
-    &Softening::Largest { heals: true },
-    &Softening::Largest { heals: false },
-    &Softening::BelowPeak,
+    &Softening { by: Wear::Distance, curved: false },
+    &Softening { by: Wear::Strokes, curved: false },
+    &Softening { by: Wear::Load, curved: false },
+    &Softening { by: Wear::Lasting, curved: false },
+    &Softening { by: Wear::Largest { heals: true }, curved: false },
+    &Softening { by: Wear::Largest { heals: false }, curved: false },
+    &Softening { by: Wear::Distance, curved: true },
+    &Softening { by: Wear::Strokes, curved: true },
+    &Softening { by: Wear::Largest { heals: true }, curved: true },
+    &BelowPeak,
 ];
 
-/// What softens.
-enum Softening {
+/// A virgin material that work turns into another.
+struct Softening {
+    by: Wear,
+    /// Whether the virgin material differs by a parabola of the displacement, not by its stiffness alone.
+    curved: bool,
+}
+
+/// What works it.
+enum Wear {
     /// The distance travelled in a recording.
     Distance,
     /// The strokes that are done in a recording.
     Strokes,
-    /// That distance in the session.
+    /// The time under load in a recording, in proportion to the displacement.
+    Load,
+    /// The distance travelled in the session.
     Lasting,
     /// The highest input, since the recording began where the muscle heals in between, or since the session began.
     Largest { heals: bool },
-    /// How far the displacement is below its own peak since the recording began.
-    BelowPeak,
 }
+
+/// Softer below the displacement's own peak since the recording began.
+struct BelowPeak;
 
 /// A recovery that no session lasts for, s.
 const NEVER_S: f64 = 1e4;
@@ -48,74 +62,89 @@ fn travel(input: &[f64]) -> f64 {
     input.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
 }
 
+const NAME: &str = "first-cycle-softening";
+
+const DISTANCE: Parameter = Parameter { quantity: Quantity::Output, ..ratio("distance", 0.1, 10.0) };
+const STROKES: Parameter = ratio("strokes", 0.2, 10.0);
+const SPANS: Parameter = ratio("distance_in_input_spans", 0.3, 20.0);
+const UNDER_LOAD: Parameter = Parameter { quantity: Quantity::Time, ..ratio("time_under_load", 0.2, 20.0) };
+const RECOVERY: Parameter = Parameter { quantity: Quantity::Time, ..ratio("recovery_time", 3.0, NEVER_S) };
+
+const fn ratio(name: &'static str, low: f64, high: f64) -> Parameter {
+    Parameter { name, quantity: Quantity::Ratio, low, high, logarithmic: true }
+}
+
 impl Form for Softening {
     fn spec(&self) -> Spec {
-        let of = |form: Told| Spec { weights: 1, needs_sum: true, ..Spec::new("first-cycle-softening", form, Place::Material) };
-        match self {
-            Self::Distance => Spec {
-                parameters: &[
-                    Parameter { name: "distance", quantity: Quantity::Output, low: 0.1, high: 10.0, logarithmic: true },
-                    Parameter { name: "recovery_time", quantity: Quantity::Time, low: 3.0, high: NEVER_S, logarithmic: true },
-                ],
+        let form = match (&self.by, self.curved) {
+            (Wear::Distance, false) => {
+                ("distance-in-recording", "with the distance that the displacement has travelled since the recording began")
+            }
+            (Wear::Distance, true) => ("distance-curved", "another curve at first, by the distance travelled since the recording began"),
+            (Wear::Strokes, false) => ("strokes-in-recording", "with the strokes that are done since the recording began"),
+            (Wear::Strokes, true) => ("strokes-curved", "another curve at first, by the strokes done since the recording began"),
+            (Wear::Load, _) => ("load-in-recording", "with the time under load since the recording began"),
+            (Wear::Lasting, _) => ("distance-in-session", "with the distance that the input has travelled since the session began"),
+            (Wear::Largest { heals: true }, false) => ("highest-in-recording", "by the highest input since the recording began"),
+            (Wear::Largest { heals: true }, true) => ("highest-curved", "another curve below the highest input since the recording began"),
+            (Wear::Largest { heals: false }, _) => ("highest-in-session", "by the highest input since the session began"),
+        };
+        let plain = Spec { weights: if self.curved { 3 } else { 1 }, needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
+        match (&self.by, self.curved) {
+            (Wear::Distance, false) => Spec {
+                parameters: &[DISTANCE, RECOVERY],
                 simpler_at: &[(1, NEVER_S)],
                 starts: || grid(&ladder(0.3, 6.0, 6), &[20.0, NEVER_S]),
-                ..of(("distance-in-recording", "with the distance that the displacement has travelled since the recording began"))
+                ..plain
             },
-            Self::Strokes => Spec {
-                parameters: &[Parameter { name: "strokes", quantity: Quantity::Ratio, low: 0.2, high: 10.0, logarithmic: true }],
-                starts: || row(&[0.5, 1.5, 4.0]),
-                ..of(("strokes-in-recording", "with the strokes that are done since the recording began"))
-            },
-            Self::Lasting => Spec {
-                // First cycles are few: what goes on for many recordings is a drift of the gain.
-                parameters: &[Parameter {
-                    name: "distance_in_input_spans",
-                    quantity: Quantity::Ratio,
-                    low: 0.3,
-                    high: 20.0,
-                    logarithmic: true,
-                }],
-                // Over like strokes a gain that drifts towards a limit does the same: where that does as well, it is drift.
-                cost: Some(3),
-                starts: || row(&ladder(1.0, 15.0, 4)),
-                ..of(("distance-in-session", "with the distance that the input has travelled since the session began"))
-            },
-            Self::Largest { heals: true } => {
-                Spec { cost: Some(2), ..of(("highest-in-recording", "by the highest input since the recording began")) }
-            }
-            Self::Largest { heals: false } => {
-                Spec { cost: Some(2), ..of(("highest-in-session", "by the highest input since the session began")) }
-            }
-            Self::BelowPeak => Spec {
-                parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.03, high: 2.0, logarithmic: true }],
-                starts: || row(&[0.1, 0.3, 1.0]),
-                ..of(("below-peak", "below the highest displacement since the recording began"))
-            },
+            (Wear::Distance, true) => Spec { parameters: &[DISTANCE], starts: || row(&ladder(0.3, 6.0, 4)), ..plain },
+            (Wear::Strokes, _) => Spec { parameters: &[STROKES], starts: || row(&[0.5, 1.5, 4.0]), ..plain },
+            (Wear::Load, _) => Spec { parameters: &[UNDER_LOAD], starts: || row(&[0.5, 1.5, 5.0]), ..plain },
+            // First cycles are few: what goes on for many recordings is a drift of the gain. Over like strokes a gain that drifts towards a limit
+            // does the same: where that does as well, it is drift.
+            (Wear::Lasting, _) => Spec { parameters: &[SPANS], cost: Some(3), starts: || row(&ladder(1.0, 15.0, 4)), ..plain },
+            (Wear::Largest { .. }, _) => Spec { cost: Some(1 + plain.weights), ..plain },
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let virgin = self.by.virgin(parameters, run, sum);
+        columns.push(true, |sample| sum[sample] * virgin[sample]);
+        if self.curved {
+            columns.push(true, |sample| virgin[sample]);
+            columns.push(true, |sample| sum[sample] * sum[sample] * virgin[sample]);
+        }
+    }
+    fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
+        // Of the whole stroke, which is one long.
+        BTreeMap::from([("missing_gain".to_owned(), -weights.iter().sum::<f64>())])
+    }
+}
+
+impl Wear {
+    /// What is left of the virgin material at each sample.
+    fn virgin(&self, parameters: &[f64], run: &Run, sum: &[f64]) -> Vec<f64> {
         // A model from a file goes on with a muscle that has been worked long ago.
         let worked = run.session.is_empty() && run.index > 0;
         match self {
-            // What is stiffer, `R`, goes with the distance travelled and comes back with time: `dR = (1 - R) dt / T - R |ds| / D`.
+            // It goes with the distance travelled and comes back with time: `dF = (1 - F) dt / T - F |ds| / D`.
             Self::Distance => {
-                let recovers_per_s = if parameters[1] < NEVER_S { 1.0 / parameters[1] } else { 0.0 };
-                let (mut stiff, mut last) = (1.0, sum[0]);
-                columns.push(true, |sample| {
+                let recovers_per_s = parameters.get(1).filter(|time_s| **time_s < NEVER_S).map_or(0.0, |time_s| 1.0 / time_s);
+                let mut last = sum[0];
+                let step = |left: &mut f64, &value: &f64| {
                     let back = recovers_per_s * run.period_s;
-                    let gone = (sum[sample] - last).abs() / parameters[0] + back;
-                    last = sum[sample];
+                    let gone = (value - last).abs() / parameters[0] + back;
+                    last = value;
                     // Exact while both go on at the same speeds.
                     let settled = if gone > 0.0 { back / gone } else { 1.0 };
-                    stiff = settled + (stiff - settled) * (-gone).exp();
-                    sum[sample] * stiff
-                });
+                    *left = settled + (*left - settled) * (-gone).exp();
+                    Some(*left)
+                };
+                sum.iter().scan(1.0, step).collect()
             }
             Self::Strokes => {
                 // Where the stroke began, and how far it came; nothing while it goes back.
                 let (mut done, mut lowest, mut highest) = (0.0, run.input[0], None);
-                columns.push(true, |sample| {
-                    let now = run.input[sample];
+                let count = |&now: &f64| {
                     if let Some(top) = highest {
                         // A stroke is done when half of its way is taken back.
                         let is_done = f64::max(top, now) - now > 0.5 * (f64::max(top, now) - lowest);
@@ -125,35 +154,58 @@ impl Form for Softening {
                         lowest = lowest.min(now);
                         highest = (now - lowest > LEAST_STROKE).then_some(now);
                     }
-                    sum[sample] * (-done / parameters[0]).exp()
-                });
+                    (-done / parameters[0]).exp()
+                };
+                run.input.iter().map(count).collect()
+            }
+            Self::Load => {
+                let mut loaded_s = 0.0;
+                let step = |&value: &f64| {
+                    loaded_s += value.max(0.0) * run.period_s;
+                    (-loaded_s / parameters[0]).exp()
+                };
+                sum.iter().map(step).collect()
             }
             Self::Lasting => {
                 let before = || if worked { f64::INFINITY } else { travelled_before(run) };
                 let mut travelled = run.earlier.as_ref().map_or_else(before, |earlier| earlier.travelled);
                 let mut last = run.input[0];
-                columns.push(true, |sample| {
-                    travelled += (run.input[sample] - last).abs();
-                    last = run.input[sample];
-                    sum[sample] * (-travelled / parameters[0]).exp()
-                });
+                let step = |&value: &f64| {
+                    travelled += (value - last).abs();
+                    last = value;
+                    (-travelled / parameters[0]).exp()
+                };
+                run.input.iter().map(step).collect()
             }
             Self::Largest { heals } => {
                 let before = || if worked { 1.0 } else { highest_before(run) };
                 let mut highest: f64 = if *heals { 0.0 } else { run.earlier.as_ref().map_or_else(before, |earlier| earlier.highest) };
-                columns.push(true, |sample| {
-                    highest = highest.max(run.input[sample]);
-                    sum[sample] * (1.0 - highest)
-                });
-            }
-            Self::BelowPeak => {
-                let mut peak = sum[0];
-                columns.push(true, |sample| {
-                    peak = peak.max(sum[sample]);
-                    sum[sample] * erf((peak - sum[sample]) / parameters[0])
-                });
+                let step = |&value: &f64| {
+                    highest = highest.max(value);
+                    1.0 - highest
+                };
+                run.input.iter().map(step).collect()
             }
         }
+    }
+}
+
+impl Form for BelowPeak {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.03, high: 2.0, logarithmic: true }],
+            starts: || row(&[0.1, 0.3, 1.0]),
+            weights: 1,
+            needs_sum: true,
+            ..Spec::new(NAME, ("below-peak", "below the highest displacement since the recording began"), Place::Material)
+        }
+    }
+    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
+        let mut peak = sum[0];
+        columns.push(true, |sample| {
+            peak = peak.max(sum[sample]);
+            sum[sample] * erf((peak - sum[sample]) / parameters[0])
+        });
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
@@ -176,6 +228,9 @@ mod tests {
     use recording::{Recording, Signal};
     use std::path::Path;
 
+    const LASTING: Softening = Softening { by: Wear::Lasting, curved: false };
+    const TRAVELLED: Softening = Softening { by: Wear::Distance, curved: false };
+
     #[test]
     fn a_lasting_softening_goes_on_where_the_recording_before_left_it() {
         let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
@@ -193,10 +248,10 @@ mod tests {
             form.output(&[4.0, NEVER_S][..form.parameters().len()], run, &vec![1.0; run.input.len()], &mut columns);
             columns.column(0)[sample]
         };
-        assert!((virgin_part(&Softening::Lasting, 0, 0) - 1.0).abs() < 1e-12);
-        assert!((virgin_part(&Softening::Lasting, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&Softening::Lasting, 1, 0));
-        assert!((virgin_part(&Softening::Lasting, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
-        assert_eq!(virgin_part(&Softening::Distance, 1, 0), 1.0);
+        assert!((virgin_part(&LASTING, 0, 0) - 1.0).abs() < 1e-12);
+        assert!((virgin_part(&LASTING, 1, 0) - (-1.0_f64).exp()).abs() < 1e-3, "{}", virgin_part(&LASTING, 1, 0));
+        assert!((virgin_part(&LASTING, 1, 499) - (-2.0_f64).exp()).abs() < 1e-3);
+        assert_eq!(virgin_part(&TRAVELLED, 1, 0), 1.0);
     }
 
     #[test]
@@ -212,7 +267,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut columns = Columns::of(run.input.len());
-        Softening::Strokes.output(&[2.0], run, &vec![1.0; run.input.len()], &mut columns);
+        Softening { by: Wear::Strokes, curved: false }.output(&[2.0], run, &vec![1.0; run.input.len()], &mut columns);
         for (sample, done) in [(99, 0.0), (250, 0.0), (340, 0.0), (370, 1.0), (499, 1.0), (540, 1.0), (570, 2.0)] {
             assert!((columns.column(0)[sample] - f64::exp(-0.5 * done)).abs() < 1e-12, "sample {sample}: {}", columns.column(0)[sample]);
         }
@@ -227,7 +282,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut columns = Columns::of(run.input.len());
-        Softening::BelowPeak.output(&[0.2], run, &run.input, &mut columns);
+        BelowPeak.output(&[0.2], run, &run.input, &mut columns);
         let softer = columns.column(0);
         assert!((0..=100).all(|sample| softer[sample] == 0.0));
         // Half way down, and half way up again.

@@ -27,6 +27,10 @@ impl Form for Sticking {
                 Drive::QuasiStatic => law::OF_A_TIP,
                 Drive::Command => law::OF_A_VALVE,
             },
+            simpler_at: match self.drive {
+                Drive::QuasiStatic => &[],
+                Drive::Command => &[(8, law::NEVER)],
+            },
             weights: 1,
             discrete: true,
             jumps: Some(self.drive),

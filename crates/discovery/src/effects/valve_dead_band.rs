@@ -91,11 +91,16 @@ impl Form for Follow {
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let best = |grid: Vec<Vec<f64>>| {
+            best_by_steps(grid.into_iter(), session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
+        };
         // A valve that closes with no error left is a fast one.
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
-        let grid = ladder(0.008, 0.2, 150).into_iter().flat_map(of);
-        best_by_steps(grid, session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
+        let travels = best(ladder(0.008, 0.2, 150).into_iter().flat_map(of).collect());
+        // Band and travel decide when it jumps, the flow how.
+        let of = |start: Vec<f64>| [0.004, 0.02, 0.06].map(|flow_s| vec![start[0], start[1], flow_s]);
+        best(travels.into_iter().flat_map(of).collect())
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);

@@ -41,6 +41,8 @@ pub struct SlipLaw {
     pub closing: f64,
     /// Time constant with which the pressure follows through an open valve, s.
     pub flow_s: f64,
+    /// What passes through an open valve at most, spans per s.
+    pub most_flow: f64,
     /// Scatter of break-away and slip overshoot, in break-away distances.
     pub scatter: f64,
     /// Standard deviation of the quasi-static response's model error, in spans of the output.
@@ -114,7 +116,11 @@ pub const OF_A_VALVE: &[Parameter] = &[
     FOLLOWING,
     NOISY,
     linear("flow_time_constant", Quantity::Time, 0.3),
+    Parameter { name: "most_flow", quantity: Quantity::InputRate, low: LEAST_FLOW, high: NEVER, logarithmic: true },
 ];
+
+/// Least limit of what passes through an open valve, spans per s.
+pub const LEAST_FLOW: f64 = 1.0;
 
 /// Least share of its band by which the mean error of a valve may be in the weights, if it is there at all.
 const LEAST_OVERSHOOT: f64 = 0.01;
@@ -122,7 +128,7 @@ const LEAST_OVERSHOOT: f64 = 0.01;
 /// Which of them is the lag.
 pub const LAG: usize = 5;
 
-/// A sliding speed, per s, that nothing reaches.
+/// A speed, per s, that nothing reaches.
 pub const NEVER: f64 = 1e3;
 
 impl SlipLaw {
@@ -141,6 +147,7 @@ impl SlipLaw {
             begins: 0.0,
             closing: 0.0,
             flow_s: 0.0,
+            most_flow: NEVER,
             scatter: 0.0,
             model_error: 0.0,
             lag_s: 0.0,
@@ -205,7 +212,7 @@ impl SlipLaw {
                 begins: other(5),
                 ..still
             },
-            Drive::Command => Self { closing: of_kind, flow_s: other(0), ..still },
+            Drive::Command => Self { closing: of_kind, flow_s: other(0), most_flow: others.get(1).copied().unwrap_or(NEVER), ..still },
         };
         (law, noise)
     }
@@ -219,7 +226,7 @@ impl SlipLaw {
                     vec![self.presliding, self.slip_per_speed_s, self.rate_weakening, self.kinetic_friction, self.slip_s, self.begins];
                 [of(self.sliding_speed), of_a_tip].concat()
             }
-            Drive::Command => [of(self.closing), vec![self.flow_s]].concat(),
+            Drive::Command => [of(self.closing), vec![self.flow_s, self.most_flow]].concat(),
         }
     }
 }

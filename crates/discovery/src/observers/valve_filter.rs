@@ -42,7 +42,13 @@ impl Hypothesis {
         let drag = if left_s > 0.0 { (to - from) / left_s * flow_s } else { 0.0 };
         let error = from - self.stick_position;
         let after = drag + (error - drag) * keep;
-        if after.abs() < closing.max(1e-6) {
+        let (passed, most) = (to - after - self.stick_position, law.most_flow * left_s);
+        if passed.abs() > most {
+            // The last of the way to where it closes is taken for a straight line.
+            let behind = to - self.stick_position - most.copysign(passed);
+            self.open = behind.abs() > closing && behind * error > 0.0;
+            self.stick_position = to - if self.open { behind } else { closing.copysign(error) };
+        } else if after.abs() < closing.max(1e-6) {
             // It closed when that much error was left, on the exponential.
             let aim = closing.copysign(error);
             let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).max(1.0).ln() };

@@ -7,7 +7,7 @@ use crate::model::structure::Model;
 use crate::observers::jumps;
 use crate::observers::jumps::Tip;
 use crate::observers::law::{
-    MOST_KINETIC_FRICTION, MOST_PRESLIDING, MOST_RATE_WEAKENING, MOST_SLIP_PER_SPEED_S, MOST_SLIP_S, NEVER, Seen, SlipLaw,
+    LEAST_FLOW, MOST_KINETIC_FRICTION, MOST_PRESLIDING, MOST_RATE_WEAKENING, MOST_SLIP_PER_SPEED_S, MOST_SLIP_S, NEVER, Seen, SlipLaw,
 };
 use crate::search::parallel;
 
@@ -195,16 +195,24 @@ impl<'a> QuasiStatic<'a> {
         // Slip overshoot beyond the drive and never sliding, or slip overshoot near it and sliding with it.
         const OF_A_TIP: [(f64, f64); 8] =
             [(1.0, NEVER), (0.7, NEVER), (0.4, NEVER), (0.0, NEVER), (0.5, 0.8), (0.5, 0.4), (0.1, 0.4), (0.1, 0.2)];
-        // Error at which it closes, and time constant of its flow, s.
-        const OF_A_VALVE: [(f64, f64); 7] =
-            [(0.02, 0.0002), (0.1, 0.01), (0.1, 0.025), (0.2, 0.025), (0.3, 0.025), (0.1, 0.06), (0.3, 0.06)];
+        // Error at which it closes, time constant of its flow, s, and limit of that, spans per s.
+        const OF_A_VALVE: [(f64, f64, f64); 8] = [
+            (0.02, 0.0002, NEVER),
+            (0.1, 0.01, NEVER),
+            (0.1, 0.025, NEVER),
+            (0.2, 0.025, NEVER),
+            (0.3, 0.025, NEVER),
+            (0.1, 0.06, NEVER),
+            (0.3, 0.06, NEVER),
+            (0.2, 0.002, 5.0),
+        ];
         let still = self.still(drive, lag_s);
         let at_once = OF_A_TIP.map(|(overshoot, sliding_speed)| SlipLaw { overshoot, sliding_speed, ..still });
         // A mass takes its time.
         let slow = [1, 2, 6].map(|kind: usize| SlipLaw { slip_s: 0.5 * MOST_SLIP_S, ..at_once[kind] });
         let kinds: Vec<SlipLaw> = match drive {
             Drive::QuasiStatic => [&at_once[..], &slow].concat(),
-            Drive::Command => OF_A_VALVE.map(|(closing, flow_s)| SlipLaw { closing, flow_s, ..still }).into(),
+            Drive::Command => OF_A_VALVE.map(|(closing, flow_s, most_flow)| SlipLaw { closing, flow_s, most_flow, ..still }).into(),
         };
         let of = |break_away: f64| kinds.iter().map(move |kind| SlipLaw { break_away, ..*kind });
         crate::chain::filters::ladder(0.01, 0.16, 10).into_iter().flat_map(of).collect()
@@ -314,9 +322,10 @@ fn moves_of(law: &SlipLaw, whole: bool) -> Vec<Move> {
         |law, by| SlipLaw { scatter: law.scatter * (1.0 + 4.0 * by), ..law },
         |law, by| SlipLaw { model_error: law.model_error * (1.0 + 4.0 * by), ..law },
     ];
-    const OF_A_VALVE: [Move; 2] = [
+    const OF_A_VALVE: [Move; 3] = [
         |law, by| SlipLaw { closing: (law.closing + by).clamp(0.0, 1.0), ..law },
         |law, by| SlipLaw { flow_s: law.flow_s * (1.0 + 3.0 * by), ..law },
+        |law, by| SlipLaw { most_flow: (law.most_flow * (1.0 + 3.0 * by)).clamp(LEAST_FLOW, NEVER), ..law },
     ];
     const OF_A_SLIDER: [Move; 1] = [|law, by| SlipLaw { sliding_speed: (law.sliding_speed * (1.0 + 3.0 * by)).max(SLOWEST), ..law }];
     const OF_A_WHOLE_TIP: [Move; 5] = [
@@ -330,7 +339,9 @@ fn moves_of(law: &SlipLaw, whole: bool) -> Vec<Move> {
         },
     ];
     let is_tip = law.drive == Drive::QuasiStatic;
-    let of_kind: &[Move] = if is_tip { &[] } else { &OF_A_VALVE };
+    // Where nothing limits the flow, no step of it makes a difference.
+    let of_a_valve = if law.most_flow < NEVER { &OF_A_VALVE[..] } else { &OF_A_VALVE[..2] };
+    let of_kind: &[Move] = if is_tip { &[] } else { of_a_valve };
     let of_a_slider: &[Move] = if is_tip && law.sliding_speed < NEVER { &OF_A_SLIDER } else { &[] };
     // Of what a tip does besides, the first is how long a slip takes.
     let moves = if whole { OF_A_WHOLE_TIP.len() } else { usize::from(law.slip_s > 0.0) };

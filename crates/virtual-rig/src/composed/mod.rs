@@ -15,6 +15,7 @@ mod reporting;
 mod second_laws;
 mod second_reporting;
 mod session;
+mod sixth_laws;
 mod third_laws;
 
 use std::collections::BTreeMap;
@@ -47,6 +48,9 @@ pub const FIRST_OF_STRANGERS_REPORTING: u64 = 9500;
 /// First seed to tune on that draws textbook laws, again one for even seeds and one for odd.
 pub const FIRST_OF_TEXTBOOKS: u64 = 6000;
 
+/// First seed to tune on that draws one law of a ladder of them, where an effect has one.
+pub const FIRST_OF_LADDERS: u64 = 8000;
+
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
     let span_bar = plant.random_range(1.5..2.9);
@@ -70,6 +74,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            Set::Tuning if config.seed >= FIRST_OF_LADDERS => sixth_laws::tuning(name, config.seed, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_TEXTBOOKS => fifth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_THREE && config.seed % 3 == 2 => third_laws::tuning(name, &mut draw),
