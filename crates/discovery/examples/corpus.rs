@@ -45,11 +45,6 @@ fn main() {
                 covered(&case.truth.parameters, &discovery),
                 cpu_s() - begin_s
             );
-            if std::env::var("DETAIL").is_ok() {
-                for effect in &discovery.effects {
-                    println!("    {} [{}] {:?}", effect.name, effect.form, effect.parameters);
-                }
-            }
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
-use crate::data::session::{Role, Run, Session};
 use crate::data::turning::between_samples;
 
 /// Coefficients `(keep, now, before)` of a first-order lag that is exact for straight lines between samples.
@@ -96,68 +95,6 @@ pub fn best_starts(grid: impl Iterator<Item = Vec<f64>>, score: impl Fn(&Vec<f64
     let mut scored: Vec<(f64, Vec<f64>)> = grid.map(|point| (score(&point), point)).collect();
     scored.sort_by(|x, y| y.0.total_cmp(&x.0));
     scored.into_iter().take(count).map(|entry| entry.1).collect()
-}
-
-/// Points of a grid that a matched score leaves.
-const MATCHED: usize = 24;
-
-/// Time constants, s, of lags and limits of the rate, spans per s, whose work is not for a matched score to explain: what others do is nearly a sum of
-/// theirs.
-const SLOW: [(f64, f64); 4] = [(0.02, 1e6), (0.1, 1e6), (1e-3, 5.0), (1e-3, 1.5)];
-
-/// The [`MATCHED`] points of a grid with which what `input` does to the steps of the command goes best with what a model misses of those of the
-/// output, on a third of the recordings that are fitted. What is merely slow has no part on either side: whatever is late looks like it.
-pub fn best_by_steps(
-    grid: impl Iterator<Item = Vec<f64>>,
-    session: &Session,
-    residual: &[Vec<f64>],
-    input: impl Fn(&[f64], &Run, &mut [f64]),
-) -> Vec<Vec<f64>> {
-    let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
-    let steps = |change: &dyn Fn(&Run) -> Vec<f64>| -> Vec<f64> {
-        let of = |run: &&Run| change(run).windows(3).map(|now| now[2] - now[0]).collect::<Vec<f64>>();
-        runs.iter().flat_map(of).collect()
-    };
-    let changed = |change: &dyn Fn(&Run, &mut [f64])| {
-        steps(&|run| {
-            let mut path = run.input.clone();
-            change(run, &mut path);
-            path.iter().zip(&run.input).map(|(after, before)| after - before).collect()
-        })
-    };
-    let dot = |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(x, y)| x * y).sum::<f64>();
-    let without = |mut one: Vec<f64>, slow: &[Vec<f64>]| {
-        for slow in slow {
-            let share = dot(&one, slow);
-            one.iter_mut().zip(slow).for_each(|(value, slow)| *value -= share * slow);
-        }
-        one
-    };
-    let mut slow: Vec<Vec<f64>> = Vec::new();
-    for (time_s, most_per_s) in SLOW {
-        let late = changed(&|run, path| {
-            lag(path, time_s, run.period_s);
-            let most = most_per_s * run.period_s;
-            path.iter_mut().reduce(|last, value| {
-                *value = value.clamp(*last - most, *last + most);
-                value
-            });
-        });
-        let size = |values: &[f64]| dot(values, values).sqrt();
-        let own = without(late.clone(), &slow);
-        // What others do already is no further direction.
-        if size(&own) > 1e-3 * size(&late) {
-            slow.push(own.iter().map(|value| value / size(&own)).collect());
-        }
-    }
-    let missed = without(steps(&|run| residual[run.index].clone()), &slow);
-    let score = |parameters: &Vec<f64>| {
-        let own = changed(&|run, path| input(parameters, run, path));
-        let energy = dot(&own, &own);
-        let of_slow: f64 = slow.iter().map(|slow| dot(&own, slow).powi(2)).sum();
-        dot(&own, &missed) / (energy - of_slow).max(1e-9 * energy).max(1e-30).sqrt()
-    };
-    best_starts(grid, score, MATCHED)
 }
 
 /// Values from `low` to `high` at equal ratios.

@@ -7,3 +7,4 @@ pub mod filters;
 pub mod form;
 pub mod operators;
 pub mod side_by_side;
+pub mod steps;

@@ -255,6 +255,32 @@ mod tests {
     }
 
     #[test]
+    fn time_under_load_and_the_first_strokes_curve_are_what_they_say() {
+        let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let of = |form: &Softening, parameters: &[f64], sum: &[f64]| -> Vec<Vec<f64>> {
+            let mut columns = Columns::of(run.input.len());
+            form.output(parameters, run, sum, &mut columns);
+            (0..form.spec().weights).map(|at| columns.column(at)).collect()
+        };
+        // A load of a half for 10 s.
+        let load = of(&Softening { by: Wear::Load, curved: false }, &[2.5], &vec![0.5; 500]);
+        assert!((load[0][499] - 0.5 * (-2.0_f64).exp()).abs() < 1e-12, "{}", load[0][499]);
+        let [plain, curved] = [false, true].map(|curved| of(&Softening { by: Wear::Strokes, curved }, &[1.5], &run.input));
+        for sample in 0..500 {
+            let (displacement, stiffer) = (run.input[sample], plain[0][sample]);
+            let [of_stiffness, of_set, of_square] = [0, 1, 2].map(|at: usize| curved[at][sample]);
+            assert_eq!(of_stiffness, stiffer);
+            assert!((of_set * displacement - stiffer).abs() < 1e-12 && (of_square - stiffer * displacement).abs() < 1e-12);
+        }
+        assert!(curved[1][0] == 1.0 && curved[1][499] < 0.2, "{}", curved[1][499]);
+    }
+
+    #[test]
     fn a_stroke_counts_when_half_of_it_is_taken_back() {
         let time_s: Vec<f64> = (0..600).map(|sample| f64::from(sample) * 0.02).collect();
         // Up, a short way back and on, down, up, down.

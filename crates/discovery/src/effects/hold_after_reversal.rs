@@ -2,9 +2,10 @@
 //! the rate. A command that turns again while it holds changes nothing, or begins the time anew.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{best_by_steps, ladder, lag_coefficients};
+use crate::chain::filters::{ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
+use crate::chain::steps::Steps;
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -63,7 +64,8 @@ impl Form for Held {
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
         let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
         let grid = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of);
-        best_by_steps(grid, session, residual, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
+        let steps = Steps::new(session, residual, |run| run.input.clone());
+        steps.best(grid, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }

@@ -4,8 +4,9 @@
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::steps::{Steps, over};
 use crate::data::phasors::spacing_hz;
-use crate::data::session::{Role, Run, Session};
+use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON, &OUTPUT_OF_EACH_RECORDING, &OUTPUT_RUNNING_ON];
@@ -75,38 +76,13 @@ impl Form for Held {
     }
     /// Periods and first looks of which what holding does to the steps of what is held goes best with what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let runs: Vec<&Run> = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).collect();
-        // A mean delay is whatever a smooth model makes of it: it goes first, from both.
-        let steps = |values: &[f64]| -> Vec<f64> { values.windows(3).map(|three| three[2] - three[0]).collect() };
-        let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
         // What is held: the command, or the output as the model has it.
         let modelled = |run: &Run| run.output.iter().zip(&residual[run.index]).map(|(output, missed)| output - missed).collect();
-        let fresh = |run: &&Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
-        let fresh: Vec<Vec<f64>> = runs.iter().map(fresh).collect();
-        let missed = |(run, fresh): (&&Run, &Vec<f64>)| {
-            let delayed = [&[0.0], &steps(&steps(fresh))[..], &[0.0]].concat();
-            let (missed, square) = (steps(&residual[run.index]), dot(&delayed, &delayed).max(1e-30));
-            let share = dot(&missed, &delayed) / square;
-            let rest: Vec<f64> = missed.iter().zip(&delayed).map(|(missed, delayed)| missed - share * delayed).collect();
-            (rest, delayed, square)
-        };
-        let missed: Vec<(Vec<f64>, Vec<f64>, f64)> = runs.iter().zip(&fresh).map(missed).collect();
-        let products = |at: usize, period_s: f64, first: f64| {
-            let (run, (missed, delayed, square)) = (runs[at], &missed[at]);
-            let mut path = fresh[at].clone();
-            hold(&mut path, period_s, first, FOLLOWS.low, run.period_s);
-            let behind = path.windows(3).zip(fresh[at].windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]);
-            let sums = behind
-                .zip(missed)
-                .zip(delayed)
-                .fold([0.0, 0.0, 0.0], |[cross, energy, delay], ((x, y), d)| [cross + x * y, energy + x * x, delay + x * d]);
-            (sums[0], (sums[1] - sums[2] * sums[2] / square).max(1e-30))
-        };
-        let over = |sums: &mut dyn Iterator<Item = (f64, f64)>| {
-            let (cross, energy) = sums.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
-            cross / energy.sqrt()
-        };
-        let score = |start: &Vec<f64>| over(&mut (0..runs.len()).map(|at| products(at, start[0], self.first_look(start, runs[at]))));
+        let held = |run: &Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
+        let steps = Steps::new(session, residual, held);
+        let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
+        let score =
+            |start: &Vec<f64>| over(steps.runs().map(|(at, run)| steps.matched(at, change(start[0], self.first_look(start, run))).rest));
         let sample_s = session.runs[0].period_s;
         let first_looks = |period_s: f64| {
             let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
@@ -115,11 +91,11 @@ impl Form for Held {
         // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
         let best_looks = |start: &Vec<f64>| {
             let best = |at: usize| {
-                let of = first_looks(start[0]).map(|first| products(at, start[0], first));
+                let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first)).rest);
                 let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
                 of.max_by(better).unwrap_or((0.0, 1e-30))
             };
-            over(&mut (0..runs.len()).map(best))
+            over(steps.runs().map(|(at, _)| best(at)))
         };
         let of_recordings = spacing_hz(session);
         let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low, AGE.low];

@@ -2,9 +2,10 @@
 //! spool with overlap passes nothing inside the band and in proportion to what goes beyond it.
 
 use crate::chain::columns::Filter;
-use crate::chain::filters::{best_by_steps, ladder, lag_coefficients};
+use crate::chain::filters::{ladder, lag_coefficients};
 use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side::leads_input;
+use crate::chain::steps::Steps;
 use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag;
 use crate::effects::sticking::Sticking;
@@ -91,9 +92,8 @@ impl Form for Follow {
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let best = |grid: Vec<Vec<f64>>| {
-            best_by_steps(grid.into_iter(), session, residual, |parameters, run, path| self.input_from(parameters, run, path, 2, 0))
-        };
+        let steps = Steps::new(session, residual, |run| run.input.clone());
+        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), |parameters, run, path| self.input_from(parameters, run, path, 2, 0));
         // A valve that closes with no error left is a fast one.
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
@@ -223,6 +223,28 @@ mod tests {
     use super::*;
     use recording::{Recording, Signal};
     use std::path::Path;
+
+    #[test]
+    fn the_search_for_a_valve_begins_near_its_law_even_where_something_slow_is_missing_too() {
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> =
+            time_s.iter().map(|time| 0.5 - 0.3 * (1.7 * std::f64::consts::PI * time).cos() - 0.2 * (2.9 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let law = [0.05, 0.045, 0.02];
+        let (mut held, mut late) = (run.input.clone(), run.input.clone());
+        follow(&mut held, 0.0, super::law(&law), run.period_s);
+        crate::chain::filters::lag(&mut late, 0.1, run.period_s);
+        for share in [0.0, 0.7] {
+            let of = |((held, late), command): ((&f64, &f64), &f64)| held - command + share * (late - command);
+            let residual = vec![held.iter().zip(&late).zip(&run.input).map(of).collect()];
+            let starts = Follow.starts(&session, &residual);
+            let near = |start: &Vec<f64>| (start[0] / law[0]).ln().abs() < 0.15 && (start[1] / law[1]).ln().abs() < 0.1;
+            assert!(starts.iter().any(near), "{share}: {starts:?}");
+        }
+    }
 
     #[test]
     fn a_spool_with_overlap_holds_inside_the_band_and_follows_beyond_it() {

@@ -288,6 +288,7 @@ fn slopes(seen: &Seen<'_>) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::chain::form::Drive;
+    use crate::observers::law::NEVER;
 
     const NOISE: f64 = 0.005;
     const LAW: SlipLaw =
@@ -304,16 +305,21 @@ mod tests {
     }
 
     /// The same from another pressure on.
-    fn strokes_from(mut pressure: f64) -> (Vec<f64>, Vec<f64>) {
+    fn strokes_from(pressure: f64) -> (Vec<f64>, Vec<f64>) {
+        strokes_by(&LAW, pressure)
+    }
+
+    /// The same by another law.
+    fn strokes_by(law: &SlipLaw, mut pressure: f64) -> (Vec<f64>, Vec<f64>) {
         let command = |time_s: f64| 0.5 - 0.5 * (0.4 * std::f64::consts::PI * time_s).cos();
         let mut open = false;
         let (mut commands, mut measured) = (Vec::new(), Vec::new());
         for step in 0..1000 * 200_usize {
             let time_s = step as f64 * 1e-4;
             let error: f64 = command(time_s) - pressure;
-            open = error.abs() > if open { LAW.closing * LAW.break_away } else { LAW.break_away };
+            open = error.abs() > if open { law.closing * law.break_away } else { law.break_away };
             if open {
-                pressure += error * 1e-4 / LAW.flow_s;
+                pressure += (error / law.flow_s).clamp(-law.most_flow, law.most_flow) * 1e-4;
             }
             if step % 200 == 0 {
                 commands.push(command(time_s));
@@ -350,6 +356,19 @@ mod tests {
         for other in others {
             let (_, of_other) = observed(&other);
             assert!(log_likelihood > of_other + 30.0, "{log_likelihood} and {of_other} by {other:?}");
+        }
+    }
+
+    #[test]
+    fn a_valve_that_lets_through_so_much_and_no_more_is_told_by_that() {
+        let law = SlipLaw { flow_s: 0.002, most_flow: 1.5, ..LAW };
+        let (command, measured) = strokes_by(&law, 0.03);
+        let keep = vec![true; command.len()];
+        let likely = |law: &SlipLaw| observe(&seen(&command, &measured, &keep), law).log_likelihood.iter().sum::<f64>();
+        let log_likelihood = likely(&law);
+        let others = [NEVER, 3.0, 0.9].map(|most_flow| SlipLaw { most_flow, ..law });
+        for other in others.into_iter().chain([0.01, 0.025, 0.06].map(|flow_s| SlipLaw { flow_s, ..LAW })) {
+            assert!(log_likelihood > likely(&other) + 30.0, "{log_likelihood} and {} by {other:?}", likely(&other));
         }
     }
 

@@ -1,0 +1,125 @@
+//! Where to begin the search of what holds and jumps: its steps are matched with those that a model misses.
+
+use crate::chain::filters::lag;
+use crate::data::session::{Role, Run, Session};
+
+/// Time constants, s, of lags and limits of the rate, spans per s, whose work is not for steps to explain: whatever is late looks like steps, and what
+/// others do is nearly a sum of theirs.
+const SLOW: [(f64, f64); 4] = [(0.02, f64::MAX), (0.1, f64::MAX), (1e-3, 5.0), (1e-3, 1.5)];
+
+/// Points of a grid that a matched score leaves.
+const MATCHED: usize = 24;
+
+/// What a model misses of the output's steps on a third of the recordings that are fitted.
+pub struct Steps<'a> {
+    runs: Vec<OfRun<'a>>,
+}
+
+/// The steps of one recording.
+struct OfRun<'a> {
+    run: &'a Run,
+    /// What holds or is held: the command, or the output.
+    signal: Vec<f64>,
+    /// What the model misses.
+    missed: Vec<f64>,
+    /// What is merely slow: orthogonal and of length one.
+    slow: Vec<Vec<f64>>,
+}
+
+fn dot(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(x, y)| x * y).sum()
+}
+
+/// Steps over two samples of what has become of a signal.
+fn steps(after: &[f64], before: &[f64]) -> Vec<f64> {
+    after.windows(3).zip(before.windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]).collect()
+}
+
+fn without(mut one: Vec<f64>, slow: &[Vec<f64>]) -> Vec<f64> {
+    for slow in slow {
+        let share = dot(&one, slow);
+        one.iter_mut().zip(slow).for_each(|(value, slow)| *value -= share * slow);
+    }
+    one
+}
+
+impl<'a> Steps<'a> {
+    /// The steps that are missed by `residual`, of what holds some `signal`.
+    pub fn new(session: &'a Session, residual: &[Vec<f64>], signal: impl Fn(&Run) -> Vec<f64>) -> Self {
+        let of = |run: &'a Run| {
+            let (signal, mut slow) = (signal(run), Vec::<Vec<f64>>::new());
+            for (time_s, most_per_s) in SLOW {
+                let (mut late, most) = (signal.clone(), most_per_s * run.period_s);
+                lag(&mut late, time_s, run.period_s);
+                late.iter_mut().reduce(|last, value| {
+                    *value = value.clamp(*last - most, *last + most);
+                    value
+                });
+                let late = steps(&late, &signal);
+                let own = without(late.clone(), &slow);
+                let size = dot(&own, &own).sqrt();
+                // What the others do already is no further direction.
+                if size > 1e-3 * dot(&late, &late).sqrt() {
+                    slow.push(own.iter().map(|value| value / size).collect());
+                }
+            }
+            let missed = residual[run.index].windows(3).map(|now| now[2] - now[0]).collect();
+            OfRun { run, signal, missed, slow }
+        };
+        Self { runs: session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).map(of).collect() }
+    }
+
+    /// The recordings, by their numbers here.
+    pub fn runs(&self) -> impl Iterator<Item = (usize, &'a Run)> {
+        self.runs.iter().map(|of| of.run).enumerate()
+    }
+
+    /// What the steps that `change` makes of the signal of a recording have to do with the missed ones.
+    pub fn matched(&self, at: usize, change: impl FnOnce(&Run, &mut [f64])) -> Match {
+        let OfRun { run, signal, missed, slow } = &self.runs[at];
+        let mut path = signal.clone();
+        change(run, &mut path);
+        let own = steps(&path, signal);
+        let (product, energy) = (dot(&own, missed), dot(&own, &own));
+        let rest = slow.iter().fold((product, energy), |(product, rest), slow| {
+            let share = dot(&own, slow);
+            (product - share * dot(missed, slow), rest - share * share)
+        });
+        Match { whole: (product, energy.max(1e-30)), rest: (rest.0, rest.1.max(1e-9 * energy).max(1e-30)) }
+    }
+
+    /// Points of a grid that go best with what is missed: the best by all that `change` makes of the signals, and as many by what of it is not
+    /// merely slow, which the former may be lost in.
+    pub fn best(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
+        let of = |point: Vec<f64>| {
+            let matched = (0..self.runs.len()).map(|at| self.matched(at, |run, path| change(&point, run, path)));
+            let [whole, rest]: [Vec<(f64, f64)>; 2] = matched.map(|one| [one.whole, one.rest]).fold(Default::default(), |mut all, one| {
+                all.iter_mut().zip(one).for_each(|(all, one)| all.push(one));
+                all
+            });
+            ([over(whole.into_iter()), over(rest.into_iter())], point)
+        };
+        let scored: Vec<([f64; 2], Vec<f64>)> = grid.map(of).collect();
+        let mut best: Vec<Vec<f64>> = Vec::new();
+        for by in [0, 1] {
+            let mut order: Vec<&([f64; 2], Vec<f64>)> = scored.iter().filter(|one| !best.contains(&one.1)).collect();
+            order.sort_by(|x, y| y.0[by].total_cmp(&x.0[by]));
+            best.extend(order.into_iter().take(MATCHED / 2).map(|one| one.1.clone()).collect::<Vec<_>>());
+        }
+        best
+    }
+}
+
+/// Products of own and missed steps, and squares of the own.
+pub struct Match {
+    /// Of all of them.
+    pub whole: (f64, f64),
+    /// Without what is merely slow.
+    pub rest: (f64, f64),
+}
+
+/// The score of several recordings together.
+pub fn over(products: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (cross, energy) = products.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
+    cross / energy.sqrt()
+}
