@@ -74,48 +74,36 @@ impl<'a> Steps<'a> {
         self.runs.iter().map(|of| of.run).enumerate()
     }
 
-    /// What the steps that `change` makes of the signal of a recording have to do with the missed ones.
-    pub fn matched(&self, at: usize, change: impl FnOnce(&Run, &mut [f64])) -> Match {
+    /// Product of the steps that `change` makes of the signal of a recording and the missed ones, and the square of the former: of all that it makes, and
+    /// of what of it is not merely slow.
+    pub fn matched(&self, at: usize, change: impl FnOnce(&Run, &mut [f64])) -> [(f64, f64); 2] {
         let OfRun { run, signal, missed, slow } = &self.runs[at];
         let mut path = signal.clone();
         change(run, &mut path);
         let own = steps(&path, signal);
-        let (product, energy) = (dot(&own, missed), dot(&own, &own));
-        let rest = slow.iter().fold((product, energy), |(product, rest), slow| {
+        let whole = (dot(&own, missed), dot(&own, &own) + 1e-30);
+        let rest = slow.iter().fold(whole, |(product, energy), slow| {
             let share = dot(&own, slow);
-            (product - share * dot(missed, slow), rest - share * share)
+            (product - share * dot(missed, slow), energy - share * share)
         });
-        Match { whole: (product, energy.max(1e-30)), rest: (rest.0, rest.1.max(1e-9 * energy).max(1e-30)) }
+        [whole, (rest.0, rest.1.max(1e-9 * whole.1))]
     }
 
     /// Points of a grid that go best with what is missed: the best by all that `change` makes of the signals, and as many by what of it is not
-    /// merely slow, which the former may be lost in.
+    /// merely slow, which may be lost in the former.
     pub fn best(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
         let of = |point: Vec<f64>| {
-            let matched = (0..self.runs.len()).map(|at| self.matched(at, |run, path| change(&point, run, path)));
-            let [whole, rest]: [Vec<(f64, f64)>; 2] = matched.map(|one| [one.whole, one.rest]).fold(Default::default(), |mut all, one| {
-                all.iter_mut().zip(one).for_each(|(all, one)| all.push(one));
-                all
-            });
-            ([over(whole.into_iter()), over(rest.into_iter())], point)
+            let matched: Vec<_> = (0..self.runs.len()).map(|at| self.matched(at, |run, path| change(&point, run, path))).collect();
+            ([0, 1].map(|by: usize| over(matched.iter().map(|of| of[by]))), point)
         };
-        let scored: Vec<([f64; 2], Vec<f64>)> = grid.map(of).collect();
-        let mut best: Vec<Vec<f64>> = Vec::new();
-        for by in [0, 1] {
-            let mut order: Vec<&([f64; 2], Vec<f64>)> = scored.iter().filter(|one| !best.contains(&one.1)).collect();
-            order.sort_by(|x, y| y.0[by].total_cmp(&x.0[by]));
-            best.extend(order.into_iter().take(MATCHED / 2).map(|one| one.1.clone()).collect::<Vec<_>>());
-        }
-        best
+        let mut scored: Vec<([f64; 2], Vec<f64>)> = grid.map(of).collect();
+        let best = |by: usize| {
+            scored.sort_by(|x, y| y.0[by].total_cmp(&x.0[by]));
+            let count = scored.len().min(MATCHED / 2);
+            scored.drain(..count).map(|one| one.1).collect::<Vec<_>>()
+        };
+        [0, 1].map(best).concat()
     }
-}
-
-/// Products of own and missed steps, and squares of the own.
-pub struct Match {
-    /// Of all of them.
-    pub whole: (f64, f64),
-    /// Without what is merely slow.
-    pub rest: (f64, f64),
 }
 
 /// The score of several recordings together.

@@ -82,7 +82,7 @@ impl Form for Held {
         let steps = Steps::new(session, residual, held);
         let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
         let score =
-            |start: &Vec<f64>| over(steps.runs().map(|(at, run)| steps.matched(at, change(start[0], self.first_look(start, run))).rest));
+            |start: &Vec<f64>| over(steps.runs().map(|(at, run)| steps.matched(at, change(start[0], self.first_look(start, run)))[1]));
         let sample_s = session.runs[0].period_s;
         let first_looks = |period_s: f64| {
             let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
@@ -91,7 +91,7 @@ impl Form for Held {
         // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
         let best_looks = |start: &Vec<f64>| {
             let best = |at: usize| {
-                let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first)).rest);
+                let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first))[1]);
                 let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
                 of.max_by(better).unwrap_or((0.0, 1e-30))
             };

@@ -141,7 +141,8 @@ fn count(done: &mut f64, high: &mut bool, share: f64, begins: bool) {
     }
 }
 
-/// Valves that leave an error alone as long as it is small.
+/// Valves that leave an error alone as long as it is small. The first and the third, which never jump, are play operators before those of the muscle: more
+/// of the same, which no recording tells apart.
 fn valve(law: u64, draw: &mut Draw<'_>) -> Drawn {
     let drawn = draw.span_bar * draw.log(0.03, 0.1);
     let band = draw.tell("valve-dead-band.band_bar", drawn);
