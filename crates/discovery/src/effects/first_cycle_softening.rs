@@ -1,8 +1,10 @@
 //! `first-cycle-softening` (Mullins): the first strokes are others, `y = s - V(s) F(c)`. What is left of the virgin material, `F`, goes with what has
 //! worked it, `c`: the distance travelled since the recording began, where the muscle recovers in between (and maybe in time), or since the session
 //! began, where it does not; the strokes done; the time under load; or the largest load so far (Mullins 1969). Mostly it is stiffer, `V(s) = A s`; in
-//! general `V` is a parabola: a set that stays, a threshold that the first strokes have to pass, stiffness at large displacements alone. Or below its
-//! own peak `p` it is softer than on the way there, `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999).
+//! general it is a parabola, `a s + b + c s^2`, and `d` times the integral of `F ds`: a set that stays, a threshold that the first strokes have to pass,
+//! stiffness at large displacements alone or of the tangent. Or below its own peak `p`, which may fade, it is softer than on the way there,
+//! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999), or `y = s + (p - s) (a + b s + c (p - s))` in general. Or it runs in: a loop that is
+//! there at first, a play operator whose threshold is `W F`, is gone later.
 
 use std::collections::BTreeMap;
 
@@ -24,13 +26,15 @@ pub const FORMS: &[&dyn Form] = &[
     &Softening { by: Wear::Distance, curved: true },
     &Softening { by: Wear::Strokes, curved: true },
     &Softening { by: Wear::Largest { heals: true }, curved: true },
-    &BelowPeak,
+    &BelowPeak { curved: false },
+    &BelowPeak { curved: true },
+    &RunningIn,
 ];
 
 /// A virgin material that work turns into another.
 struct Softening {
     by: Wear,
-    /// Whether the virgin material differs by a parabola of the displacement, not by its stiffness alone.
+    /// Whether the virgin material differs by a parabola of the displacement and by its tangent, not by its stiffness alone.
     curved: bool,
 }
 
@@ -49,7 +53,13 @@ enum Wear {
 }
 
 /// Softer below the displacement's own peak since the recording began.
-struct BelowPeak;
+struct BelowPeak {
+    /// Whether by any parabola of how far it is below.
+    curved: bool,
+}
+
+/// A loop that fades with the distance travelled in a recording.
+struct RunningIn;
 
 /// A recovery that no session lasts for, s.
 const NEVER_S: f64 = 1e4;
@@ -89,7 +99,7 @@ impl Form for Softening {
             (Wear::Largest { heals: true }, true) => ("highest-curved", "another curve below the highest input since the recording began"),
             (Wear::Largest { heals: false }, _) => ("highest-in-session", "by the highest input since the session began"),
         };
-        let plain = Spec { weights: if self.curved { 3 } else { 1 }, needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
+        let plain = Spec { weights: if self.curved { 4 } else { 1 }, needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
         match (&self.by, self.curved) {
             (Wear::Distance, false) => Spec {
                 parameters: &[DISTANCE, RECOVERY],
@@ -112,6 +122,11 @@ impl Form for Softening {
         if self.curved {
             columns.push(true, |sample| virgin[sample]);
             columns.push(true, |sample| sum[sample] * sum[sample] * virgin[sample]);
+            let mut passed = 0.0;
+            columns.push(true, |sample| {
+                passed += virgin[sample] * (sum[sample] - sum[sample.saturating_sub(1)]);
+                passed
+            });
         }
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
@@ -192,23 +207,61 @@ impl Wear {
 
 impl Form for BelowPeak {
     fn spec(&self) -> Spec {
-        Spec {
-            parameters: &[Parameter { name: "distance", quantity: Quantity::Output, low: 0.03, high: 2.0, logarithmic: true }],
-            starts: || row(&[0.1, 0.3, 1.0]),
-            weights: 1,
-            needs_sum: true,
-            ..Spec::new(NAME, ("below-peak", "below the highest displacement since the recording began"), Place::Material)
+        const BELOW: Parameter = Parameter { low: 0.03, high: 2.0, ..DISTANCE };
+        let form = if self.curved {
+            ("below-peak-curved", "along another curve below the highest displacement since the recording began")
+        } else {
+            ("below-peak", "below the highest displacement since the recording began")
+        };
+        let plain = Spec { needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
+        if self.curved {
+            let starts = || row(&[10.0, NEVER_S]);
+            Spec { parameters: &[RECOVERY], simpler_at: &[(0, NEVER_S)], starts, weights: 3, ..plain }
+        } else {
+            let starts = || grid(&[0.1, 0.3, 1.0], &[10.0, NEVER_S]);
+            Spec { parameters: &[BELOW, RECOVERY], simpler_at: &[(1, NEVER_S)], starts, weights: 1, ..plain }
         }
     }
-    fn output(&self, parameters: &[f64], _: &Run, sum: &[f64], columns: &mut Columns) {
-        let mut peak = sum[0];
-        columns.push(true, |sample| {
-            peak = peak.max(sum[sample]);
-            sum[sample] * erf((peak - sum[sample]) / parameters[0])
-        });
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let fades_s = parameters[parameters.len() - 1];
+        let share = if fades_s < NEVER_S { 1.0 - (-run.period_s / fades_s).exp() } else { 0.0 };
+        let peak = |peak: &mut f64, &value: &f64| {
+            *peak = f64::max(*peak + share * (value - *peak), value);
+            Some(*peak - value)
+        };
+        let below: Vec<f64> = sum.iter().scan(sum[0], peak).collect();
+        if self.curved {
+            columns.push(true, |sample| below[sample]);
+            columns.push(true, |sample| below[sample] * sum[sample]);
+            columns.push(true, |sample| below[sample] * below[sample]);
+        } else {
+            columns.push(true, |sample| sum[sample] * erf(below[sample] / parameters[0]));
+        }
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
+        if self.curved { BTreeMap::new() } else { BTreeMap::from([("missing_gain".to_owned(), -weights[0])]) }
+    }
+}
+
+impl Form for RunningIn {
+    fn spec(&self) -> Spec {
+        const WIDTH: Parameter = Parameter { name: "half_width", quantity: Quantity::Output, low: 5e-3, high: 0.3, logarithmic: true };
+        Spec {
+            parameters: &[DISTANCE, WIDTH],
+            starts: || grid(&[0.5, 1.5, 4.0], &[0.02, 0.06]),
+            weights: 1,
+            needs_sum: true,
+            ..Spec::new(NAME, ("running-in", "a loop that is gone when the displacement has travelled so far"), Place::Material)
+        }
+    }
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        let left = Wear::Distance.virgin(&parameters[..1], run, sum);
+        let mut state = sum[0];
+        columns.push(true, |sample| {
+            let half = parameters[1] * left[sample];
+            state = state.clamp(sum[sample] - half, sum[sample] + half);
+            state - sum[sample]
+        });
     }
 }
 
@@ -300,6 +353,41 @@ mod tests {
     }
 
     #[test]
+    fn a_peak_fades_and_a_loop_runs_in() {
+        let time_s: Vec<f64> = (0..1500).map(|sample| f64::from(sample) * 0.02).collect();
+        // Up within 1 s, down to a half, and up and down between a half and nothing.
+        let input: Vec<f64> = time_s
+            .iter()
+            .map(|time| if *time < 2.0 { 1.0 - (0.5 * time - 0.5).abs() } else { 0.25 + 0.25 * (2.0 * (time - 2.0)).cos() })
+            .collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let sum = &run.input;
+        let of = |form: &dyn Form, parameters: &[f64]| -> Vec<Vec<f64>> {
+            let mut columns = Columns::of(sum.len());
+            form.output(parameters, run, sum, &mut columns);
+            (0..form.spec().weights).map(|at| columns.column(at)).collect()
+        };
+        let top = sum.iter().copied().fold(0.0, f64::max);
+        for (fades_s, share) in [(NEVER_S, 1.0), (5.0, (-1.0_f64).exp())] {
+            let [below, with_place, square] = <[Vec<f64>; 3]>::try_from(of(&BelowPeak { curved: true }, &[fades_s])).expect("three");
+            assert!((0..=50).all(|sample| below[sample].abs() < 1e-12), "on the way up there is no peak to be below");
+            // Half a stroke is far below: within 5 s the way to the peak fades to a share, but for where the displacement went meanwhile.
+            let (at, now) = (300, sum[300]);
+            assert!((below[at] - share * (top - now)).abs() < 0.35 * (1.0 - share) + 1e-9, "{fades_s} s: {}", below[at]);
+            assert!((with_place[at] - below[at] * now).abs() < 1e-12 && (square[at] - below[at] * below[at]).abs() < 1e-12);
+        }
+        let running_in = of(&RunningIn, &[1.0, 0.1]);
+        // It is behind by as much of the half width as the distance so far has left, and by nothing after many strokes.
+        let travelled = |at: usize| sum[..=at].windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>();
+        let expected = -0.1 * (-travelled(40)).exp();
+        assert!((running_in[0][40] - expected).abs() < 1e-9, "{} instead of {expected}", running_in[0][40]);
+        assert!(running_in[0][1499].abs() < 0.1 * (-travelled(1499)).exp() + 1e-12);
+    }
+
+    #[test]
     fn below_its_peak_it_is_softer_and_on_the_way_there_it_is_not() {
         let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
         let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.25 * time).cos()).collect();
@@ -308,7 +396,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut columns = Columns::of(run.input.len());
-        BelowPeak.output(&[0.2], run, &run.input, &mut columns);
+        BelowPeak { curved: false }.output(&[0.2, NEVER_S], run, &run.input, &mut columns);
         let softer = columns.column(0);
         assert!((0..=100).all(|sample| softer[sample] == 0.0));
         // Half way down, and half way up again.

@@ -8,6 +8,10 @@ use super::laws::{Drawn, Turn, first_order, stage};
 
 /// How many laws of softening there are.
 const SOFTENINGS: u64 = 14;
+/// First seed of further laws of softening.
+const FURTHER: u64 = 8100;
+/// How many of them there are.
+const FURTHER_SOFTENINGS: u64 = 5;
 /// How many valves.
 const VALVES: u64 = 8;
 /// How many holds.
@@ -16,6 +20,7 @@ const HOLDS: u64 = 6;
 /// Draws the law of the effect `name` that belongs to `seed`.
 pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
     match name {
+        "first-cycle-softening" if seed >= FURTHER => further_softening(seed % FURTHER_SOFTENINGS, draw),
         "first-cycle-softening" => softening(seed % SOFTENINGS, draw),
         "valve-dead-band" => valve(seed % VALVES, draw),
         "hold-after-reversal" => hold(seed % HOLDS, draw),
@@ -125,6 +130,55 @@ fn softening(law: u64, draw: &mut Draw<'_>) -> Drawn {
         _ => Drawn::Behind(stage(move |value, moment| {
             count(&mut done, &mut high, value / range, moment.begins);
             value * if done < 1.0 { 1.0 - size } else { 1.0 }
+        })),
+    }
+}
+
+/// Further laws of it: of the tangent, of a peak that fades, of powers, and of the width of the loop.
+fn further_softening(law: u64, draw: &mut Draw<'_>) -> Drawn {
+    let (range, size) = (draw.range_mm, draw.even(0.08, 0.22));
+    let far = range * draw.log(0.8, 4.0);
+    let (mut last, mut state, mut travelled, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    match law {
+        // The tangent is stiffer at first, not the secant: what is missing stays missing.
+        0 => Drawn::Behind(stage(move |value: f64, moment| {
+            if moment.begins {
+                (last, state, travelled) = (value, value, 0.0);
+            }
+            travelled += (value - last).abs();
+            state += (value - last) * (1.0 - size * (-travelled / far).exp());
+            last = value;
+            state
+        })),
+        // Softer below a peak that fades.
+        1 => {
+            let fades_s = draw.log(4.0, 20.0);
+            Drawn::Behind(stage(move |value: f64, moment| {
+                peak = if moment.begins { value } else { peak.max(value) };
+                peak += (value - peak) * STEP_S / fades_s;
+                value * (1.0 + size * ((peak - value) / (0.25 * range)).tanh())
+            }))
+        }
+        // By the square of the largest load.
+        2 => Drawn::Behind(stage(move |value: f64, moment| {
+            peak = if moment.begins { value } else { peak.max(value) };
+            value * (1.0 - size * (1.0 - (peak / range).clamp(0.0, 1.0).powi(2)))
+        })),
+        // Below the peak along another power of the displacement.
+        3 => Drawn::Behind(stage(move |value: f64, moment| {
+            peak = if moment.begins { value.max(1e-9) } else { peak.max(value) };
+            if value > 0.0 { peak * (value / peak).powf(1.0 - 2.0 * size) } else { value }
+        })),
+        // The loop is wider at first.
+        _ => Drawn::Behind(stage(move |value: f64, moment| {
+            if moment.begins {
+                (last, state, travelled) = (value, value, 0.0);
+            }
+            travelled += (value - last).abs();
+            last = value;
+            let width = 0.5 * size * range * (-travelled / far).exp();
+            state = state.clamp(value - width, value + width);
+            state
         })),
     }
 }
