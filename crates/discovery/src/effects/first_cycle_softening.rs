@@ -3,7 +3,7 @@
 //! began, where it does not; the strokes done; the time under load; or the largest load so far (Mullins 1969). Mostly it is stiffer, `V(s) = A s`; in
 //! general it is a parabola, `a s + b + c s^2`, and `d` times the integral of `F ds`: a set that stays, a threshold that the first strokes have to pass,
 //! stiffness at large displacements alone or of the tangent. Or below its own peak `p`, which may fade, it is softer than on the way there,
-//! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999), or `y = s + (p - s) (a + b s + c (p - s))` in general. Or it runs in: a loop that is
+//! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999). Or it runs in: a loop that is
 //! there at first, a play operator whose threshold is `W F`, is gone later.
 
 use std::collections::BTreeMap;
@@ -26,8 +26,7 @@ pub const FORMS: &[&dyn Form] = &[
     &Softening { by: Wear::Distance, curved: true },
     &Softening { by: Wear::Strokes, curved: true },
     &Softening { by: Wear::Largest { heals: true }, curved: true },
-    &BelowPeak { curved: false },
-    &BelowPeak { curved: true },
+    &BelowPeak,
     &RunningIn,
 ];
 
@@ -53,10 +52,7 @@ enum Wear {
 }
 
 /// Softer below the displacement's own peak since the recording began.
-struct BelowPeak {
-    /// Whether by any parabola of how far it is below.
-    curved: bool,
-}
+struct BelowPeak;
 
 /// A loop that fades with the distance travelled in a recording.
 struct RunningIn;
@@ -208,38 +204,27 @@ impl Wear {
 impl Form for BelowPeak {
     fn spec(&self) -> Spec {
         const BELOW: Parameter = Parameter { low: 0.03, high: 2.0, ..DISTANCE };
-        let form = if self.curved {
-            ("below-peak-curved", "along another curve below the highest displacement since the recording began")
-        } else {
-            ("below-peak", "below the highest displacement since the recording began")
-        };
-        let plain = Spec { needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
-        if self.curved {
-            let starts = || row(&[10.0, NEVER_S]);
-            Spec { parameters: &[RECOVERY], simpler_at: &[(0, NEVER_S)], starts, weights: 3, ..plain }
-        } else {
-            let starts = || grid(&[0.1, 0.3, 1.0], &[10.0, NEVER_S]);
-            Spec { parameters: &[BELOW, RECOVERY], simpler_at: &[(1, NEVER_S)], starts, weights: 1, ..plain }
+        Spec {
+            parameters: &[BELOW, RECOVERY],
+            simpler_at: &[(1, NEVER_S)],
+            starts: || grid(&[0.1, 0.3, 1.0], &[10.0, NEVER_S]),
+            weights: 1,
+            needs_sum: true,
+            ..Spec::new(NAME, ("below-peak", "below the highest displacement since the recording began"), Place::Material)
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let fades_s = parameters[parameters.len() - 1];
+        let fades_s = parameters[1];
         let share = if fades_s < NEVER_S { 1.0 - (-run.period_s / fades_s).exp() } else { 0.0 };
         let peak = |peak: &mut f64, &value: &f64| {
             *peak = f64::max(*peak + share * (value - *peak), value);
             Some(*peak - value)
         };
         let below: Vec<f64> = sum.iter().scan(sum[0], peak).collect();
-        if self.curved {
-            columns.push(true, |sample| below[sample]);
-            columns.push(true, |sample| below[sample] * sum[sample]);
-            columns.push(true, |sample| below[sample] * below[sample]);
-        } else {
-            columns.push(true, |sample| sum[sample] * erf(below[sample] / parameters[0]));
-        }
+        columns.push(true, |sample| sum[sample] * erf(below[sample] / parameters[0]));
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        if self.curved { BTreeMap::new() } else { BTreeMap::from([("missing_gain".to_owned(), -weights[0])]) }
+        BTreeMap::from([("missing_gain".to_owned(), -weights[0])])
     }
 }
 
@@ -372,12 +357,12 @@ mod tests {
         };
         let top = sum.iter().copied().fold(0.0, f64::max);
         for (fades_s, share) in [(NEVER_S, 1.0), (5.0, (-1.0_f64).exp())] {
-            let [below, with_place, square] = <[Vec<f64>; 3]>::try_from(of(&BelowPeak { curved: true }, &[fades_s])).expect("three");
-            assert!((0..=50).all(|sample| below[sample].abs() < 1e-12), "on the way up there is no peak to be below");
+            let softer = &of(&BelowPeak, &[0.5, fades_s])[0];
+            assert!((0..=50).all(|sample| softer[sample].abs() < 1e-12), "on the way up there is no peak to be below");
             // Half a stroke is far below: within 5 s the way to the peak fades to a share, but for where the displacement went meanwhile.
             let (at, now) = (300, sum[300]);
-            assert!((below[at] - share * (top - now)).abs() < 0.35 * (1.0 - share) + 1e-9, "{fades_s} s: {}", below[at]);
-            assert!((with_place[at] - below[at] * now).abs() < 1e-12 && (square[at] - below[at] * below[at]).abs() < 1e-12);
+            let [least, most] = [share, share + 0.35 * (1.0 - share)].map(|share| now * erf(share * (top - now) / 0.5));
+            assert!(softer[at] > least - 1e-9 && softer[at] < most + 1e-9, "{fades_s} s: {} of {least} to {most}", softer[at]);
         }
         let running_in = of(&RunningIn, &[1.0, 0.1]);
         // It is behind by as much of the half width as the distance so far has left, and by nothing after many strokes.
@@ -396,7 +381,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut columns = Columns::of(run.input.len());
-        BelowPeak { curved: false }.output(&[0.2, NEVER_S], run, &run.input, &mut columns);
+        BelowPeak.output(&[0.2, NEVER_S], run, &run.input, &mut columns);
         let softer = columns.column(0);
         assert!((0..=100).all(|sample| softer[sample] == 0.0));
         // Half way down, and half way up again.
