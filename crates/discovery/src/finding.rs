@@ -12,7 +12,7 @@ use crate::files::file::DiscoveredModel;
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery};
-use crate::search::parallel::{Progress, Watch};
+use crate::search::parallel::{Progress, Watch, both};
 use crate::selection::rounds::Bench;
 use crate::selection::{decision, find, verdict};
 
@@ -91,9 +91,14 @@ pub fn discover_from(
     let residual = found.residuals(&session);
     let kind = if search.found.jump_scatter.is_some() { mask::Residual::OfJumps } else { mask::Residual::OfModel };
     mask::outliers(&mut session, &residual, kind);
-    found.fit_all(&session);
-    found.anchor(&session);
-    before.fit_all(&session);
+    both(
+        config.threads,
+        || before.fit_all(&session),
+        || {
+            found.fit_all(&session);
+            found.anchor(&session);
+        },
+    );
     let decision = decision::decide(&session, &base, &search, &found, config.seed, config.threads);
     let after = decision.model.clone();
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
@@ -119,16 +124,18 @@ pub fn discover_from(
     let is = counted.simulate(&with_effects, calibrate_s)?;
     verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
-    discovery.disagreements = residual_map::disagreements(&session, &residual_before, config.seed);
+    (discovery.disagreements, (discovery.memory_horizon, discovery.residual_before, discovery.residual_after)) = both(
+        config.threads,
+        || residual_map::disagreements(&session, &residual_before, config.seed),
+        || {
+            // Its predictors see the first input only.
+            let horizon = if session.others.is_empty() { horizon::horizon(&session) } else { Vec::new() };
+            (horizon, diagnosis::examine(&session, &residual_before), diagnosis::examine(&session, &after.residuals(&session)))
+        },
+    );
     discovery.summary =
         residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
-    // Its predictors see the first input only.
-    if session.others.is_empty() {
-        discovery.memory_horizon = horizon::horizon(&session);
-    }
-    discovery.residual_before = diagnosis::examine(&session, &residual_before);
-    discovery.residual_after = diagnosis::examine(&session, &after.residuals(&session));
     discovery.pressure_path = pressure_path;
     let second = decision.second.filter(|_| discovery.runner_up.is_some());
     Ok(Finding { discovery, session, before, after, second, simulated, with_effects })

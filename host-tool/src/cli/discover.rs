@@ -123,6 +123,9 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, out: &Path) {
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
+    if let Some(warning) = report::discovery::warning(discovery) {
+        say!("{warning}");
+    }
     if let Some([before, after, closed]) = discovery.one_step() {
         say!(
             "One step ahead: rmse {before:.5} {unit} by a smooth observer, {after:.5} {unit} by one that knows the jumps; {:.1} % of the gap closed.",

@@ -35,6 +35,13 @@ pub fn headline(discovery: &Discovery) -> String {
     }
 }
 
+/// What to say where recordings that were kept out speak against what was found.
+#[must_use]
+pub fn warning(discovery: &Discovery) -> Option<&'static str> {
+    let is_worse = !discovery.effects.is_empty() && discovery.rmse_after > discovery.rmse_before;
+    is_worse.then_some("There the model with what was found is worse than the one without: do not simulate with it.")
+}
+
 /// The page.
 #[must_use]
 pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
@@ -54,7 +61,8 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
         (gap, "of the gap closed".into(), None),
     ]);
     let kept = if discovery.kept_out.is_empty() { "all recordings".to_owned() } else { discovery.kept_out.join(", ") };
-    page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}."));
+    let warning = warning(discovery).map_or(String::new(), |warning| format!(" **{warning}**"));
+    page.paragraph(&format!("The figures are those of recordings that took no part in any choice: {kept}.{warning}"));
     if finding.session.runs.iter().any(|run| run.is_worked_with() && run.role.contains(&Role::Test)) {
         page.paragraph(
             "The recordings are too few to leave whole ones out: blocks of them were left out instead, and their neighbours were not.",

@@ -198,6 +198,18 @@ impl Columns {
         self.forget_added();
     }
 
+    /// As if new, but for the memory.
+    pub fn clear(&mut self) {
+        let Self { operators, filtered, is_filtered, added, samples, free, command, at_sensor, bank } = self;
+        for rows in [operators, filtered, added] {
+            (rows.count, rows.stride) = (0, 0);
+        }
+        (*is_filtered, *samples, *bank) = (false, 0, None);
+        free.clear();
+        command.clear();
+        at_sensor.clear();
+    }
+
     /// Begins anew behind the operators.
     pub fn forget_added(&mut self) {
         self.is_filtered = false;

@@ -1,5 +1,8 @@
 //! Where to begin the search of what holds and jumps: its steps are matched with those that a model misses.
 
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::chain::columns::SIDE;
 use crate::chain::filters::lag;
 use crate::data::session::{Role, Run, Session};
 
@@ -20,10 +23,8 @@ struct OfRun<'a> {
     run: &'a Run,
     /// What holds or is held: the command, or the output.
     signal: Vec<f64>,
-    /// What the model misses.
-    missed: Vec<f64>,
-    /// What is merely slow: orthogonal and of length one.
-    slow: Vec<Vec<f64>>,
+    /// What the model misses; the same without what is merely slow; then what is slow, orthogonal and of length one. Zeros fill up the last lanes.
+    directions: Vec<Vec<f64>>,
 }
 
 fn dot(one: &[f64], other: &[f64]) -> f64 {
@@ -31,6 +32,7 @@ fn dot(one: &[f64], other: &[f64]) -> f64 {
 }
 
 /// Steps over two samples of what has become of a signal.
+#[inline(always)]
 fn steps(after: &[f64], before: &[f64]) -> Vec<f64> {
     after.windows(3).zip(before.windows(3)).map(|(after, before)| after[2] - before[2] - after[0] + before[0]).collect()
 }
@@ -41,6 +43,35 @@ fn without(mut one: Vec<f64>, slow: &[Vec<f64>]) -> Vec<f64> {
         one.iter_mut().zip(slow).for_each(|(value, slow)| *value -= share * slow);
     }
     one
+}
+
+/// Most directions that steps are multiplied with.
+const DIRECTIONS: usize = 2 + SLOW.len();
+
+/// Products of the steps that become of a signal with all directions, and the sum of their squares.
+struct Products<'a> {
+    after: &'a [f64],
+    of: &'a OfRun<'a>,
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ([f64; DIRECTIONS], f64);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Self::Output {
+        let mut own = steps(self.after, &self.of.signal);
+        own.resize(own.len().next_multiple_of(SIDE), 0.0);
+        let product = |direction: &[f64]| {
+            let mut lanes = [0.0; SIDE];
+            for (own, direction) in own.chunks_exact(SIDE).zip(direction.chunks_exact(SIDE)) {
+                (0..SIDE).for_each(|lane| lanes[lane] += own[lane] * direction[lane]);
+            }
+            lanes.iter().sum()
+        };
+        let mut products = [0.0; DIRECTIONS];
+        products.iter_mut().zip(&self.of.directions).for_each(|(sum, direction)| *sum = product(direction));
+        (products, product(&own))
+    }
 }
 
 impl<'a> Steps<'a> {
@@ -63,8 +94,10 @@ impl<'a> Steps<'a> {
                     slow.push(own.iter().map(|value| value / size).collect());
                 }
             }
-            let missed = residual[run.index].windows(3).map(|now| now[2] - now[0]).collect();
-            OfRun { run, signal, missed, slow }
+            let missed: Vec<f64> = residual[run.index].windows(3).map(|now| now[2] - now[0]).collect();
+            let mut directions: Vec<_> = [missed.clone(), without(missed, &slow)].into_iter().chain(slow).collect();
+            directions.iter_mut().for_each(|one| one.resize(one.len().next_multiple_of(SIDE), 0.0));
+            OfRun { run, signal, directions }
         };
         Self { runs: session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).map(of).collect() }
     }
@@ -77,16 +110,12 @@ impl<'a> Steps<'a> {
     /// Product of the steps that `change` makes of the signal of a recording and the missed ones, and the square of the former: of all that it makes, and
     /// of what of it is not merely slow.
     pub fn matched(&self, at: usize, change: impl FnOnce(&Run, &mut [f64])) -> [(f64, f64); 2] {
-        let OfRun { run, signal, missed, slow } = &self.runs[at];
-        let mut path = signal.clone();
-        change(run, &mut path);
-        let own = steps(&path, signal);
-        let whole = (dot(&own, missed), dot(&own, &own) + 1e-30);
-        let rest = slow.iter().fold(whole, |(product, energy), slow| {
-            let share = dot(&own, slow);
-            (product - share * dot(missed, slow), energy - share * share)
-        });
-        [whole, (rest.0, rest.1.max(1e-9 * whole.1))]
+        let of = &self.runs[at];
+        let mut path = of.signal.clone();
+        change(of.run, &mut path);
+        let ([whole, rest, slow @ ..], squares) = Arch::new().dispatch(Products { after: &path, of });
+        let energy = squares + 1e-30;
+        [(whole, energy), (rest, (energy - slow.iter().map(|share| share * share).sum::<f64>()).max(1e-9 * energy))]
     }
 
     /// Points of a grid that go best with what is missed: the best by all that `change` makes of the signals, and as many by what of it is not

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::data::fast_noise::fast_noise;
+use crate::data::phasors::transform;
 use crate::data::session::{Run, Session};
 use crate::data::worked::worked_with;
 
@@ -190,17 +191,12 @@ impl Lines {
 
     fn add(&mut self, flat: &[f64]) {
         let turn = 2.0 * std::f64::consts::PI / WINDOW as f64;
+        let bins: Vec<f64> = (0..WINDOW / 2).map(|bin| bin as f64 / WINDOW as f64).collect();
         for start in (0..(flat.len() + 1).saturating_sub(WINDOW)).step_by(WINDOW / 2) {
             // Hann's window keeps a line within two bins of its own.
             let faded: Vec<f64> = (0..WINDOW).map(|at| flat[start + at] * 0.5 * (1.0 - (turn * (at as f64 + 0.5)).cos())).collect();
-            for (bin, power) in self.powers.iter_mut().enumerate() {
-                let angle = |at: usize| turn * (bin * at % WINDOW) as f64;
-                let (re, im) = faded.iter().enumerate().fold((0.0, 0.0), |(re, im), (at, value)| {
-                    let (sine, cosine) = angle(at).sin_cos();
-                    (re + value * cosine, im + value * sine)
-                });
-                *power += re * re + im * im;
-            }
+            let [re, im] = transform(&faded, 0.0, 1.0, &bins);
+            self.powers.iter_mut().zip(re.iter().zip(im)).for_each(|(power, (re, im))| *power += re * re + im * im);
             self.windows += 1.0;
         }
     }

@@ -65,6 +65,16 @@ const FEWEST_LOOKS: f64 = 4.0;
 /// Starts that are made finer.
 const BEST: usize = 8;
 
+/// Share of a grid that is looked at in all recordings: what goes best with every other one.
+const SIEVED: usize = 8;
+
+/// The best of a grid, by a score of every so many recordings.
+fn sieved(grid: Vec<Vec<f64>>, score: impl Fn(usize, &Vec<f64>) -> f64) -> Vec<Vec<f64>> {
+    let count = (grid.len() / SIEVED).max(BEST);
+    let few = best_starts(grid.into_iter(), |start| score(2, start), count);
+    best_starts(few.into_iter(), |start| score(1, start), BEST)
+}
+
 impl Form for Held {
     fn spec(&self) -> Spec {
         Spec {
@@ -81,21 +91,21 @@ impl Form for Held {
         let held = |run: &Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
         let steps = Steps::new(session, residual, held);
         let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
-        let score =
-            |start: &Vec<f64>| over(steps.runs().map(|(at, run)| steps.matched(at, change(start[0], self.first_look(start, run)))[1]));
+        let of = |at: usize, run: &Run, start: &[f64]| steps.matched(at, change(start[0], self.first_look(start, run)))[1];
+        let score = |every: usize, start: &Vec<f64>| over(steps.runs().step_by(every).map(|(at, run)| of(at, run, start)));
         let sample_s = session.runs[0].period_s;
         let first_looks = |period_s: f64| {
             let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
             (0..count as usize).map(move |place| place as f64 / count)
         };
         // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
-        let best_looks = |start: &Vec<f64>| {
+        let best_looks = |every: usize, start: &Vec<f64>| {
             let best = |at: usize| {
                 let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first))[1]);
                 let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
                 of.max_by(better).unwrap_or((0.0, 1e-30))
             };
-            over(steps.runs().map(|(at, _)| best(at)))
+            over(steps.runs().step_by(every).map(|(at, _)| best(at)))
         };
         let of_recordings = spacing_hz(session);
         let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low, AGE.low];
@@ -103,23 +113,23 @@ impl Form for Held {
         let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
         let (spacing_hz, begun) = if self.runs_on {
-            let best = best_starts(frequencies.map(|hz| with(hz, 0.0)), best_looks, BEST);
+            let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
             let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
             let steps = (of_recordings / of_session).ceil() as i32;
             let near = |start: Vec<f64>| {
                 let near = (-2 * steps..=2 * steps).map(|step| 1.0 / start[0] + 0.5 * f64::from(step) * of_session);
                 let all = near.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
-                best_starts(all, score, 1)
+                best_starts(all, |start| score(1, start), 1)
             };
             (of_session, best.into_iter().flat_map(near).collect::<Vec<_>>())
         } else {
             let all = frequencies.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
-            (of_recordings, best_starts(all, score, BEST))
+            (of_recordings, sieved(all.collect(), score))
         };
         // Finer steps about each, until a period is as near as the recordings resolve.
         let finer = |start: Vec<f64>| {
             let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
-            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), score, 1)
+            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), |start| score(1, start), 1)
         };
         begun
             .into_iter()
@@ -164,13 +174,16 @@ fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64
         before[below] + (place - below as f64) * (before[(below + 1).min(sample)] - before[below])
     };
     if follows_s <= FOLLOWS.low {
-        let mut from = 0;
+        let (mut from, mut look) = (0, (1e-9 - first).floor());
         while from < path.len() {
-            let value = looked_at(from, place(from));
-            let next = (last_look(from as f64, samples, first) + samples * (1.0 - 1e-9)).ceil() as usize;
-            let until = next.clamp(from + 1, path.len());
+            let value = looked_at(from, ((look + first) * samples).clamp(0.0, from as f64));
+            let next = |look: f64| (look + 1.0 + first - 1e-9) * samples;
+            let until = (next(look).ceil() as usize).clamp(from + 1, path.len());
             path[from..until].fill(value);
             from = until;
+            while next(look) <= from as f64 {
+                look += 1.0;
+            }
         }
         return;
     }

@@ -5,6 +5,7 @@
 //! other half, against `L`, falls until `L` holds all that the plant remembers. A model that sees less (a network with a window of 50
 //! samples) cannot be better than the error at its length; play operators and recurrent networks see everything.
 
+use pulp::{Arch, Simd, WithSimd};
 use serde::Serialize;
 
 use crate::data::session::{Role, Run, Session};
@@ -115,13 +116,34 @@ fn features(run: &Run, at: usize, window_s: f64, row: &mut [f64]) {
     let window = &run.input[first..=at];
     row[0] = 1.0;
     row[1] = window[window.len() - 1];
-    let (operators, lags) = row[2..].split_at_mut(THRESHOLDS.len());
-    for (state, threshold) in operators.iter_mut().zip(THRESHOLDS) {
-        *state = window.iter().fold(0.0, |state: f64, input| (input - threshold).max((input + threshold).min(state)));
-    }
-    for (state, time_s) in lags.iter_mut().zip(LAGS_S) {
-        let share = 1.0 - (-run.period_s / time_s).exp();
-        *state = window.iter().fold(window[0], |state, input| state + share * (input - state));
+    let shares = LAGS_S.map(|time_s| 1.0 - (-run.period_s / time_s).exp());
+    let (operators, lags) = Arch::new().dispatch(States { window, shares });
+    row[2..2 + THRESHOLDS.len()].copy_from_slice(&operators);
+    row[2 + THRESHOLDS.len()..].copy_from_slice(&lags);
+}
+
+/// Operators and lags at the end of a window, side by side.
+struct States<'a> {
+    window: &'a [f64],
+    /// What a lag closes of its distance in a sample.
+    shares: [f64; LAGS_S.len()],
+}
+
+impl WithSimd for States<'_> {
+    type Output = ([f64; THRESHOLDS.len()], [f64; LAGS_S.len()]);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Self::Output {
+        let (mut operators, mut lags) = ([0.0_f64; THRESHOLDS.len()], [self.window[0]; LAGS_S.len()]);
+        for &input in self.window {
+            for (state, threshold) in operators.iter_mut().zip(THRESHOLDS) {
+                *state = (input - threshold).max((input + threshold).min(*state));
+            }
+            for (state, share) in lags.iter_mut().zip(self.shares) {
+                *state += share * (input - *state);
+            }
+        }
+        (operators, lags)
     }
 }
 

@@ -5,13 +5,12 @@
 //! again with replacement (block bootstrap: neighbours stay together, so their correlation counts). Of all regions tested those are
 //! told whose false discovery rate stays below 5 % (Benjamini and Hochberg 1995).
 
-use std::f64::consts::PI;
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::data::noise;
+use crate::data::phasors::transform;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
 
@@ -156,18 +155,13 @@ fn frequencies(session: &Session, residual: &[Vec<f64>], floor_square: f64) -> V
     let band_of: Vec<usize> =
         lines.iter().map(|&line| edges[1..edges.len() - 1].partition_point(|edge| *edge <= line as f64 * line_hz)).collect();
     let bands = edges.len() - 1;
-    let cosines: Vec<(f64, f64)> = (0..LENGTH).map(|at| (2.0 * PI * at as f64 / LENGTH as f64).sin_cos()).collect();
+    let lines_hz: Vec<f64> = lines.iter().map(|&line| line as f64 * line_hz).collect();
     let mut of_stretch: Vec<Vec<f64>> = Vec::new();
     for values in residual {
         for stretch in values.chunks_exact(LENGTH) {
             let mut power = vec![0.0; bands];
-            for (&line, &band) in lines.iter().zip(&band_of) {
-                let (mut re, mut im) = (0.0, 0.0);
-                for (at, value) in stretch.iter().enumerate() {
-                    let (sine, cosine) = cosines[(at * line) % LENGTH];
-                    re += value * cosine;
-                    im += value * sine;
-                }
+            let [re, im] = transform(stretch, 0.0, period_s, &lines_hz);
+            for ((&band, re), im) in band_of.iter().zip(re).zip(im) {
                 power[band] += 2.0 * (re * re + im * im) / (LENGTH * LENGTH) as f64;
             }
             of_stretch.push(power);

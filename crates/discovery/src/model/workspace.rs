@@ -3,6 +3,7 @@
 //! A search asks for one model after the other. As long as nothing changes before the operators, their columns and the products of these
 //! with each other stay: what effects add costs no more than its own columns then.
 
+use std::cell::RefCell;
 use std::ops::Range;
 
 use crate::chain::columns::{Columns, OUTPUT, place};
@@ -31,9 +32,9 @@ pub struct Workspace<'a> {
     /// What the operators of the last model were made by.
     last: Option<Operators>,
     /// The operators of each recording, once they have been asked for twice.
-    kept: Vec<Option<Prepared>>,
+    kept: Vec<Option<Recycled>>,
     /// Columns that nobody has asked for again so far.
-    passing: Prepared,
+    passing: Recycled,
     paths: Paths,
 }
 
@@ -63,6 +64,32 @@ struct Prepared {
     select: Vec<f64>,
 }
 
+thread_local! {
+    /// What workspaces of this thread have left behind. Memory that comes fresh from the system costs more than what is written to it.
+    static LEFT: RefCell<Vec<Prepared>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Columns in memory that an earlier workspace has used.
+struct Recycled(Prepared);
+
+impl Default for Recycled {
+    fn default() -> Self {
+        let mut prepared = LEFT.with_borrow_mut(Vec::pop).unwrap_or_default();
+        prepared.columns.clear();
+        prepared.fit.clear();
+        prepared.select.clear();
+        Self(prepared)
+    }
+}
+
+impl Drop for Recycled {
+    fn drop(&mut self) {
+        let left = std::mem::take(&mut self.0);
+        // Where the thread is about to end nobody takes it.
+        let _ = LEFT.try_with(|all| all.borrow_mut().push(left));
+    }
+}
+
 impl<'a> Workspace<'a> {
     /// For models of this session.
     #[must_use]
@@ -71,7 +98,7 @@ impl<'a> Workspace<'a> {
             session,
             last: None,
             kept: session.runs.iter().map(|_| None).collect(),
-            passing: Prepared::default(),
+            passing: Recycled::default(),
             paths: Paths::default(),
         }
     }
@@ -108,7 +135,7 @@ impl<'a> Workspace<'a> {
         let mut free = Vec::new();
         for (run, kept) in runs[..end].iter().zip(&mut self.kept) {
             let is_new = looked_at(run) && kept.is_none();
-            let prepared = if again && looked_at(run) { kept.get_or_insert_default() } else { &mut self.passing };
+            let Recycled(prepared) = if again && looked_at(run) { kept.get_or_insert_default() } else { &mut self.passing };
             if is_new || follows {
                 let path = self.paths.path(run);
                 if is_new {

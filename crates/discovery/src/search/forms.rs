@@ -151,20 +151,29 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
 
 /// Improves all parameters of all effects together, by the samples of `scope`.
 pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
+    let mut model = polished(model, session, scope, evaluations);
+    let (_, select) = model.fit(session, Scope::Both);
+    Fitted { model, select }
+}
+
+/// As [`polish`], its weights still to be fitted.
+pub fn polished(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Model {
     let mut model = model.clone();
     let indices: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(&model, slot)).collect();
     let count = indices.len();
     let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
     let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
-    model.fit(session, scope);
-    descend(&mut model, session, &indices, effort(0.4, evaluations * count));
-    let (_, mut select) = model.fit(session, Scope::Both);
-    if model.needs_sum() && count > 0 {
-        descend(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
-        (_, select) = model.fit(session, Scope::Both);
+    // Where effects act on the model's own output a search keeps its weights.
+    if model.needs_sum() || count == 0 {
+        model.fit(session, scope);
     }
-    Fitted { model, select }
+    descend(&mut model, session, &indices, effort(0.4, evaluations * count));
+    if model.needs_sum() && count > 0 {
+        model.fit(session, Scope::Fit);
+        descend(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
+    }
+    model
 }
 
 #[cfg(test)]

@@ -41,6 +41,18 @@ pub fn labour_of_all(model: &Model) -> usize {
     model.slots.iter().map(|slot| labour(slot.form)).sum()
 }
 
+/// Both at once, where there is more than one thread.
+pub fn both<A: Send, B>(threads: usize, one: impl FnOnce() -> A + Send, other: impl FnOnce() -> B) -> (A, B) {
+    if threads < 2 {
+        return (one(), other());
+    }
+    std::thread::scope(|scope| {
+        let one = scope.spawn(one);
+        let other = other();
+        (one.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), other)
+    })
+}
+
 /// Runs `work` for every item on several threads; results in the order of the items, whatever the number of threads.
 pub fn in_parallel<T: Send, I: Sync>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
     in_parallel_by(items, threads, |_| 0, work)

@@ -22,7 +22,7 @@ use crate::model::structure::{Model, Scope};
 use crate::observers::jumps;
 use crate::observers::law::{Seen, SlipLaw};
 use crate::result::Member;
-use crate::search::forms::polish;
+use crate::search::forms::polished;
 use crate::search::parallel::in_parallel;
 use crate::search::simplex::most_along;
 use crate::selection::settings::{FEWEST_FOR_HALVES, LEVEL, MATERIAL, MATERIAL_SHARE};
@@ -132,7 +132,11 @@ fn predict(sums: &mut Sums, model: &Model, session: &Session, floor: f64, start_
     let mut fitted = model.clone();
     // Weights that slips have told are not for a fit to the output to change.
     if !model.fixed_weights {
-        fitted = polish(model, session, Scope::Fit, EVALUATIONS).model.regrown();
+        fitted = polished(model, session, Scope::Fit, EVALUATIONS);
+        if fitted.needs_sum() {
+            fitted.fit(session, Scope::Fit);
+        }
+        fitted = fitted.regrown();
         fitted.fit(session, Scope::Fit);
     }
     for (run, densities) in session.runs.iter().zip(densities(&fitted, session, floor, start_up_s)) {
@@ -241,7 +245,8 @@ impl Comparison {
     /// Compares models, of which the first has no effects; there is one at least.
     pub fn new(session: &Session, models: &[Model], seed: u64, threads: usize) -> Self {
         let folds = folds(session);
-        let floor = models.iter().map(|model| noise::floor(session, &model.residuals(session))).fold(f64::MAX, f64::min);
+        let floors = in_parallel(models, threads, |model| noise::floor(session, &model.residuals(session)));
+        let floor = floors.into_iter().fold(f64::MAX, f64::min);
         let start_up_s = models.iter().map(Model::start_up_s).fold(0.0, f64::max);
         let mut racing: Vec<(usize, Sums)> = (0..models.len()).map(|index| (index, Sums::new())).collect();
         for fold in &folds {
