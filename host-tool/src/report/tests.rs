@@ -3,8 +3,10 @@ use std::path::PathBuf;
 use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars, bars_from, colour, decades, dots, heat, loops, panels};
 use super::page::{Cell, Width};
 use super::*;
+use crate::discover::{self, DiscoverConfig};
 use crate::evaluate::{Errors, Judged, by_family, ladder};
 use crate::recording::{Recording, Signal};
+use crate::rig::{self, CaseConfig};
 
 const CAPTION: Caption<'_> = Caption { title: "a < b & \"c\"", description: "d" };
 
@@ -261,4 +263,19 @@ fn an_evaluation_report_is_a_whole_document_even_for_hostile_names_and_outputs()
     assert!(attributes.iter().all(|value| !value.contains("NaN")));
     assert!(!html.contains("<img"));
     assert!(html.contains("&lt;img src=x&gt;"));
+}
+
+#[test]
+fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
+    let config = CaseConfig { effects: vec!["dead-time".to_owned()], seed: 520, ..CaseConfig::default() };
+    let case = rig::hide(&config).expect("a case");
+    let mut finding = discover::discover(&case.recordings[..8], &case.kept_out, &DiscoverConfig::default()).expect("a finding");
+    let said = |finding: &discover::Finding| {
+        let page = discovery::page(finding, &Signal::pressure_bar(), &Signal::displacement_mm());
+        discovery::warning(&finding.discovery).map(|warning| page.contains(warning))
+    };
+    assert!(finding.discovery.rmse_after < finding.discovery.rmse_before);
+    assert_eq!(said(&finding), None);
+    finding.discovery.rmse_after = 1.01 * finding.discovery.rmse_before;
+    assert_eq!(said(&finding), Some(true));
 }

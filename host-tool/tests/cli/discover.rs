@@ -75,22 +75,6 @@ fn a_hidden_delay_is_named_with_every_key_of_the_contract_and_the_model_runs() {
     let report = String::from_utf8(bench.read("found/report.html")).expect("text");
     assert!(report.contains("dead-time") && report.contains("</html>"));
 
-    // Recordings whose output comes earlier than their input speak against a delay, and both readers are told.
-    for name in ["a_24.csv", "b_25.csv", "c_26.csv"] {
-        let whole = String::from_utf8(bench.read(&format!("case/holdout/{name}"))).expect("text");
-        let rows: Vec<Vec<&str>> = whole.lines().map(|line| line.split(',').collect()).collect();
-        let output = rows[0].iter().position(|name| *name == "displacement_mm").expect("an output");
-        let early =
-            |(row, ahead): (&Vec<&str>, &Vec<&str>)| [&row[..output], &ahead[output..=output], &row[output + 1..]].concat().join(",");
-        let early: Vec<String> = rows[1..].iter().zip(&rows[6..]).map(early).collect();
-        bench.write(&format!("early/{name}"), format!("{}\n{}\n", rows[0].join(","), early.join("\n")));
-    }
-    let said = bench.works(&format!("discover --data{data} --holdout early --out against"));
-    let report_against = String::from_utf8(bench.read("against/report.html")).expect("text");
-    let warning = "worse than the one without";
-    assert!(said.stdout.contains(warning) && report_against.contains(warning), "{}", said.stdout);
-    assert!(!report.contains(warning));
-
     // The microcontroller knows a dead time: the same model as a blob.
     bench.works("export found/microcontroller.toml --calibration case/holdout --out model.blob");
 

@@ -1,10 +1,11 @@
 //! `first-cycle-softening` (Mullins): the first strokes are others, `y = s - V(s) F(c)`. What is left of the virgin material, `F`, goes with what has
 //! worked it, `c`: the distance travelled since the recording began, where the muscle recovers in between (and maybe in time), or since the session
-//! began, where it does not; the strokes done; the time under load; or the largest load so far (Mullins 1969). Mostly it is stiffer, `V(s) = A s`; in
-//! general it is a parabola, `a s + b + c s^2`, and `d` times the integral of `F ds`: a set that stays, a threshold that the first strokes have to pass,
-//! stiffness at large displacements alone or of the tangent. Or below its own peak `p`, which may fade, it is softer than on the way there,
-//! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999). Or it runs in: a loop that is
-//! there at first, a play operator whose threshold is `W F`, is gone later.
+//! began, where it does not; the strokes done, counted by their height or by a level that is crossed (ASTM E1049), each as much as the one before or
+//! less and less; the time under load; or the largest load so far (Mullins 1969). Mostly it is stiffer, `V(s) = A s`; in general it is a parabola,
+//! `a s + b + c s^2`, and `d` times the integral of `F ds`: a set that stays, a threshold that the first strokes have to pass, stiffness at large
+//! displacements alone or of the tangent. Or below its own peak `p`, which may fade, it is softer than on the way there,
+//! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999). Or it runs in: a loop that is there at first, a play operator whose threshold is `W F`,
+//! is gone later.
 
 use std::collections::BTreeMap;
 
@@ -19,6 +20,7 @@ use crate::data::session::{Run, Session};
 pub const FORMS: &[&dyn Form] = &[
     &Softening { by: Wear::Distance, curved: false },
     &Softening { by: Wear::Strokes, curved: false },
+    &Softening { by: Wear::Crossings, curved: false },
     &Softening { by: Wear::Load, curved: false },
     &Softening { by: Wear::Lasting, curved: false },
     &Softening { by: Wear::Largest { heals: true }, curved: false },
@@ -43,6 +45,8 @@ enum Wear {
     Distance,
     /// The strokes that are done in a recording.
     Strokes,
+    /// How often in a recording the displacement has been above a level and back (level-crossing counting, ASTM E1049).
+    Crossings,
     /// The time under load in a recording, in proportion to the displacement.
     Load,
     /// The distance travelled in the session.
@@ -71,7 +75,12 @@ fn travel(input: &[f64]) -> f64 {
 const NAME: &str = "first-cycle-softening";
 
 const DISTANCE: Parameter = Parameter { quantity: Quantity::Output, ..ratio("distance", 0.1, 10.0) };
-const STROKES: Parameter = ratio("strokes", 0.2, 10.0);
+const STROKES: Parameter = ratio("strokes", 0.2, 30.0);
+/// How much less each further stroke counts.
+const SLOWING: Parameter = ratio("slowing", EVENLY, 3.0);
+/// Each stroke counts alike.
+const EVENLY: f64 = 1e-3;
+const LEVEL: Parameter = Parameter { logarithmic: false, ..ratio("level", 0.1, 0.9) };
 const SPANS: Parameter = ratio("distance_in_input_spans", 0.3, 20.0);
 const UNDER_LOAD: Parameter = Parameter { quantity: Quantity::Time, ..ratio("time_under_load", 0.2, 20.0) };
 const RECOVERY: Parameter = Parameter { quantity: Quantity::Time, ..ratio("recovery_time", 3.0, NEVER_S) };
@@ -89,6 +98,9 @@ impl Form for Softening {
             (Wear::Distance, true) => ("distance-curved", "another curve at first, by the distance travelled since the recording began"),
             (Wear::Strokes, false) => ("strokes-in-recording", "with the strokes that are done since the recording began"),
             (Wear::Strokes, true) => ("strokes-curved", "another curve at first, by the strokes done since the recording began"),
+            (Wear::Crossings, _) => {
+                ("crossings-in-recording", "with how often the displacement has been above a level since the recording began")
+            }
             (Wear::Load, _) => ("load-in-recording", "with the time under load since the recording began"),
             (Wear::Lasting, _) => ("distance-in-session", "with the distance that the input has travelled since the session began"),
             (Wear::Largest { heals: true }, false) => ("highest-in-recording", "by the highest input since the recording began"),
@@ -104,7 +116,22 @@ impl Form for Softening {
                 ..plain
             },
             (Wear::Distance, true) => Spec { parameters: &[DISTANCE], starts: || row(&ladder(0.3, 6.0, 4)), ..plain },
-            (Wear::Strokes, _) => Spec { parameters: &[STROKES], starts: || row(&[0.5, 1.5, 4.0]), ..plain },
+            (Wear::Strokes, true) => Spec { parameters: &[STROKES], starts: || row(&[0.5, 1.5, 4.0]), ..plain },
+            (Wear::Strokes, false) => Spec {
+                parameters: &[STROKES, SLOWING],
+                simpler_at: &[(1, EVENLY)],
+                starts: || grid(&[0.5, 1.5, 4.0], &[EVENLY, 1.0]),
+                ..plain
+            },
+            (Wear::Crossings, _) => Spec {
+                parameters: &[STROKES, SLOWING, LEVEL],
+                simpler_at: &[(1, EVENLY)],
+                starts: || {
+                    let counts = grid(&[0.5, 1.5, 4.0], &[EVENLY, 1.0]);
+                    counts.iter().flat_map(|count| [0.2, 0.35, 0.5, 0.65].map(|level| vec![count[0], count[1], level])).collect()
+                },
+                ..plain
+            },
             (Wear::Load, _) => Spec { parameters: &[UNDER_LOAD], starts: || row(&[0.5, 1.5, 5.0]), ..plain },
             // First cycles are few: what goes on for many recordings is a drift of the gain. Over like strokes a gain that drifts towards a limit
             // does the same: where that does as well, it is drift.
@@ -136,6 +163,11 @@ impl Wear {
     fn virgin(&self, parameters: &[f64], run: &Run, sum: &[f64]) -> Vec<f64> {
         // A model from a file goes on with a muscle that has been worked long ago.
         let worked = run.session.is_empty() && run.index > 0;
+        // After so many strokes; the limit of `slowing` to zero is exponential, that of many strokes a logarithm.
+        let left = |done: f64| match parameters.get(1) {
+            Some(&slowing) => (-(slowing * done).ln_1p() / (slowing * parameters[0])).exp(),
+            None => (-done / parameters[0]).exp(),
+        };
         match self {
             // It goes with the distance travelled and comes back with time: `dF = (1 - F) dt / T - F |ds| / D`.
             Self::Distance => {
@@ -165,9 +197,19 @@ impl Wear {
                         lowest = lowest.min(now);
                         highest = (now - lowest > LEAST_STROKE).then_some(now);
                     }
-                    (-done / parameters[0]).exp()
+                    left(done)
                 };
                 run.input.iter().map(count).collect()
+            }
+            Self::Crossings => {
+                let (mut done, mut is_above) = (0.0, false);
+                let count = |&now: &f64| {
+                    let was_above = is_above;
+                    is_above = now > if was_above { parameters[2] - LEAST_STROKE } else { parameters[2] };
+                    done += if was_above && !is_above { 1.0 } else { 0.0 };
+                    left(done)
+                };
+                sum.iter().map(count).collect()
             }
             Self::Load => {
                 let mut loaded_s = 0.0;
@@ -319,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stroke_counts_when_half_of_it_is_taken_back() {
+    fn a_stroke_counts_when_half_of_it_is_taken_back_or_the_displacement_is_back_below_a_level() {
         let time_s: Vec<f64> = (0..600).map(|sample| f64::from(sample) * 0.02).collect();
         // Up, a short way back and on, down, up, down.
         let knots = [0.0, 0.8, 0.7, 1.0, 0.1, 0.9, 0.0];
@@ -330,10 +372,18 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let mut columns = Columns::of(run.input.len());
-        Softening { by: Wear::Strokes, curved: false }.output(&[2.0], run, &vec![1.0; run.input.len()], &mut columns);
-        for (sample, done) in [(99, 0.0), (250, 0.0), (340, 0.0), (370, 1.0), (499, 1.0), (540, 1.0), (570, 2.0)] {
-            assert!((columns.column(0)[sample] - f64::exp(-0.5 * done)).abs() < 1e-12, "sample {sample}: {}", columns.column(0)[sample]);
+        let of = |by: Wear, slowing: f64| by.virgin(&[2.0, slowing, 0.75], run, &run.input);
+        let strokes = [(99, 0.0), (250, 0.0), (340, 0.0), (370, 1.0), (499, 1.0), (540, 1.0), (570, 2.0)];
+        let crossings = [(99, 0.0), (250, 0.0), (330, 0.0), (345, 1.0), (499, 1.0), (520, 1.0), (530, 2.0)];
+        // Each counts alike, or the second one half as much, by 1 / (1 + n).
+        for (sample, done) in strokes {
+            let (evenly, slowing) = (of(Wear::Strokes, EVENLY)[sample], of(Wear::Strokes, 1.0)[sample]);
+            assert!((evenly - f64::exp(-0.5 * done)).abs() < 1e-3, "sample {sample}: {evenly}");
+            assert!((slowing - (1.0 + done).powf(-0.5)).abs() < 1e-12, "sample {sample}: {slowing}");
+        }
+        for (sample, done) in crossings {
+            let evenly = of(Wear::Crossings, EVENLY)[sample];
+            assert!((evenly - f64::exp(-0.5 * done)).abs() < 1e-3, "sample {sample}: {evenly}");
         }
     }
 

@@ -11,6 +11,7 @@ use crate::data::statistics::tail;
 use crate::effects::{dead_time, pneumatic_lag};
 use crate::explanation::intervals;
 use crate::model::structure::{Model, Order, Scope};
+use crate::model::workspace::Workspace;
 use crate::search::{forms, parallel, simplex};
 
 /// A share of the loop's area with its 95 % interval.
@@ -225,7 +226,7 @@ fn profile(session: &Session, fitted: &Model, [delay_at, lag_at]: [usize; 2], th
         // A short lag delays everything by itself.
         model.slots[delay_at].parameters[0] = (delay_s + lag_s - other_lag_s).max(shortest_delay_s);
         let effort = simplex::Effort { scope: Scope::Fit, size: 0.3, evaluations: 16, spread: 1e-8 };
-        (simplex::simplex(&mut model, session, &[delay_at], effort), model)
+        (simplex::simplex(&mut model, &mut Workspace::new(session), &[delay_at], effort), model)
     };
     parallel::in_parallel(&shares, threads, at)
 }

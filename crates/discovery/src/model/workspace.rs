@@ -28,7 +28,8 @@ pub struct Sums {
 
 /// Where the sums of one model after the other are made.
 pub struct Workspace<'a> {
-    session: &'a Session,
+    /// The session of its models.
+    pub session: &'a Session,
     /// What the operators of the last model were made by.
     last: Option<Operators>,
     /// The operators of each recording, once they have been asked for twice.

@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use crate::data::session::{Role, Run, Session};
+use crate::data::session::{Role, Run};
 use crate::model::line::Line;
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
@@ -33,26 +33,20 @@ const NEGLIGIBLE: f64 = 3e-5;
 const NO_STEP: f64 = 1e-3;
 
 /// Improves the parameters at `indices` (on the line of all parameters) from where they are; the mean square that remains.
-pub fn descend(model: &mut Model, session: &Session, indices: &[usize], effort: Effort) -> f64 {
-    if indices.is_empty() {
-        return simplex::simplex(model, session, indices, effort);
-    }
-    match steps(model, session, indices, effort) {
-        Some(square) => square,
-        None => simplex::simplex(model, session, indices, effort),
-    }
+pub fn descend(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], effort: Effort) -> f64 {
+    let led = if indices.is_empty() { None } else { steps(model, workspace, indices, effort) };
+    led.unwrap_or_else(|| simplex::simplex(model, workspace, indices, effort))
 }
 
 /// Steps until hardly anything changes; nothing when they end before. The model is where they have led in either case.
-fn steps(model: &mut Model, session: &Session, indices: &[usize], effort: Effort) -> Option<f64> {
+fn steps(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], effort: Effort) -> Option<f64> {
     let Effort { scope, spread, .. } = effort;
     let line = Line::of(model, indices);
-    let mut workspace = Workspace::new(session);
     let mut point = line.begin();
-    let mut square = solve(model, &mut workspace, scope);
+    let mut square = solve(model, workspace, scope);
     let mut reach = FARTHEST;
     for _ in 0..STEPS {
-        let (step, expected) = aim(model, session, &mut workspace, &line, &point, scope);
+        let (step, expected) = aim(model, workspace, &line, &point, scope);
         let longest = step.iter().fold(0.0, |most: f64, part| most.max(part.abs()));
         if longest < NO_STEP || expected > square * (1.0 - NEGLIGIBLE) {
             return Some(square);
@@ -63,7 +57,7 @@ fn steps(model: &mut Model, session: &Session, indices: &[usize], effort: Effort
             let there: Vec<f64> = point.iter().zip(&step).map(|(at, step)| at + share * step).collect();
             let mut trial = model.clone();
             line.put(&mut trial, &there);
-            let left = solve(&mut trial, &mut workspace, scope);
+            let left = solve(&mut trial, workspace, scope);
             if left < square {
                 better = Some((left, there, trial));
                 break;
@@ -93,10 +87,10 @@ fn solve(model: &mut Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 
 }
 
 /// How far every parameter has to go by the slopes here, and what would be left there if it were straight on.
-fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &Line, point: &[f64], scope: Scope) -> (Vec<f64>, f64) {
+fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64], scope: Scope) -> (Vec<f64>, f64) {
     let looked_at = |run: &Run| (scope != Scope::Screen || run.screens) && run.role.contains(&Role::Fit);
     let here = workspace.outputs(model, looked_at);
-    let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); session.runs.len()];
+    let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); workspace.session.runs.len()];
     let mut nudges = Vec::with_capacity(point.len());
     for axis in 0..point.len() {
         // Away from a limit.
@@ -120,6 +114,7 @@ fn aim(model: &Model, session: &Session, workspace: &mut Workspace<'_>, line: &L
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::session::Session;
     use crate::effects::{creep, pneumatic_lag, valve_dead_band};
     use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
@@ -136,8 +131,8 @@ mod tests {
         for mut model in [lagging.clone(), lagging.with(creep::FORMS[0], vec![])] {
             let (before, _) = model.fit(&session, Scope::Fit);
             let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-8 };
-            let by_simplex = simplex::simplex(&mut model.clone(), &session, &[0], effort);
-            let after = descend(&mut model, &session, &[0], Effort { spread: 1e-6, ..effort });
+            let by_simplex = simplex::simplex(&mut model.clone(), &mut Workspace::new(&session), &[0], effort);
+            let after = descend(&mut model, &mut Workspace::new(&session), &[0], Effort { spread: 1e-6, ..effort });
             assert!(after < 1.001 * by_simplex && after < 0.9 * before, "{after} and {by_simplex} of {before}");
         }
     }
@@ -151,7 +146,7 @@ mod tests {
             Model::baseline(InitialState::carrying(case.truth.continuous), false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
         let (before, _) = model.fit(&session, Scope::Fit);
         let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 60, spread: 1e-6 };
-        let after = descend(&mut model, &session, &[0, 1, 2], effort);
+        let after = descend(&mut model, &mut Workspace::new(&session), &[0, 1, 2], effort);
         assert!(after < before, "{after} {before}");
         assert!((model.fit(&session, Scope::Fit).0 / after - 1.0).abs() < 1e-9, "the model is where it says");
     }

@@ -111,37 +111,37 @@ pub fn refine_form(started: &Started, session: &Session) -> Fitted {
     let indices = if form.spec().discrete { Vec::new() } else { indices_of(&model, slot) };
     let effort =
         |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
+    let mut workspace = Workspace::new(session);
     if !indices.is_empty() {
-        simplex(&mut model, session, &indices, effort(1.0, 14));
+        simplex(&mut model, &mut workspace, &indices, effort(1.0, 14));
         if form.spec().needs_sum {
-            model.fit(session, Scope::Screen);
-            simplex(&mut model, session, &indices, effort(0.7, 10));
+            model.fit_in(&mut workspace, Scope::Screen);
+            simplex(&mut model, &mut workspace, &indices, effort(0.7, 10));
         }
     }
     if let Some(across) = form.spec().across {
         // A simplex ends in the nearest of many valleys: look over both rims of every parameter, then down again.
         let others = (0..indices.len()).filter(|&parameter| parameter != across);
         for parameter in others.chain([across]) {
-            walk(&mut model, session, slot, parameter, 2.0);
-            walk(&mut model, session, slot, across, 1.0);
+            walk(&mut model, &mut workspace, slot, parameter, 2.0);
+            walk(&mut model, &mut workspace, slot, across, 1.0);
         }
-        simplex(&mut model, session, &indices, effort(0.7, 14));
+        simplex(&mut model, &mut workspace, &indices, effort(0.7, 14));
     }
-    let (_, select) = model.fit(session, Scope::Both);
+    let (_, select) = model.fit_in(&mut workspace, Scope::Both);
     Fitted { model, select }
 }
 
 /// Moves one logarithmic parameter of a slot to the best of a row of places about it, `stride` first steps apart.
-fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, stride: f64) {
+fn walk(model: &mut Model, workspace: &mut Workspace<'_>, slot: usize, parameter: usize, stride: f64) {
     let form = model.slots[slot].form;
     let limits = form.parameters()[parameter];
     let centre = model.slots[slot].parameters[parameter];
     let mut best = (f64::MAX, centre);
-    let mut workspace = Workspace::new(session);
     for place in -ACROSS..=ACROSS {
         let value = (centre * (f64::from(place) * stride * form.step(parameter)).exp()).clamp(limits.low, limits.high);
         model.slots[slot].parameters[parameter] = value;
-        let square = objective(model, &mut workspace, Scope::Screen);
+        let square = objective(model, workspace, Scope::Screen);
         if square < best.0 {
             best = (square, value);
         }
@@ -151,13 +151,14 @@ fn walk(model: &mut Model, session: &Session, slot: usize, parameter: usize, str
 
 /// Improves all parameters of all effects together, by the samples of `scope`.
 pub fn polish(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Fitted {
-    let mut model = polished(model, session, scope, evaluations);
-    let (_, select) = model.fit(session, Scope::Both);
+    let mut workspace = Workspace::new(session);
+    let mut model = polished(model, &mut workspace, scope, evaluations);
+    let (_, select) = model.fit_in(&mut workspace, Scope::Both);
     Fitted { model, select }
 }
 
 /// As [`polish`], its weights still to be fitted.
-pub fn polished(model: &Model, session: &Session, scope: Scope, evaluations: usize) -> Model {
+pub fn polished(model: &Model, workspace: &mut Workspace<'_>, scope: Scope, evaluations: usize) -> Model {
     let mut model = model.clone();
     let indices: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(&model, slot)).collect();
@@ -166,12 +167,12 @@ pub fn polished(model: &Model, session: &Session, scope: Scope, evaluations: usi
     let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
     // Where effects act on the model's own output a search keeps its weights.
     if model.needs_sum() || count == 0 {
-        model.fit(session, scope);
+        model.fit_in(workspace, scope);
     }
-    descend(&mut model, session, &indices, effort(0.4, evaluations * count));
+    descend(&mut model, workspace, &indices, effort(0.4, evaluations * count));
     if model.needs_sum() && count > 0 {
-        model.fit(session, Scope::Fit);
-        descend(&mut model, session, &indices, effort(0.2, evaluations * count / 2));
+        model.fit_in(workspace, Scope::Fit);
+        descend(&mut model, workspace, &indices, effort(0.2, evaluations * count / 2));
     }
     model
 }

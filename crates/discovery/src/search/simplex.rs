@@ -1,6 +1,5 @@
 //! The objective of a search, the simplex of Nelder and Mead in scaled coordinates, and the top of a grid along its axes.
 
-use crate::data::session::Session;
 use crate::model::line::Line;
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
@@ -50,11 +49,10 @@ pub struct Effort {
 }
 
 /// Improves the parameters at `indices` (on the line of all parameters) from where they are.
-pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: Effort) -> f64 {
+pub fn simplex(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], effort: Effort) -> f64 {
     let Effort { scope, size, evaluations, spread: enough } = effort;
-    let mut workspace = Workspace::new(session);
     if indices.is_empty() {
-        return objective(model, &mut workspace, scope);
+        return objective(model, workspace, scope);
     }
     let line = Line::of(model, indices);
     let begin = line.begin();
@@ -63,7 +61,7 @@ pub fn simplex(model: &mut Model, session: &Session, indices: &[usize], effort: 
     let mut evaluate = |point: &[f64], spent: &mut usize| {
         *spent += 1;
         line.put(&mut trial, point);
-        objective(&trial, &mut workspace, scope)
+        objective(&trial, workspace, scope)
     };
     let n = begin.len();
     let mut points: Vec<(f64, Vec<f64>)> = vec![(evaluate(&begin, &mut spent), begin.clone())];

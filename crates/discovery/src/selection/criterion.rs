@@ -19,6 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Scope};
+use crate::model::workspace::Workspace;
 use crate::observers::jumps;
 use crate::observers::law::{Seen, SlipLaw};
 use crate::result::Member;
@@ -132,9 +133,10 @@ fn predict(sums: &mut Sums, model: &Model, session: &Session, floor: f64, start_
     let mut fitted = model.clone();
     // Weights that slips have told are not for a fit to the output to change.
     if !model.fixed_weights {
-        fitted = polished(model, session, Scope::Fit, EVALUATIONS);
+        let mut workspace = Workspace::new(session);
+        fitted = polished(model, &mut workspace, Scope::Fit, EVALUATIONS);
         if fitted.needs_sum() {
-            fitted.fit(session, Scope::Fit);
+            fitted.fit_in(&mut workspace, Scope::Fit);
         }
         fitted = fitted.regrown();
         fitted.fit(session, Scope::Fit);
