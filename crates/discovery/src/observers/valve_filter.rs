@@ -55,11 +55,13 @@ impl Hypothesis {
             let share = if left_s > 0.0 { (spent_s / left_s).clamp(0.0, 1.0) } else { 0.0 };
             self.stick_position = from + (to - from) * share - if error.abs() <= closing { error } else { aim };
             self.open = false;
-            self.stick_position_variance = (law.scatter * closing).powi(2);
         } else {
             self.stick_position = to - after;
             self.open = true;
             self.stick_position_variance *= keep * keep;
+        }
+        if !self.open {
+            self.stick_position_variance = (law.scatter * closing).powi(2);
         }
     }
 
