@@ -372,18 +372,19 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let of = |by: Wear, slowing: f64| by.virgin(&[2.0, slowing, 0.75], run, &run.input);
+        let of = |by: &Wear, parameters: &[f64], sample: usize| by.virgin(parameters, run, &run.input)[sample];
+        let is = |value: f64, expected: f64, sample: usize| assert!((value - expected).abs() < 1e-12, "sample {sample}: {value}");
         let strokes = [(99, 0.0), (250, 0.0), (340, 0.0), (370, 1.0), (499, 1.0), (540, 1.0), (570, 2.0)];
         let crossings = [(99, 0.0), (250, 0.0), (330, 0.0), (345, 1.0), (499, 1.0), (520, 1.0), (530, 2.0)];
-        // Each counts alike, or the second one half as much, by 1 / (1 + n).
         for (sample, done) in strokes {
-            let (evenly, slowing) = (of(Wear::Strokes, EVENLY)[sample], of(Wear::Strokes, 1.0)[sample]);
-            assert!((evenly - f64::exp(-0.5 * done)).abs() < 1e-3, "sample {sample}: {evenly}");
-            assert!((slowing - (1.0 + done).powf(-0.5)).abs() < 1e-12, "sample {sample}: {slowing}");
+            is(of(&Wear::Strokes, &[2.0], sample), f64::exp(-0.5 * done), sample);
         }
-        for (sample, done) in crossings {
-            let evenly = of(Wear::Crossings, EVENLY)[sample];
-            assert!((evenly - f64::exp(-0.5 * done)).abs() < 1e-3, "sample {sample}: {evenly}");
+        for (by, counted) in [(Wear::Strokes, strokes), (Wear::Crossings, crossings)] {
+            for (sample, done) in counted {
+                // The second one counts half as much, by 1 / (1 + n); or as good as alike.
+                is(of(&by, &[2.0, 1.0, 0.75], sample), (1.0 + done).powf(-0.5), sample);
+                is(of(&by, &[2.0, EVENLY, 0.75], sample), (1.0 + EVENLY * done).powf(-0.5 / EVENLY), sample);
+            }
         }
     }
 
