@@ -93,6 +93,26 @@ impl Served {
         ask(self.port(), &format!("POST {path}"), &head, &body.to_string())
     }
 
+    /// The rig's time, s: that of its newest sample.
+    pub fn time_s(&self) -> f64 {
+        crate::numbers(&self.api("/api/samples?last=1"), "time_ms").last().map_or(0.0, |time| time / 1000.0)
+    }
+
+    /// Waits for a time of the rig, s. A machine that stands still for a moment holds up the simulated rig as well, and a
+    /// browser may be there early or late: what has to have happened on the rig is waited for by the rig's clock.
+    pub async fn reach(&self, time_s: f64) {
+        let begun = Instant::now();
+        while self.time_s() < time_s {
+            assert!(begun.elapsed() < Duration::from_secs(60), "waited in vain for {time_s} s, at {} s", self.time_s());
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    }
+
+    /// Lets some time of the rig pass, s.
+    pub async fn pass(&self, seconds: f64) {
+        self.reach(self.time_s() + seconds).await;
+    }
+
     pub fn audit(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("sessions/audit.jsonl")).unwrap_or_default()
     }

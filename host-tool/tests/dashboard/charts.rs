@@ -121,22 +121,23 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
     browser.run("document.querySelector('input[name=mode][value=displacement]').click()").await;
     browser.run("const it = document.getElementById('window'); it.value = '5'; it.dispatchEvent(new Event('change'))").await;
     browser.arm_and_start().await;
-    tokio::time::sleep(Duration::from_millis(1500)).await;
+    // A full window: left of the device's start the crosshair has nothing to stand on.
+    served.reach(3.5).await;
+    served.pass(0.5).await;
     browser.slide(20.0).await;
-    tokio::time::sleep(Duration::from_millis(700)).await;
+    served.pass(0.7).await;
     browser.slide(6.0).await;
-    tokio::time::sleep(Duration::from_millis(1200)).await;
+    served.pass(1.2).await;
     browser.run("scrollTo(0, 0)").await;
 
     // Held still while time goes on, and marked where the limiter was at work.
     browser.click("pause").await;
     assert_eq!(browser.text("pause").await, "Live");
     let whole = ends(&browser).await;
-    tokio::time::sleep(Duration::from_millis(400)).await;
+    served.reach(whole[1] + 0.4).await;
     let samples = served.api("/api/samples?last=10000");
-    let now = numbers(&samples, "time_ms").last().expect("samples") / 1000.0;
     let again = ends(&browser).await;
-    assert!(now > whole[1] + 0.4 && (whole[1] - again[1]).abs() < 0.001, "{whole:?} and {again:?} s at {now} s");
+    assert!((whole[1] - again[1]).abs() < 0.001, "{whole:?} and {again:?} s");
     assert!((whole[1] - whole[0] - 5.0).abs() < 0.05, "{whole:?} s in a window of 5 s");
     for (colour, row, bits) in [("warn", "2", SLEW), ("accent", "7", LIMITS)] {
         let truth = times(&samples, "notices", whole, |notices| notices & bits != 0).expect("the limiter was at work");
@@ -196,8 +197,7 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
     };
     perform(&browser, press(press(twice))).await;
     browser.until("live", "return document.getElementById('pause').textContent === 'Pause'").await;
-    let (before, now) = (at(&browser, "chart-pressure", 0.9).await[0], served.api("/api/samples?last=1"));
-    let now = numbers(&now, "time_ms")[0] / 1000.0;
+    let (now, before) = (served.time_s(), at(&browser, "chart-pressure", 0.9).await[0]);
     assert!(before > seen[1] && (now - before) < 2.0, "{before} s at {now} s");
 }
 
@@ -205,12 +205,10 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
 pub async fn fault_is_marked(browser: &Browser, served: &Served) {
     // A window that is full: left of the device's start the crosshair has nothing to stand on.
     browser.run("const it = document.getElementById('window'); it.value = '5'; it.dispatchEvent(new Event('change'))").await;
-    while numbers(&served.api("/api/samples?last=1"), "time_ms")[0] < 5_500.0 {
-        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-    }
+    served.reach(5.5).await;
     browser.click("pause").await;
     // What was on its way is drawn.
-    tokio::time::sleep(std::time::Duration::from_millis(500)).await;
+    served.pass(0.5).await;
     let seen = ends(browser).await;
     let samples = served.api("/api/samples?last=10000");
     let [struck, _] = times(&samples, "fault", seen, |fault| fault != 0).expect("a fault struck");

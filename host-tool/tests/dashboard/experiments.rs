@@ -199,14 +199,14 @@ async fn a_reference_is_followed_and_the_error_told() {
     browser.until("the reason", "return document.getElementById('reference-outcome').textContent.includes('does not arm')").await;
     // The linear map is made for a rig of 4 mm/bar, and this one has 1 mm/bar: the error tells. Ended by hand, it says so.
     begin_to_follow(&browser, "open-loop", REACH_MM).await;
-    tokio::time::sleep(Duration::from_secs(7)).await;
+    served.pass(7.0).await;
     browser.click("reference-end").await;
     browser.until("the end", "return document.getElementById('reference-outcome').textContent.includes('it was vented')").await;
     let wrong = followed(&browser, &served).await;
     assert!(number(&wrong, "rmse_mm") > 0.6 && (0.1..0.9).contains(&number(&wrong, "share")), "{wrong}");
     browser.set("control.linear_mm_per_bar", 1.0, 2).await;
     begin_to_follow(&browser, "open-loop", REACH_MM).await;
-    tokio::time::sleep(Duration::from_secs(12)).await;
+    served.pass(12.0).await;
     browser.picture("dashboard-reference.png").await;
     let right = followed(&browser, &served).await;
     assert!(right["problem"].is_null() && right["share"] == 1.0 && right["controller"] == "open-loop", "{right}");

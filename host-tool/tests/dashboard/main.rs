@@ -200,7 +200,7 @@ async fn an_injected_fault_is_explained_with_what_to_do_and_an_effect_is_hidden_
 async fn held_mm(browser: &Browser, served: &Served) -> f64 {
     browser.arm_and_start().await;
     browser.slide(1.5).await;
-    tokio::time::sleep(Duration::from_millis(1500)).await;
+    served.pass(1.5).await;
     let displacement = numbers(&served.api("/api/samples?last=200"), "displacement_mm");
     displacement.iter().sum::<f64>() / displacement.len() as f64
 }
