@@ -1,5 +1,7 @@
 //! Where to begin the search of what holds and jumps: its steps are matched with those that a model misses.
 
+use std::ops::Range;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::SIDE;
@@ -18,9 +20,11 @@ pub struct Steps<'a> {
     runs: Vec<OfRun<'a>>,
 }
 
-/// The steps of one recording.
+/// The steps of one recording, or of a stretch of it.
 struct OfRun<'a> {
     run: &'a Run,
+    /// Time from the start of the recording to that of the stretch, s.
+    begun_s: f64,
     /// What holds or is held: the command, or the output.
     signal: Vec<f64>,
     /// What the model misses; the same without what is merely slow; then what is slow, orthogonal and of length one. Zeros fill up the last lanes.
@@ -77,8 +81,13 @@ impl WithSimd for Products<'_> {
 impl<'a> Steps<'a> {
     /// The steps that are missed by `residual`, of what holds some `signal`.
     pub fn new(session: &'a Session, residual: &[Vec<f64>], signal: impl Fn(&Run) -> Vec<f64>) -> Self {
-        let of = |run: &'a Run| {
-            let (signal, mut slow) = (signal(run), Vec::<Vec<f64>>::new());
+        Self::in_stretches(session, residual, signal, usize::MAX)
+    }
+
+    /// The same, recordings that are at least twice so many samples long in equal stretches of at least so many.
+    pub fn in_stretches(session: &'a Session, residual: &[Vec<f64>], signal: impl Fn(&Run) -> Vec<f64>, samples: usize) -> Self {
+        let of = |run: &'a Run, range: Range<usize>| {
+            let (signal, mut slow) = (signal(run)[range.clone()].to_vec(), Vec::<Vec<f64>>::new());
             for (time_s, most_per_s) in SLOW {
                 let (mut late, most) = (signal.clone(), most_per_s * run.period_s);
                 lag(&mut late, time_s, run.period_s);
@@ -94,17 +103,27 @@ impl<'a> Steps<'a> {
                     slow.push(own.iter().map(|value| value / size).collect());
                 }
             }
-            let missed: Vec<f64> = residual[run.index].windows(3).map(|now| now[2] - now[0]).collect();
+            let missed: Vec<f64> = residual[run.index][range.clone()].windows(3).map(|now| now[2] - now[0]).collect();
             let mut directions: Vec<_> = [missed.clone(), without(missed, &slow)].into_iter().chain(slow).collect();
             directions.iter_mut().for_each(|one| one.resize(one.len().next_multiple_of(SIDE), 0.0));
-            OfRun { run, signal, directions }
+            OfRun { run, begun_s: range.start as f64 * run.period_s, signal, directions }
         };
-        Self { runs: session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3).map(of).collect() }
+        let ranges = |run: &'a Run| {
+            let (length, count) = (run.input.len(), (run.input.len() / samples).max(1));
+            (0..count).map(move |part| (run, part * length / count..(part + 1) * length / count))
+        };
+        let fitted = session.runs.iter().filter(|run| run.role.contains(&Role::Fit)).step_by(3);
+        Self { runs: fitted.flat_map(ranges).map(|(run, range)| of(run, range)).collect() }
     }
 
-    /// The recordings, by their numbers here.
-    pub fn runs(&self) -> impl Iterator<Item = (usize, &'a Run)> {
-        self.runs.iter().map(|of| of.run).enumerate()
+    /// Numbers here of recordings or stretches, the recording, and the time from its start to that of the stretch, s.
+    pub fn runs(&self) -> impl Iterator<Item = (usize, &'a Run, f64)> {
+        self.runs.iter().enumerate().map(|(at, of)| (at, of.run, of.begun_s))
+    }
+
+    /// Time that the longest recording or stretch takes, s.
+    pub fn longest_s(&self) -> f64 {
+        self.runs.iter().map(|of| (of.signal.len() - 1) as f64 * of.run.period_s).fold(0.0, f64::max)
     }
 
     /// Product of the steps that `change` makes of the signal of a recording and the missed ones, and the square of the former: of all that it makes, and

@@ -27,7 +27,13 @@ pub fn transform(values: &[f64], start_s: f64, period_s: f64, frequencies_hz: &[
 /// Distance of the lines that a recording can resolve, with some overlap, Hz.
 #[must_use]
 pub fn spacing_hz(session: &Session) -> f64 {
-    0.4 / session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max)
+    spacing_over_hz(session.runs.iter().map(|run| run.time_s.last().copied().unwrap_or(0.0)).fold(1.0, f64::max))
+}
+
+/// The same of one that takes so long, s.
+#[must_use]
+pub fn spacing_over_hz(length_s: f64) -> f64 {
+    0.4 / length_s
 }
 
 /// Frequencies side by side: four vectors on the widest processors.

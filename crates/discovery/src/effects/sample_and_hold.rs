@@ -5,7 +5,7 @@ use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::steps::{Steps, over};
-use crate::data::phasors::spacing_hz;
+use crate::data::phasors::{spacing_hz, spacing_over_hz};
 use crate::data::session::{Run, Session};
 
 /// All forms.
@@ -62,6 +62,11 @@ const FEWEST_SAMPLES: f64 = 3.0;
 /// Fewest places of the first look that are looked at; in a long period they are two samples apart.
 const FEWEST_LOOKS: f64 = 4.0;
 
+/// A recording is looked at in stretches of at least so many samples and so many of the longest period: what one recording resolves is as fine as
+/// it is long, and to look for all of that at once takes the square of its length.
+const LEAST_SAMPLES: usize = 2000;
+const LEAST_PERIODS: f64 = 20.0;
+
 /// Starts that are made finer.
 const BEST: usize = 8;
 
@@ -89,39 +94,46 @@ impl Form for Held {
         // What is held: the command, or the output as the model has it.
         let modelled = |run: &Run| run.output.iter().zip(&residual[run.index]).map(|(output, missed)| output - missed).collect();
         let held = |run: &Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
-        let steps = Steps::new(session, residual, held);
-        let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
-        let of = |at: usize, run: &Run, start: &[f64]| steps.matched(at, change(start[0], self.first_look(start, run)))[1];
-        let score = |every: usize, start: &Vec<f64>| over(steps.runs().step_by(every).map(|(at, run)| of(at, run, start)));
         let sample_s = session.runs[0].period_s;
+        let stretch = LEAST_SAMPLES.max((LEAST_PERIODS * LONGEST_S / sample_s) as usize);
+        let steps = Steps::in_stretches(session, residual, held, stretch);
+        let is_cut = steps.runs().any(|(.., begun_s)| begun_s > 0.0);
+        let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
+        let of = |(at, run, begun_s): (usize, &Run, f64), start: &[f64]| {
+            let first = (self.first_look(start, run) - begun_s / start[0]).rem_euclid(1.0);
+            steps.matched(at, change(start[0], first))[1]
+        };
+        let score = |every: usize, start: &Vec<f64>| over(steps.runs().step_by(every).map(|one| of(one, start)));
         let first_looks = |period_s: f64| {
             let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
             (0..count as usize).map(move |place| place as f64 / count)
         };
-        // Where the clock runs on, a period that is nearly right has the looks of each recording elsewhere.
+        // Over several recordings or stretches of a clock that runs on, a period that is nearly right has the looks of each elsewhere.
         let best_looks = |every: usize, start: &Vec<f64>| {
             let best = |at: usize| {
                 let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first))[1]);
                 let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
                 of.max_by(better).unwrap_or((0.0, 1e-30))
             };
-            over(steps.runs().step_by(every).map(|(at, _)| best(at)))
+            over(steps.runs().step_by(every).map(|(at, ..)| best(at)))
         };
         let of_recordings = spacing_hz(session);
+        let coarse_hz = if is_cut { spacing_over_hz(steps.longest_s()) } else { of_recordings };
         let with = |frequency_hz: f64, first: f64| vec![1.0 / frequency_hz, first.rem_euclid(1.0), FOLLOWS.low, AGE.low];
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
-        let count = ((fastest_hz - slowest_hz) / of_recordings).max(0.0) as usize;
-        let frequencies = (0..count).map(|step| slowest_hz + step as f64 * of_recordings);
-        let (spacing_hz, begun) = if self.runs_on {
+        let count = ((fastest_hz - slowest_hz) / coarse_hz).max(0.0) as usize;
+        let frequencies = (0..count).map(|step| slowest_hz + step as f64 * coarse_hz);
+        let (spacing_hz, begun) = if self.runs_on || is_cut {
             let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
             let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
-            let steps = (of_recordings / of_session).ceil() as i32;
+            let fine_hz = if self.runs_on { of_session } else { of_recordings };
+            let steps = (coarse_hz / fine_hz).ceil() as i32;
             let near = |start: Vec<f64>| {
-                let near = (-2 * steps..=2 * steps).map(|step| 1.0 / start[0] + 0.5 * f64::from(step) * of_session);
+                let near = (-2 * steps..=2 * steps).map(|step| 1.0 / start[0] + 0.5 * f64::from(step) * fine_hz);
                 let all = near.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
                 best_starts(all, |start| score(1, start), 1)
             };
-            (of_session, best.into_iter().flat_map(near).collect::<Vec<_>>())
+            (fine_hz, best.into_iter().flat_map(near).collect::<Vec<_>>())
         } else {
             let all = frequencies.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
             (of_recordings, sieved(all.collect(), score))
@@ -236,8 +248,12 @@ mod tests {
     use std::path::Path;
 
     fn session(input_hz: &[f64]) -> Session {
+        session_of(1000, input_hz)
+    }
+
+    fn session_of(samples: i32, input_hz: &[f64]) -> Session {
         let of = |hz: &f64| {
-            let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+            let time_s: Vec<f64> = (0..samples).map(|sample| f64::from(sample) * 0.02).collect();
             let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (TAU * hz * time).cos()).collect();
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
         };
@@ -316,6 +332,26 @@ mod tests {
             let starts = OF_EACH_RECORDING.starts(&session, &residual);
             let near = |start: &&Vec<f64>| (start[0] / period_s - 1.0).abs() < 1e-3 && (start[1] - first).abs() < 0.05;
             assert!(starts.iter().any(|start| near(&start)), "{period_s} s, {first}: {starts:?}");
+        }
+    }
+
+    #[test]
+    fn a_long_recording_is_looked_at_in_stretches_and_tells_the_period_as_finely_as_it_is_long() {
+        let (period_s, first, hz) = (0.1873, 0.4, 0.37);
+        let session = session_of(11_000, &[hz]);
+        let u = |time_s: f64| 0.5 - 0.5 * (TAU * hz * time_s).cos();
+        let look_s = |time_s: f64| (((time_s / period_s - first).floor() + first) * period_s).max(0.0);
+        let residual: Vec<f64> = session.runs[0].time_s.iter().map(|&time_s| u(look_s(time_s)) - u(time_s - 0.5 * period_s)).collect();
+        for form in [&OF_EACH_RECORDING, &RUNNING_ON] {
+            let starts = form.starts(&session, std::slice::from_ref(&residual));
+            // As near as a tenth of a period at either end, 220 s apart.
+            let near = |start: &&Vec<f64>| {
+                [0.0, 220.0].iter().all(|&at| {
+                    let early = (at / start[0] - start[1]) - (at / period_s - first);
+                    (early - early.round()).abs() < 0.1
+                })
+            };
+            assert!(starts.iter().any(|start| near(&start)), "{starts:?}");
         }
     }
 
