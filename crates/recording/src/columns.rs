@@ -50,8 +50,21 @@ pub struct ColumnMap {
 }
 
 /// Optional columns of our own files.
-pub(super) const OPTIONAL: [&str; 7] =
-    ["pressure_measured_bar", "sequence", "temperature_c", "session_time_s", "reference_mm", "estimate_mm", "limited"];
+pub(super) const OPTIONAL: [&str; 12] = [
+    "pressure_measured_bar",
+    "sequence",
+    "temperature_c",
+    "session_time_s",
+    "reference_mm",
+    "estimate_mm",
+    "limited",
+    // What `rig monitor` writes beside these.
+    "set_point",
+    "output_bar",
+    "pressure_code",
+    "laser_code",
+    "fault",
+];
 
 /// A longer map is none.
 const LONGEST_MAP: usize = 2000;
@@ -260,6 +273,11 @@ fn column_name(role: &str, header: &str) -> Result<ColumnName, String> {
     };
     if quantity.is_empty() || unit.is_empty() {
         return Err(format!("`{header}` lacks a quantity or a unit; say `{role}=name:unit`"));
+    }
+    if let Some(known) = scale::differs_in_case(unit) {
+        return Err(format!(
+            "the unit `{unit}` of `{header}` differs from `{known}` in small and capital letters only; say `{role}={header}:{known}`"
+        ));
     }
     let kept = ColumnName::kept(header, Signal { quantity: quantity.to_owned(), unit: unit.to_owned() });
     if colon.is_none() {

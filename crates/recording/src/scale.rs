@@ -54,6 +54,13 @@ pub fn conversion(unit: &str) -> Option<(&'static str, Scale)> {
     })
 }
 
+/// The unit of pressure or length that another word is but for small and capital letters; single letters have too many meanings.
+#[must_use]
+pub fn differs_in_case(unit: &str) -> Option<&'static str> {
+    const UNITS: [&str; 10] = ["bar", "mbar", "hPa", "Pa", "kPa", "MPa", "psi", "mm", "um", "cm"];
+    UNITS.into_iter().find(|known| known.eq_ignore_ascii_case(unit) && *known != unit)
+}
+
 /// How times of a unit become seconds.
 #[must_use]
 pub fn time(unit: &str) -> Option<Scale> {
@@ -96,6 +103,12 @@ pub fn calibration(text: &str) -> Result<(String, Scale), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_unit_in_other_letters_is_noticed() {
+        assert_eq!(["Kpa", "KPA", "PSI", "Bar", "uM"].map(differs_in_case), ["kPa", "kPa", "psi", "bar", "um"].map(Some));
+        assert_eq!(["kPa", "Pa", "mA", "V", "N", "rad", "m"].map(differs_in_case), [None; 7]);
+    }
 
     #[test]
     fn units_of_the_field_become_ours() {
