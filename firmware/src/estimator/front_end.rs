@@ -19,6 +19,7 @@ use hysteresis::play;
 use model_export::schema::{self, Channel, FeatureSource, MAX_CREEP, MAX_DEAD_TIME_SAMPLES, MAX_INPUTS, MAX_PLAY};
 use model_export::validate::Invalid;
 
+pub use self::stages::MAX_READOUT;
 use self::stages::StagesState;
 use super::arithmetic::quantise_feature;
 use super::curve::{MAX_NORMALISED, bent};

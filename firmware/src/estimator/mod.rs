@@ -24,7 +24,7 @@ use model_export::validate::Invalid;
 pub use arithmetic::{quantise_feature, sigmoid, tanh};
 pub use cost::step_instructions;
 pub use curve::MAX_NORMALISED;
-pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState};
+pub use front_end::{FrontEnd, FrontEndOutput, FrontEndState, MAX_READOUT};
 pub use kernel::{Kernel, Portable};
 pub use layer::{Layer, LayerState, NoTrace, Trace, UnitTrace};
 pub use network::{KernelSource, Network, NetworkState};

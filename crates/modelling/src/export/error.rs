@@ -52,7 +52,9 @@ pub enum ExportError {
     #[error("the model cannot be written as a blob: {0}")]
     Blob(#[from] BlobError),
     /// A fitted model with parts that the front end lacks.
-    #[error("the microcontroller has no form for `{name}`; take the `model.blob` beside it, or a rung that has one")]
+    #[error(
+        "the microcontroller has no form for `{name}`; take the `model.blob` beside it, or a rung that has one. Play operators that start elsewhere in each recording have none: record from rest"
+    )]
     NoForm {
         /// The rung.
         name: String,

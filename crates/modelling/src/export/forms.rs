@@ -50,7 +50,8 @@ pub fn from_physics(physics: &PhysicsModel) -> Result<TrainedModel, ModelError> 
         tool_version: physics.provenance.program.clone(),
         training_data_sha256,
         training_recordings: physics.provenance.data.len(),
-        validation_rmse: physics.provenance.rmse,
+        // What recordings that took no part have shown, where some were left out.
+        validation_rmse: physics.expected.as_ref().map_or(physics.provenance.rmse, |expected| expected.rmse),
         ..Provenance::default()
     };
     Ok(TrainedModel {

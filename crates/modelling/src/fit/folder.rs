@@ -76,10 +76,11 @@ pub fn write(fitted: &Outcome, page: &str, folder: &Path) -> Result<Option<BlobF
 
 /// The blob of a rung.
 fn blob(fitted: &Outcome, index: usize) -> Result<Vec<u8>> {
+    let judged = |physics: PhysicsModel| export::from_physics(&PhysicsModel { expected: Some(fitted.expected(index)), ..physics });
     let trained = match &fitted.ladder[index].model {
         RungModel::Network(model) => (**model).clone(),
-        RungModel::Physics(model) => export::from_physics(model)?,
-        RungModel::Linear(model) => export::from_physics(&fitted.prepared.on_chip(model).context("the rung has no form on the chip")?)?,
+        RungModel::Physics(model) => judged((**model).clone())?,
+        RungModel::Linear(model) => judged(fitted.prepared.on_chip(model).context("the rung has no form on the chip")?)?,
         RungModel::Average(_) => anyhow::bail!("an average has no form on the chip"),
     };
     Ok(export::export(&trained, &fitted.prepared.recordings)?.bytes)

@@ -9,7 +9,10 @@ use super::model::{ChannelRange, CreepFilters, Curve, FORMAT_VERSION, InputPath,
 #[must_use]
 pub fn of_file(file: &FittedModel) -> Option<PhysicsModel> {
     match &file.members[..] {
-        [only] => of_sum(&only.model, &file.inputs, &file.output, &file.data),
+        [only] => {
+            let physics = of_sum(&only.model, &file.inputs, &file.output, &file.data)?;
+            Some(PhysicsModel { expected: Some(file.expected.clone()), ..physics })
+        }
         _ => None,
     }
 }

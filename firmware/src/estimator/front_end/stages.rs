@@ -21,8 +21,8 @@ struct FilterState {
     inputs: [f32; 2],
 }
 
-/// Farthest readout that the tip follows.
-const MAX_READOUT: f32 = 1.0e6;
+/// Farthest readout that the tip follows, in the unit of the operators' sum.
+pub const MAX_READOUT: f32 = 1.0e6;
 
 impl FilterState {
     const NEW: Self = Self { outputs: [0.0; 2], inputs: [0.0; 2] };

@@ -1,6 +1,6 @@
 //! The physics part in C.
 
-use firmware::estimator::MAX_NORMALISED;
+use firmware::estimator::{MAX_NORMALISED, MAX_READOUT};
 use model_export::schema::{Channel, Feature, FeatureSource, FrontEnd, Growth};
 
 use super::curve::curve;
@@ -126,7 +126,8 @@ fn step(context: &Context<'_>) -> String {
     let staged = front_end.stages.as_ref();
     let mut readout = if front_end.curve.is_some() { "bend(linear)" } else { "linear" }.to_owned();
     if staged.is_some_and(|stages| stages.tip.is_some()) {
-        readout = format!("filter(TIP_MOMENTUM, TIP_GAINS, state->tip, between({readout}, -1.0e6f, 1.0e6f), first)");
+        let (low, high) = (operand(-MAX_READOUT), float(MAX_READOUT));
+        readout = format!("filter(TIP_MOMENTUM, TIP_GAINS, state->tip, between({readout}, {low}, {high}), first)");
     }
     let path = match (staged.is_some(), lags) {
         (true, _) => "lead(state, delayed, first)",
