@@ -14,6 +14,9 @@ const MOST_RECORDINGS: usize = 3;
 pub fn headline(discovery: &Discovery) -> String {
     let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
     match discovery.verdict {
+        Verdict::None if discovery.stands_out() => {
+            "Nothing is missing: what the model leaves above the noise is no more than its grid of play operators may leave.".to_owned()
+        }
         Verdict::None => "Nothing is missing: the model leaves no more than the noise.".to_owned(),
         Verdict::Unknown if names.is_empty() => "Something is missing, and it is none of the effects in the catalogue.".to_owned(),
         Verdict::Unknown => {

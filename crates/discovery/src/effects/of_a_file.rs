@@ -171,7 +171,12 @@ impl Law {
             let name: &'static str = Box::leak(name.clone().into_boxed_str());
             parameters.push(Parameter { name, quantity, low: range.low, high: range.high, logarithmic: range.low > 0.0 });
         }
-        let law: FlatEx<f64> = exmex::parse(&definition.law).map_err(|error| format!("the law `{}`: {error}", definition.law))?;
+        let law: FlatEx<f64> = exmex::parse(&definition.law).map_err(|error| {
+            let law = &definition.law;
+            format!(
+                "the law `{law}` cannot be read: {error}; it may have numbers, + - * / ^, parentheses, and functions such as sin, exp, abs"
+            )
+        })?;
         let allowed: &[Variable] = match definition.shape {
             Shape::StaticMap => &[Variable::Signal],
             Shape::FirstOrder => &[Variable::Signal, Variable::State],
