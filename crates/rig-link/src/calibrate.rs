@@ -206,7 +206,9 @@ fn hold(rig: &mut Client<Rig>, command_bar: f32, settle_s: f64, seconds: f64, pe
     match energise::run(rig, Quantity::Pressure, command_bar, &mut each)? {
         Ended::AsAsked => Ok(Measurement::Codes { reference: read.map(|(gauge_bar, _)| gauge_bar), laser, pressure }),
         Ended::Interrupted => bail!("interrupted; the rig was vented"),
-        Ended::Fault(record) => bail!("the rig vented with {}; `catheter rig ... explain` says what to do", fault_in_words(record.first)),
+        Ended::Fault(record) => {
+            bail!("the rig vented with {}; `catheter explain` with that number says what to do", fault_in_words(record.first))
+        }
         Ended::Left(_) => bail!("the rig stopped by itself"),
     }
 }
@@ -215,7 +217,7 @@ fn play(rig: &mut Client<Rig>, period_ms: u32, commands_bar: &[f64]) -> Result<M
     let points: Vec<f32> = commands_bar.iter().map(|bar| *bar as f32).collect();
     let outcome = experiment::record_points(rig, &points, period_ms, None)?;
     if let Some(record) = &outcome.fault {
-        bail!("the rig vented with {}; `catheter rig ... explain` says what to do", fault_in_words(record.first));
+        bail!("the rig vented with {}; `catheter explain` with that number says what to do", fault_in_words(record.first));
     }
     let lost = outcome.account.dropped_by_device + outcome.account.lost_on_the_line;
     ensure!(lost == 0, "{lost} samples were lost on the way; repeat the step");

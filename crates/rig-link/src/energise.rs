@@ -67,7 +67,7 @@ pub fn arm(rig: &mut Client<impl Transport>) -> Result<()> {
     let ready = wait_for_readiness(rig)?;
     if ready.state == State::Fault {
         let fault = fault_in_words(ready.first_fault);
-        bail!("the rig is in the state `fault` ({fault}); `catheter rig ... explain` says what to do");
+        bail!("the rig is in the state `fault` ({fault}); `catheter explain` with that number says what to do");
     }
     rig.command(&Request::Arm).context("the rig does not arm")?;
     Ok(())

@@ -10,7 +10,7 @@ use crate::say;
 /// Say what a fault, blocker, notice or condition means and what to do about it.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Its identifier: E017 is a fault, B003 a blocker, N002 a notice, C005 a condition of adaptation; the list of all when absent.
+    /// Its identifier or name: E017 is a fault, B003 a blocker, N002 a notice, C005 a condition of adaptation; the list of all when absent.
     identifier: Option<String>,
     #[command(flatten)]
     results: Results,
@@ -50,10 +50,11 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
         None => all().into_iter().map(Written::new).collect(),
         Some(identifier) => {
             let table = identifier.trim().chars().next().unwrap_or_default().to_ascii_uppercase();
-            let Some(explanation) = explain(identifier) else {
+            let named = || all().into_iter().find(|(_, entry)| entry.name.eq_ignore_ascii_case(identifier.trim()));
+            let Some(entry) = explain(identifier).map(|explanation| (table, explanation)).or_else(named) else {
                 let last = |table| all().iter().filter(|(found, _)| *found == table).map(|(_, entry)| entry.number).max().unwrap_or(0);
                 bail!(
-                    "nothing has the number {identifier}; there are faults E001 to E{:03}, blockers B001 to B{:03}, notices N001 to N{:03} and \
+                    "nothing has the number or name {identifier}; there are faults E001 to E{:03}, blockers B001 to B{:03}, notices N001 to N{:03} and \
                      conditions C001 to C{:03}, and `catheter explain` lists them all",
                     last('E'),
                     last('B'),
@@ -61,7 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<Outcome> {
                     last('C')
                 );
             };
-            vec![Written::new((table, explanation))]
+            vec![Written::new(entry)]
         }
     };
     for entry in &entries {

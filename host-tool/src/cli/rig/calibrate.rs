@@ -363,7 +363,7 @@ fn finish(
         say!("{:<36} {:>12} -> {}", change.name, change.before, change.after);
     }
     if saved {
-        say!("Saved: the device starts with these settings from now on.");
+        which.say_saved();
     } else if !changes.is_empty() {
         say!("Not saved: the settings are as they were. `--save` keeps what is found.");
     }

@@ -301,7 +301,7 @@ fn finish(rig: &mut Client<Rig>, which: &Which, ended: Ended, last: Option<Readi
     };
     if let Some(record) = &fault {
         say!("{}", record.line());
-        say!("`catheter rig ... explain` says what to do.");
+        say!("`catheter explain` with that number says what to do; on a board, `catheter rig ... explain` shows the last seconds.");
     }
     if let Ended::Left(state) = &ended {
         say!("The device went to the state `{}` by itself.", state_name(*state));

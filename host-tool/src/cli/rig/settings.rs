@@ -277,11 +277,7 @@ fn import(path: &Path, rig: &mut Client<Rig>, which: &Which) -> Result<()> {
 
 fn save(rig: &mut Client<Rig>, which: &Which) -> Result<()> {
     rig.command(&Request::SettingsSave)?;
-    if which.forgets() {
-        say!("Saved, on a device that ends with this command; name a file with --flash to keep it.");
-    } else {
-        say!("Saved: the device starts with these settings from now on.");
-    }
+    which.say_saved();
     which.write(&serde_json::json!({"saved": true}))
 }
 

@@ -8,8 +8,8 @@ use serde::Serialize;
 
 use crate::backend::{Backend, EMULATED_BOARD, Rig, Simulated, VIRTUAL_BOARD};
 use crate::link::{FlashMemory, HardwareConfig, INJECTIONS, Injection};
-use crate::output;
 use crate::plant::Plant;
+use crate::{output, say};
 
 /// Which rig, and what a simulated one is made of.
 #[derive(Args, Clone, Debug)]
@@ -86,7 +86,16 @@ impl Which {
         self.json.as_deref().map_or(Ok(()), |path: &Path| output::write_result(path, value))
     }
 
-    /// What to say when something was kept on a device that ends with this command.
+    /// Says what becomes of settings that were saved.
+    pub(super) fn say_saved(&self) {
+        if self.forgets() {
+            say!("Saved, on a device that ends with this command; name a file with --flash to keep it.");
+        } else {
+            say!("Saved: the device starts with these settings from now on.");
+        }
+    }
+
+    /// Whether what is kept on the device ends with this command.
     pub(super) fn forgets(&self) -> bool {
         self.flash.is_none() && !self.backend.is_board()
     }
