@@ -1,7 +1,9 @@
 //! A zero that moves although the input does not ask for it: a step or a slow drift within a recording, and offsets between recordings.
 //!
-//! A least-squares surface over the past of the input stands for what the input explains. A step, or a straight line in time, is added to
+//! A least-squares surface over the past of the input, within a recording with play operators beside it, stands for what the input explains. A step, or a straight line in time, is added to
 //! it, its own part that the input explains taken off. It is named only when it takes away at least half of what the surface leaves.
+
+use hysteresis::play;
 
 use super::{Recording, clock, history, surface};
 
@@ -13,6 +15,8 @@ const PLACES: usize = 60;
 const CLEAR: f64 = 0.5;
 /// Share of the output's range below which a moving zero is of no interest.
 const SMALL: f64 = 0.01;
+/// Play operators of each input: a loop remembers larger strokes than the last, and what it remembers moves the output like a zero.
+const PLAYS: usize = 8;
 /// Strokes that must lie on each side of a step, and in the whole recording: a few strokes say too little of what the input explains.
 const STROKES: f64 = 2.0;
 const FEWEST_STROKES: f64 = 10.0;
@@ -60,7 +64,21 @@ pub fn within(recording: &Recording) -> Option<Moved> {
     let stride = recording.len().div_ceil(MOST_SAMPLES);
     let kept: Vec<usize> = (0..recording.len()).step_by(stride).collect();
     let pasts = history::points(recording, &scales, stroke_s);
-    let basis = Basis::new(&kept.iter().map(|&index| pasts[index].as_slice()).collect::<Vec<_>>());
+    let mut basis = Basis::new(&kept.iter().map(|&index| pasts[index].as_slice()).collect::<Vec<_>>());
+    for values in recording.inputs() {
+        let half = 0.5 * clock::range(values);
+        for number in 0..PLAYS {
+            let (threshold, mut state) = (half * (number as f64 + 0.5) / PLAYS as f64, values[0]);
+            let path: Vec<f64> = values
+                .iter()
+                .map(|&value| {
+                    state = play::step(threshold, value, state);
+                    state
+                })
+                .collect();
+            basis.add(kept.iter().map(|&index| path[index]).collect());
+        }
+    }
     let left = basis.residual(kept.iter().map(|&index| recording.output[index]).collect());
     let total: f64 = left.iter().map(|value| value * value).sum();
     // What a column takes away of the squares, and by how much it moves the output.
@@ -142,16 +160,19 @@ impl Basis {
         let size = points.first().map_or(0, |point| point.len());
         let linear = (0..size).map(|place| points.iter().map(|point| point[place]).collect::<Vec<f64>>());
         let squares = (0..size).map(|place| points.iter().map(|point| point[place] * point[place]).collect::<Vec<f64>>());
-        for column in std::iter::once(vec![1.0; points.len()]).chain(linear).chain(squares) {
-            let before: f64 = column.iter().map(|value| value * value).sum();
-            let left = basis.residual(column);
-            let after: f64 = left.iter().map(|value| value * value).sum();
-            // A column that the others make up adds nothing but rounding.
-            if after > 1e-8 * before {
-                basis.columns.push(left.iter().map(|value| value / after.sqrt()).collect());
-            }
-        }
+        std::iter::once(vec![1.0; points.len()]).chain(linear).chain(squares).for_each(|column| basis.add(column));
         basis
+    }
+
+    /// Adds what is new in a column.
+    fn add(&mut self, column: Vec<f64>) {
+        let before: f64 = column.iter().map(|value| value * value).sum();
+        let left = self.residual(column);
+        let after: f64 = left.iter().map(|value| value * value).sum();
+        // A column that the others make up adds nothing but rounding.
+        if after > 1e-8 * before {
+            self.columns.push(left.iter().map(|value| value / after.sqrt()).collect());
+        }
     }
 
     /// What the columns leave of values.

@@ -137,6 +137,37 @@ fn a_step_and_a_drift_within_a_recording_are_told_apart_and_a_clean_one_is_clean
 }
 
 #[test]
+fn what_a_loop_remembers_is_no_zero_that_moves() {
+    // Strokes that shrink and grow again, and a bias that comes and goes: the output at one input depends on strokes long past.
+    let input: Vec<f64> = (0..4000)
+        .map(|index| {
+            let part = f64::from(index) / 4000.0;
+            let size = 0.1 + 0.4 * (1.0 - 2.0 * part).abs();
+            0.5 + 0.15 * (12.0 * part).sin() + size * (150.0 * part).sin()
+        })
+        .collect();
+    let mut states = [input[0]; 5];
+    let thresholds = [0.03, 0.11, 0.17, 0.26, 0.38];
+    let output: Vec<f64> = input
+        .iter()
+        .map(|&value| {
+            hysteresis::play::step_bank(&thresholds, value, &mut states);
+            states.iter().sum()
+        })
+        .collect();
+    assert_eq!(drift::within(&recorded("r.csv", input.clone(), output.clone())), None);
+    // A step of a twentieth of the range is still seen.
+    let by = 0.05 * output.iter().fold(0.0_f64, |most, value| most.max(*value));
+    let moved = output.iter().enumerate().map(|(index, value)| if index < 2400 { *value } else { value + by }).collect();
+    match drift::within(&recorded("r.csv", input, moved)) {
+        Some(drift::Moved::Step { time_s, by: found, .. }) => {
+            assert!((time_s - 48.0).abs() < 2.0 && (found / by - 1.0).abs() < 0.2, "{time_s} {found}")
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
 fn a_zero_that_drifts_from_recording_to_recording_is_seen() {
     let recordings = repeated(&[0.0, 0.02, 0.03, 0.05, 0.07, 0.08, 0.1, 0.12, 0.13], 0.005, 8);
     let offsets = drift::across(&recordings).expect("nine recordings");
