@@ -122,7 +122,15 @@ pub fn discover_from(
         None => counted.simulate(&written(&before), calibrate_s)?,
     };
     let is = counted.simulate(&with_effects, calibrate_s)?;
-    verdict::confirm(&mut discovery, was.rmse, is.rmse, verdict::one_step(&session, &after, config.threads));
+    let jumping = match verdict::smooth(&after) {
+        Some((name, mut smooth)) => {
+            smooth.fit_all(&session);
+            let smooth = counted.simulate(&written(&smooth), calibrate_s)?.rmse;
+            verdict::one_step(&session, &after, config.threads).map(|one_step| verdict::Jumping { name, smooth, one_step })
+        }
+        None => None,
+    };
+    verdict::confirm(&mut discovery, was.rmse, is.rmse, jumping.as_ref());
     let with_effects = session.normalised_where(&is.outputs);
     (discovery.disagreements, (discovery.memory_horizon, discovery.residual_before, discovery.residual_after)) = both(
         config.threads,

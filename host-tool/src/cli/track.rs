@@ -76,7 +76,7 @@ pub struct Arguments {
     /// Leave the recordings and the model of the tuning on the virtual rig in this folder.
     #[arg(long, value_name = "DIR", conflicts_with = "settings")]
     keep: Option<PathBuf>,
-    /// Lowest and highest displacement of a named reference, mm; where the recordings lay when absent.
+    /// Lowest and highest displacement of a named reference, mm; where the recordings lay when absent. With `--settings` it is needed.
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_reach)]
     reach_mm: Option<Reach>,
     #[command(flatten)]

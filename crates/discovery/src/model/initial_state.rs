@@ -19,6 +19,8 @@ pub enum InitialState {
 impl InitialState {
     /// Operators that remember the session and nothing before it.
     pub const SESSION: Self = Self::Carried { peak: 0.0 };
+    /// Operators that were moved as far as they go before the session.
+    pub const PRESSED: Self = Self::Carried { peak: 2.0 };
     /// Highest inputs before the session that are tried. Twice the span moves every operator as far as it goes.
     pub const PEAKS: [f64; 9] = [0.2, 0.35, 0.5, 0.65, 0.8, 1.0, 1.2, 1.5, 2.0];
 

@@ -30,16 +30,15 @@ impl Model {
             Remembering { model, fit, select }
         };
         let mut best = of(InitialState::Fresh);
-        for (initial_state, pays) in [(InitialState::SESSION, MEMORY_PAYS)]
-            .into_iter()
-            .chain(InitialState::PEAKS.map(|peak| (InitialState::Carried { peak }, PEAK_PAYS)))
-        {
+        let is_worse = |other: &Remembering| best.fit < MEMORY_PAYS * other.fit && best.select < MEMORY_PAYS * other.select;
+        // A muscle that forgets between recordings does so whether it was pressed before the first or not.
+        let session_only = of(InitialState::SESSION);
+        if is_worse(&session_only) && is_worse(&of(InitialState::PRESSED)) {
+            return best;
+        }
+        let peaks = InitialState::PEAKS.map(|peak| (InitialState::Carried { peak }, PEAK_PAYS));
+        for (initial_state, pays) in [(InitialState::SESSION, MEMORY_PAYS)].into_iter().chain(peaks) {
             let other = of(initial_state);
-            // A muscle that forgets between recordings remembers nothing from before the first either.
-            let forgets = best.fit < MEMORY_PAYS * other.fit && best.select < MEMORY_PAYS * other.select;
-            if initial_state == InitialState::SESSION && forgets {
-                break;
-            }
             let pays = if best.model.initial_state.is_carried() { pays } else { MEMORY_PAYS };
             // Of peaks the best is wanted, whatever lies between it and the last.
             let pays = if best.model.initial_state.before_the_session().is_empty() { pays } else { 1.0 };

@@ -82,39 +82,66 @@ fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
     if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
 }
 
+/// The name of what jumps in a model, where something does, and the model without it: the lag of what jumps stays.
+pub fn smooth(after: &Model) -> Option<(&'static str, Model)> {
+    let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
+    let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
+    Some((slot.form.name(), switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s)))
+}
+
 /// One-step-ahead figures on test recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
 pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64; 2]> {
     let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
     let in_a_gap = in_a_gap(session, after);
     let residual = after.residuals(session);
-    let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
-    let smooth = switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s);
+    let (_, smooth) = smooth(after)?;
     let floor = noise::floor(session, &residual);
     let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
     Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
 }
 
+/// What jumps, and what the model errs by without it on test recordings, in simulation and one step ahead.
+pub struct Jumping {
+    /// Its effect.
+    pub name: &'static str,
+    /// RMSE of the simulation of the smooth model.
+    pub smooth: f64,
+    /// RMSE of the smooth observer, and of the one that knows the jumps.
+    pub one_step: [f64; 2],
+}
+
 /// Takes the figures of the simulation, and of the observers where something jumps. What closes less than half of the mean square above the noise on
-/// test recordings is not named, and believed by no more than that share.
-pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, one_step: Option<[f64; 2]>) {
+/// test recordings is not named, and believed by no more than that share; what jumps has to close half of what the model without it leaves.
+pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, jumping: Option<&Jumping>) {
     let floor = discovery.noise_floor;
     (discovery.rmse_before, discovery.rmse_after) = (before, after);
     discovery.gap_closed = gap_closed(before, after, floor);
-    if let Some([smooth, jumping]) = one_step {
+    if let Some(&Jumping { one_step: [smooth, jumps], .. }) = jumping {
         discovery.rmse_before_one_step = Some(smooth);
-        discovery.rmse_after_one_step = Some(jumping);
-        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumping, floor));
+        discovery.rmse_after_one_step = Some(jumps);
+        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumps, floor));
     }
     let simulated = closed(before, after, floor);
-    let observed = one_step.and_then(|[smooth, jumping]| closed(smooth, jumping, floor));
+    let observed = jumping.and_then(|jumping| closed(jumping.one_step[0], jumping.one_step[1], floor));
+    if let Some(jumping) = jumping {
+        let own = closed(jumping.smooth, after, floor).into_iter().chain(observed).reduce(f64::max);
+        // Where the smooth model leaves nothing, jumps are not confirmed.
+        bound(discovery, own.unwrap_or(HALF), |name| name == jumping.name);
+    }
     // What jumps is confirmed by either: an observer's gain counts against the observer of something smooth.
     let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
-    let mut modelled = discovery.effects.iter_mut().filter(|effect| effect.name != OUTLIERS).peekable();
-    if modelled.peek().is_none() {
+    if share < HALF {
+        bound(discovery, share, |name| name != OUTLIERS);
+    }
+}
+
+/// Believes the effects of these names by no more than the share of what they are for that they close on test recordings, where it is half or less.
+fn bound(discovery: &mut Discovery, share: f64, meant: impl Fn(&str) -> bool) {
+    if share > HALF {
         return;
     }
-    if share < HALF {
-        modelled.for_each(|effect| effect.confidence = effect.confidence.min(share.max(0.0)));
+    for effect in discovery.effects.iter_mut().filter(|effect| meant(&effect.name)) {
+        effect.confidence = effect.confidence.min(share.max(0.0));
         if discovery.verdict == Verdict::Named {
             discovery.verdict = Verdict::Ambiguous;
         }
@@ -252,4 +279,78 @@ fn kept_out_of(run: &Run) -> Vec<String> {
         first = last + 1;
     }
     names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dead time and a valve that jumps, both believed, and noise of 0.1.
+    fn named() -> Discovery {
+        let effect = |name: &str| Effect {
+            name: name.to_owned(),
+            form: String::new(),
+            confidence: 0.99,
+            parameters: BTreeMap::new(),
+            intervals: BTreeMap::new(),
+        };
+        Discovery {
+            verdict: Verdict::Named,
+            effects: ["dead-time", "valve-dead-band"].map(effect).to_vec(),
+            runner_up: None,
+            rmse_before: 0.0,
+            rmse_after: 0.0,
+            noise_floor: 0.1,
+            gap_closed: 0.0,
+            rmse_before_one_step: None,
+            rmse_after_one_step: None,
+            gap_closed_one_step: None,
+            calibrate_s: None,
+            unexplained: 0.0,
+            criterion: None,
+            confidence_set: Vec::new(),
+            candidates: Vec::new(),
+            disagreements: Vec::new(),
+            summary: String::new(),
+            memory_horizon: Vec::new(),
+            loop_area: None,
+            residual_before: Residual::default(),
+            residual_after: Residual::default(),
+            pressure_path: None,
+            excluded_samples: 0,
+            kept_out: Vec::new(),
+            side_unknown: Vec::new(),
+        }
+    }
+
+    /// Verdict and confidences after these errors: of the simulation without and with the effects, and of that without the jumps; and one step ahead.
+    fn confirmed([before, after, smooth]: [f64; 3], one_step: [f64; 2]) -> (Verdict, Vec<f64>) {
+        let mut discovery = named();
+        confirm(&mut discovery, before, after, Some(&Jumping { name: "valve-dead-band", smooth, one_step }));
+        (discovery.verdict, discovery.effects.iter().map(|effect| effect.confidence).collect())
+    }
+
+    #[test]
+    fn jumps_are_believed_by_what_they_close_beside_everything_else() {
+        // In simulation, or one step ahead where a simulation cannot follow.
+        assert_eq!(confirmed([1.0, 0.1, 0.5], [0.11, 0.1]), (Verdict::Named, vec![0.99, 0.99]));
+        assert_eq!(confirmed([1.0, 0.5, 0.5], [0.3, 0.12]), (Verdict::Named, vec![0.99, 0.99]));
+        // The dead time closes the gap, and the jumps nothing.
+        assert_eq!(confirmed([1.0, 0.15, 0.15], [0.149, 0.151]), (Verdict::Ambiguous, vec![0.99, 0.0]));
+        // Where the smooth model leaves no more than the noise, there is nothing to confirm them by.
+        assert_eq!(confirmed([1.0, 0.1, 0.1], [0.1, 0.1]), (Verdict::Ambiguous, vec![0.99, HALF]));
+    }
+
+    #[test]
+    fn what_closes_less_than_half_of_the_gap_is_believed_by_that_share() {
+        let mut discovery = named();
+        confirm(&mut discovery, 1.0, 0.9, None);
+        let share = 1.0 - (0.81 - 0.01) / (1.0 - 0.01);
+        assert_eq!(discovery.verdict, Verdict::Ambiguous);
+        assert!(discovery.effects.iter().all(|effect| (effect.confidence - share).abs() < 1e-12), "{:?}", discovery.effects);
+        // Where there was no gap nothing is taken back.
+        let mut discovery = named();
+        confirm(&mut discovery, 0.1, 0.1, None);
+        assert_eq!(discovery.verdict, Verdict::Named);
+    }
 }
