@@ -14,6 +14,7 @@ use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery};
 use crate::search::parallel::{Progress, Watch, both};
 use crate::selection::rounds::Bench;
+use crate::selection::verdict::Jumping;
 use crate::selection::{decision, find, verdict};
 
 /// A finished discovery: the result and what it was made of.
@@ -122,15 +123,7 @@ pub fn discover_from(
         None => counted.simulate(&written(&before), calibrate_s)?,
     };
     let is = counted.simulate(&with_effects, calibrate_s)?;
-    let jumping = match verdict::smooth(&after) {
-        Some((name, mut smooth)) => {
-            smooth.fit_all(&session);
-            let smooth = counted.simulate(&written(&smooth), calibrate_s)?.rmse;
-            verdict::one_step(&session, &after, config.threads).map(|one_step| verdict::Jumping { name, smooth, one_step })
-        }
-        None => None,
-    };
-    verdict::confirm(&mut discovery, was.rmse, is.rmse, jumping.as_ref());
+    verdict::confirm(&mut discovery, was.rmse, is.rmse, Jumping::of(&session, &after, config.threads));
     let with_effects = session.normalised_where(&is.outputs);
     (discovery.disagreements, (discovery.memory_horizon, discovery.residual_before, discovery.residual_after)) = both(
         config.threads,

@@ -82,24 +82,6 @@ fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
     if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// The name of what jumps in a model, where something does, and the model without it: the lag of what jumps stays.
-pub fn smooth(after: &Model) -> Option<(&'static str, Model)> {
-    let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
-    let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
-    Some((slot.form.name(), switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s)))
-}
-
-/// One-step-ahead figures on test recordings where something jumps: of the smooth observer without the jumps, and of the one with them.
-pub fn one_step(session: &Session, after: &Model, threads: usize) -> Option<[f64; 2]> {
-    let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
-    let in_a_gap = in_a_gap(session, after);
-    let residual = after.residuals(session);
-    let (_, smooth) = smooth(after)?;
-    let floor = noise::floor(session, &residual);
-    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
-    Some([missed, residual].map(|residual| rmse(session, &residual, Role::Test, &in_a_gap, false) * session.output_scale.abs()))
-}
-
 /// What jumps, and what the model errs by without it on test recordings, in simulation and one step ahead.
 pub struct Jumping {
     /// Its effect.
@@ -110,19 +92,36 @@ pub struct Jumping {
     pub one_step: [f64; 2],
 }
 
+impl Jumping {
+    /// Of a model in which something jumps.
+    pub fn of(session: &Session, after: &Model, threads: usize) -> Option<Self> {
+        let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
+        let in_a_gap = in_a_gap(session, after);
+        let residual = after.residuals(session);
+        let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
+        let mut smooth = switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s);
+        let floor = noise::floor(session, &residual);
+        let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
+        let error = |residual: &[Vec<f64>]| rmse(session, residual, Role::Test, &in_a_gap, false) * session.output_scale.abs();
+        let one_step = [error(&missed), error(&residual)];
+        smooth.fit_all(session);
+        Some(Self { name: slot.form.name(), smooth: error(&smooth.residuals(session)), one_step })
+    }
+}
+
 /// Takes the figures of the simulation, and of the observers where something jumps. What closes less than half of the mean square above the noise on
 /// test recordings is not named, and believed by no more than that share; what jumps has to close half of what the model without it leaves.
-pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, jumping: Option<&Jumping>) {
+pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, jumping: Option<Jumping>) {
     let floor = discovery.noise_floor;
     (discovery.rmse_before, discovery.rmse_after) = (before, after);
     discovery.gap_closed = gap_closed(before, after, floor);
-    if let Some(&Jumping { one_step: [smooth, jumps], .. }) = jumping {
+    if let Some(Jumping { one_step: [smooth, jumps], .. }) = jumping {
         discovery.rmse_before_one_step = Some(smooth);
         discovery.rmse_after_one_step = Some(jumps);
         discovery.gap_closed_one_step = Some(gap_closed(smooth, jumps, floor));
     }
     let simulated = closed(before, after, floor);
-    let observed = jumping.and_then(|jumping| closed(jumping.one_step[0], jumping.one_step[1], floor));
+    let observed = jumping.as_ref().and_then(|jumping| closed(jumping.one_step[0], jumping.one_step[1], floor));
     if let Some(jumping) = jumping {
         let own = closed(jumping.smooth, after, floor).into_iter().chain(observed).reduce(f64::max);
         // Where the smooth model leaves nothing, jumps are not confirmed.
@@ -326,7 +325,7 @@ mod tests {
     /// Verdict and confidences after these errors: of the simulation without and with the effects, and of that without the jumps; and one step ahead.
     fn confirmed([before, after, smooth]: [f64; 3], one_step: [f64; 2]) -> (Verdict, Vec<f64>) {
         let mut discovery = named();
-        confirm(&mut discovery, before, after, Some(&Jumping { name: "valve-dead-band", smooth, one_step }));
+        confirm(&mut discovery, before, after, Some(Jumping { name: "valve-dead-band", smooth, one_step }));
         (discovery.verdict, discovery.effects.iter().map(|effect| effect.confidence).collect())
     }
 
