@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use crate::explanation::diagnosis::{LoopArea, Residual};
 use crate::explanation::horizon;
 use crate::explanation::residual_map::Disagreement;
-use crate::selection::settings::STANDS_OUT;
 
 /// How to discover.
 #[derive(Clone, Debug)]
@@ -154,12 +153,6 @@ pub struct Discovery {
 }
 
 impl Discovery {
-    /// Whether the simulation without the effects errs by more than the noise on test samples.
-    #[must_use]
-    pub fn stands_out(&self) -> bool {
-        self.rmse_before > STANDS_OUT * self.noise_floor
-    }
-
     /// Figures one step ahead, where something jumps: before and after in output units, and the share of the gap closed.
     #[must_use]
     pub fn one_step(&self) -> Option<[f64; 3]> {

@@ -82,6 +82,14 @@ fn gap_closed(before: f64, after: f64, floor: f64) -> f64 {
     if gap > 0.0 { ((before - after) / gap).clamp(0.0, 1.0) } else { 0.0 }
 }
 
+impl Discovery {
+    /// Whether the simulation without the effects errs by more than the noise on test samples.
+    #[must_use]
+    pub fn stands_out(&self) -> bool {
+        self.rmse_before > STANDS_OUT * self.noise_floor
+    }
+}
+
 /// What jumps, and what the model errs by without it on test recordings, in simulation and one step ahead.
 pub struct Jumping {
     /// Its effect.
