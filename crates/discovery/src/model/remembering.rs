@@ -56,3 +56,48 @@ impl Model {
         best
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+    use std::path::Path;
+
+    use super::*;
+    use recording::{Recording, Signal};
+
+    /// Strokes over nearly all of the range, of a muscle that was pressed farther before each of them, and creeps anew in each.
+    fn strokes(index: u32) -> Recording {
+        const CREEP: f64 = 0.13;
+        const OPERATORS: [(f64, f64); 6] = [(0.0, 0.5), (0.08, 0.2), (0.17, 0.2), (0.26, 0.2), (0.35, 0.2), (0.45, 0.2)];
+        let top = 1.0 - 0.03 * f64::from(index % 4);
+        let mut states = OPERATORS.map(|(threshold, _)| threshold);
+        let time_s: Vec<f64> = (0..600).map(|sample| 0.02 * f64::from(sample)).collect();
+        let input: Vec<f64> = time_s.iter().map(|time_s| 0.5 * top * (1.0 - (TAU * 0.15 * time_s).cos())).collect();
+        let mut crept = 0.0;
+        let displacement = |input: &f64| {
+            let mut elastic = 0.0;
+            for (state, (threshold, weight)) in states.iter_mut().zip(OPERATORS) {
+                *state = state.max(input - threshold).min(input + threshold);
+                elastic += weight * *state;
+            }
+            crept += 0.02 / 4.0 * (elastic - crept);
+            10.0 * (elastic + CREEP * crept)
+        };
+        let output = input.iter().map(displacement).collect();
+        let path = format!("run{index:02}.csv");
+        Recording::new(Path::new(&path), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).expect("a recording")
+    }
+
+    #[test]
+    fn what_was_before_the_session_is_found_where_the_session_alone_is_worse_than_nothing() {
+        let session = Session::new(&(0..12).map(strokes).collect::<Vec<_>>(), &[]).expect("a session");
+        let baseline = Model::baseline(InitialState::Fresh, false);
+        let of = |initial_state| Model { initial_state, ..baseline.clone() }.fit(&session, Scope::Both).0;
+        let [fresh, alone, pressed] = [InitialState::Fresh, InitialState::SESSION, InitialState::PRESSED].map(of);
+        // Operators that begin anew look like creep; those that remember the session are wrong in the first recording.
+        assert!(fresh < MEMORY_PAYS * alone && pressed < MEMORY_PAYS * fresh, "{fresh}, {alone} and {pressed}");
+        let found = baseline.with_best_initial_state(&session);
+        assert!(matches!(found.model.initial_state, InitialState::Carried { peak } if peak > 0.0), "{:?}", found.model.initial_state);
+        assert!(found.fit <= pressed, "{} and {pressed}", found.fit);
+    }
+}
