@@ -67,11 +67,11 @@ mod tests {
 
     /// Strokes over nearly all of the range, of a muscle that was pressed farther before each of them, and creeps anew in each.
     fn strokes(index: u32) -> Recording {
-        const CREEP: f64 = 0.13;
+        const CREEP: f64 = 0.16;
         const OPERATORS: [(f64, f64); 6] = [(0.0, 0.5), (0.08, 0.2), (0.17, 0.2), (0.26, 0.2), (0.35, 0.2), (0.45, 0.2)];
         let top = 1.0 - 0.03 * f64::from(index % 4);
         let mut states = OPERATORS.map(|(threshold, _)| threshold);
-        let time_s: Vec<f64> = (0..600).map(|sample| 0.02 * f64::from(sample)).collect();
+        let time_s: Vec<f64> = (0..400).map(|sample| 0.02 * f64::from(sample)).collect();
         let input: Vec<f64> = time_s.iter().map(|time_s| 0.5 * top * (1.0 - (TAU * 0.15 * time_s).cos())).collect();
         let mut crept = 0.0;
         let displacement = |input: &f64| {
@@ -80,7 +80,7 @@ mod tests {
                 *state = state.max(input - threshold).min(input + threshold);
                 elastic += weight * *state;
             }
-            crept += 0.02 / 4.0 * (elastic - crept);
+            crept += 0.02 / 2.0 * (elastic - crept);
             10.0 * (elastic + CREEP * crept)
         };
         let output = input.iter().map(displacement).collect();
@@ -92,12 +92,13 @@ mod tests {
     fn what_was_before_the_session_is_found_where_the_session_alone_is_worse_than_nothing() {
         let session = Session::new(&(0..12).map(strokes).collect::<Vec<_>>(), &[]).expect("a session");
         let baseline = Model::baseline(InitialState::Fresh, false);
-        let of = |initial_state| Model { initial_state, ..baseline.clone() }.fit(&session, Scope::Both).0;
+        let of = |initial_state| Model { initial_state, ..baseline.clone() }.fit(&session, Scope::Both);
         let [fresh, alone, pressed] = [InitialState::Fresh, InitialState::SESSION, InitialState::PRESSED].map(of);
         // Operators that begin anew look like creep; those that remember the session are wrong in the first recording.
-        assert!(fresh < MEMORY_PAYS * alone && pressed < MEMORY_PAYS * fresh, "{fresh}, {alone} and {pressed}");
+        let is_better = |one: (f64, f64), other: (f64, f64)| one.0 < 0.9 * other.0 && one.1 < 0.9 * other.1;
+        assert!(is_better(fresh, alone) && is_better(pressed, fresh), "{fresh:?}, {alone:?} and {pressed:?}");
         let found = baseline.with_best_initial_state(&session);
         assert!(matches!(found.model.initial_state, InitialState::Carried { peak } if peak > 0.0), "{:?}", found.model.initial_state);
-        assert!(found.fit <= pressed, "{} and {pressed}", found.fit);
+        assert!(found.fit + found.select <= pressed.0 + pressed.1, "{} and {pressed:?}", found.fit);
     }
 }
