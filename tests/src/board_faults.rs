@@ -102,18 +102,6 @@ impl Bench {
         self.rig.command(&Request::Arm).expect("an armed rig");
     }
 
-    /// Lets time pass until the self-test is under way, which lasts some ten milliseconds.
-    fn begin_self_test(&mut self) {
-        loop {
-            let status = experiment::status(&mut self.rig).expect("a device that boots");
-            match status.state {
-                State::SelfTest => return,
-                State::Boot => self.pass(1),
-                later => panic!("{later:?} at {} ms, and no self-test was seen", status.time_ms),
-            }
-        }
-    }
-
     fn run_up(&mut self) {
         self.arm();
         self.rig.command(&Request::Start).expect("a started rig");
@@ -330,7 +318,8 @@ pub fn measure_on(board: &BoardModelConfig, row: &Row) -> Measured {
             match state {
                 State::Running => bench.run_up(),
                 State::Armed => bench.arm(),
-                State::SelfTest => bench.begin_self_test(),
+                // It begins 200 ms after the start of the ticks and lasts less than one of them: this is soon after it.
+                State::SelfTest => bench.pass(202),
                 State::Fault => {
                     bench.run_up();
                     bench.rig.transport().hardware().set_breakage(Some(Breakage::EmergencyStop));
