@@ -1,7 +1,8 @@
 //! A zero that moves although the input does not ask for it: a step or a slow drift within a recording, and offsets between recordings.
 //!
-//! A least-squares surface over the past of the input, within a recording with play operators beside it, stands for what the input explains. A step, or a straight line in time, is added to
-//! it, its own part that the input explains taken off. It is named only when it takes away at least half of what the surface leaves.
+//! A least-squares surface over the past of the input stands for what the input explains; within a recording play operators stand beside
+//! it. A step, or a straight line in time, is added, its own part that the input explains taken off. It is named only when it takes away
+//! at least half of what is left.
 
 use hysteresis::play;
 
@@ -66,17 +67,18 @@ pub fn within(recording: &Recording) -> Option<Moved> {
     let pasts = history::points(recording, &scales, stroke_s);
     let mut basis = Basis::new(&kept.iter().map(|&index| pasts[index].as_slice()).collect::<Vec<_>>());
     for values in recording.inputs() {
+        let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
         let half = 0.5 * clock::range(values);
-        for number in 0..PLAYS {
-            let (threshold, mut state) = (half * (number as f64 + 0.5) / PLAYS as f64, values[0]);
-            let path: Vec<f64> = values
-                .iter()
-                .map(|&value| {
+        for threshold in (0..PLAYS).map(|number| half * (number as f64 + 0.5) / PLAYS as f64) {
+            // It may have come to the first value from rest, or from anywhere.
+            for mut state in [values[0], lowest] {
+                let path = values.iter().map(|&value| {
                     state = play::step(threshold, value, state);
                     state
-                })
-                .collect();
-            basis.add(kept.iter().map(|&index| path[index]).collect());
+                });
+                let path: Vec<f64> = path.collect();
+                basis.add(kept.iter().map(|&index| path[index]).collect());
+            }
         }
     }
     let left = basis.residual(kept.iter().map(|&index| recording.output[index]).collect());

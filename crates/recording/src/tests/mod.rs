@@ -53,6 +53,14 @@ fn bad_files_are_refused_with_file_line_and_remedy() {
 }
 
 #[test]
+fn what_a_monitor_writes_beside_a_recording_is_read() {
+    let text = "time_s,pressure_bar,displacement_mm,sequence,pressure_measured_bar,set_point,output_bar,pressure_code,laser_code,fault\n\
+                0,1,2,7,1.1,1,1,3000,1700,0\n0.1,1.5,2.5,8,1.6,1.5,1.5,3100,1800,0\n";
+    let read = own(text).expect("a recording");
+    assert_eq!((read.input, read.output), (vec![1.0, 1.5], vec![2.0, 2.5]));
+}
+
+#[test]
 fn byte_order_mark_crlf_and_blank_lines_change_nothing() {
     let plain = own("time_s,pressure_bar,displacement_mm\n0,1,2\n0.5,3,4\n1,5,6\n").expect("plain");
     let dressed = own("\u{feff}time_s, pressure_bar ,displacement_mm\r\n0,1,2\r\n0.5, 3,4\r\n1,5,6\r\n\r\n  \r\n").expect("dressed");
