@@ -155,6 +155,8 @@ fn a_monitor_writes_every_sample_at_the_rate_that_was_asked_for() {
     assert!((195..=201).contains(&rows), "{rows} rows of 200");
     assert_eq!(bench.json("watched.json")["samples"].as_u64(), Some(rows as u64));
     assert_eq!(bench.json("watched.json")["account"]["lost_on_the_line"], 0);
+    // Without a model there is no column of estimates.
+    assert!(!text.contains("estimate_mm"), "{text}");
     // What is not plausible is an empty cell, not a number.
     bench.works("rig monitor --seconds 0.5 --csv blind.csv --inject laser-unplugged");
     let text = String::from_utf8(bench.read("blind.csv")).expect("a CSV is text");

@@ -190,6 +190,7 @@ fn every_number_is_explained_and_an_unknown_one_names_the_list() {
         let said = bench.works(&format!("explain E{:03}", fault.number()));
         assert!(said.stdout.contains(fault.explanation().name) && said.stdout.contains(fault.explanation().remedy), "{}", said.stdout);
     }
+    assert!(bench.works("explain Laser-Stuck").stdout.contains("E017 laser-stuck"));
     assert!(bench.works("explain b4 --json blocker.json").stdout.contains("B004 laser-not-plausible"));
     assert_eq!(bench.json("blocker.json")["identifier"], "B004");
     let list = bench.works("explain --json all.json").stdout;

@@ -26,9 +26,12 @@ use crate::{output, say};
 const SIMULATED_S: f64 = 2.0;
 /// Lines a second on the terminal when nobody says.
 const LINES_HZ: f64 = 2.0;
-/// A row of the file.
-const HEADER: &str =
-    "time_s,pressure_bar,displacement_mm,sequence,pressure_measured_bar,estimate_mm,set_point,output_bar,pressure_code,laser_code,fault";
+/// Columns of the file, in three parts: the middle one stands there where a model estimates.
+const COLUMNS: [&str; 3] = [
+    "time_s,pressure_bar,displacement_mm,sequence,pressure_measured_bar",
+    ",estimate_mm",
+    ",set_point,output_bar,pressure_code,laser_code,fault",
+];
 
 /// What to watch, how often and for how long.
 #[derive(Args)]
@@ -53,16 +56,16 @@ struct Written<'a> {
 }
 
 /// A row of the file; `None` is an empty cell.
-fn row(sample: &Telemetry, start_ms: u64) -> String {
+fn row(sample: &Telemetry, start_ms: u64, estimates: bool) -> String {
     let cell = |value: Option<f32>| value.map_or_else(String::new, |value| value.to_string());
+    let estimate = if estimates { format!(",{}", cell(sample.estimate_mm)) } else { String::new() };
     format!(
-        "{},{},{},{},{},{},{},{},{},{},{}",
+        "{},{},{},{},{}{estimate},{},{},{},{},{}",
         sample.time_ms.saturating_sub(start_ms) as f64 * 1e-3,
         sample.command_bar,
         cell(sample.displacement_mm),
         sample.sequence,
         cell(sample.pressure_bar),
-        cell(sample.estimate_mm),
         sample.set_point,
         f64::from(sample.output_ubar) * 1e-6,
         sample.pressure_code,
@@ -86,10 +89,12 @@ pub fn run(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Resul
 }
 
 fn watch(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<Outcome> {
+    let estimates = rig.hello().model_id != [0; 8];
     let create = |path: &PathBuf| -> Result<std::io::BufWriter<std::fs::File>> {
         let mut file =
             std::fs::File::create(path).map(std::io::BufWriter::new).with_context(|| format!("{}: cannot be written", path.display()))?;
-        writeln!(file, "{HEADER}")?;
+        let [first, estimate, last] = COLUMNS;
+        writeln!(file, "{first}{}{last}", if estimates { estimate } else { "" })?;
         Ok(file)
     };
     let mut file = arguments.csv.as_ref().map(create).transpose()?;
@@ -104,7 +109,7 @@ fn watch(arguments: &Arguments, rig: &mut Client<Rig>, which: &Which) -> Result<
             let start_ms = *start_ms.get_or_insert(sample.time_ms);
             samples += 1;
             if let Some(file) = &mut file {
-                writeln!(file, "{}", row(&sample, start_ms)).context("the file cannot be written; is the disk full?")?;
+                writeln!(file, "{}", row(&sample, start_ms, estimates)).context("the file cannot be written; is the disk full?")?;
             }
             let reading = Reading::new(&sample, rig.transport());
             if reading.time_s >= shown_s + period_s - 1e-9 {
