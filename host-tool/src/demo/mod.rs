@@ -234,7 +234,8 @@ pub fn print_summary(demo: &Demo, folder: &Path) {
         say!("FAILED  {}: {} is {:.3e}, at most {:.3e} is allowed", check.name, check.what, check.value, check.limit);
     }
     let (held, all, missed) = demo.count_of_checks();
-    let missed = if missed.is_empty() { String::new() } else { format!("; for comparison only, and do not: {}", missed.join(", ")) };
+    let missed =
+        if missed.is_empty() { String::new() } else { format!("; these do not, and are for comparison only: {}", missed.join(", ")) };
     say!("{held} of {all} checks hold{missed}");
     let verdict = if demo.passed { "verified" } else { "NOT verified" };
     say!("{verdict} in {:.0} s: {}", demo.seconds, folder.join("report.html").display());

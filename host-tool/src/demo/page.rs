@@ -53,7 +53,8 @@ fn describe(rig: &Rig) -> String {
 
 fn summary(page: &mut Page, demo: &Demo) {
     let (held, all, missed) = demo.count_of_checks();
-    let missed = if missed.is_empty() { String::new() } else { format!(" (for comparison only, and do not: {})", missed.join(", ")) };
+    let missed =
+        if missed.is_empty() { String::new() } else { format!(" (these do not, and are for comparison only: {})", missed.join(", ")) };
     let mut tiles = vec![(
         if demo.passed { "Verified".to_owned() } else { "Not verified".to_owned() },
         format!("{held} of {all} checks hold, those of the suite among them{missed}; {:.0} s on {} thread(s)", demo.seconds, demo.threads),

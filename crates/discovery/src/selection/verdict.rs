@@ -137,9 +137,7 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, jumping: Opti
     }
     // What jumps is confirmed by either: an observer's gain counts against the observer of something smooth.
     let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
-    if share < HALF {
-        bound(discovery, share, |name| name != OUTLIERS);
-    }
+    bound(discovery, share, |name| name != OUTLIERS);
 }
 
 /// Believes the effects of these names by no more than the share of what they are for that they close on test recordings, where it is half or less.
