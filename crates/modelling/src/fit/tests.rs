@@ -113,6 +113,9 @@ fn the_form_for_the_chip_is_the_same_model() {
             continue;
         };
         forms += 1;
+        let file = fitted.fitted(fitted.ladder.iter().position(|one| one.name == rung.name).expect("a rung")).expect("a file");
+        let exported = crate::export::from_fitted(&file).expect("a form");
+        assert_eq!(exported.provenance.validation_rmse, rung.cv_rmse, "what recordings left out have shown");
         for recording in &test {
             let sum = model.simulate(&[&recording.input], &[]);
             for (one, other) in sum.iter().zip(physics.simulate(&recording.input)) {
