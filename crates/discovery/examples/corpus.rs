@@ -49,15 +49,16 @@ fn main() {
     }
 }
 
-/// How many of the true parameters lie in their intervals, and how many of these there are.
+/// How many of the true parameters lie in their intervals, and how many of these there are; those that do not, with the interval.
 fn covered(truth: &BTreeMap<String, f64>, discovery: &Discovery) -> String {
     let is_within = |(key, value): (&String, &f64)| {
         let (effect, parameter) = key.split_once('.')?;
         let [low, high] = discovery.effects.iter().find(|one| one.name == effect)?.intervals.get(parameter)?;
-        Some(low <= value && value <= high)
+        Some((low <= value && value <= high, format!(" {key} {value:.4} outside {low:.4} to {high:.4}")))
     };
-    let within: Vec<bool> = truth.iter().filter_map(is_within).collect();
-    format!("{}/{}", within.iter().filter(|within| **within).count(), within.len())
+    let within: Vec<(bool, String)> = truth.iter().filter_map(is_within).collect();
+    let outside: String = within.iter().filter(|(within, _)| !within).map(|(_, which)| which.as_str()).collect();
+    format!("{}/{}{outside}", within.iter().filter(|(within, _)| *within).count(), within.len())
 }
 
 /// CPU time of this process so far, s, on Linux: a loaded machine does not change it.

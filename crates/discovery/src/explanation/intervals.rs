@@ -8,7 +8,8 @@
 //!
 //! A form that is not quite the rig's errs the same way in every recording, and no scatter between them shows it. What such a model leaves above
 //! the noise is taken for one coherent error of unknown direction (a model discrepancy without repetitions, Kennedy and O'Hagan 2001): a parameter
-//! could be off by as much as changes the mean square by that excess, `sqrt(2 e / H)`, added in quadrature.
+//! could be off by as much as changes the mean square by that excess, `sqrt(2 e / H)`, added in quadrature. An error of the form that is no larger
+//! than the mean square is known to cannot be seen: its standard error between recordings is part of the excess.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -56,7 +57,7 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
             (sums.fit.mean_square(&weights), clusters(&trial, session, &mut workspace))
         });
         curvature[row * n + row] = ((sides[0].0 + sides[1].0 - 2.0 * here) / (STEP * STEP)).max(1e-12 * here);
-        gradients.push(sides[0].1.iter().zip(&sides[1].1).map(|(up, down)| (up - down) / (2.0 * STEP)).collect());
+        gradients.push(sides[0].1.iter().zip(&sides[1].1).map(|(up, down)| (up.0 - down.0) / (2.0 * STEP)).collect());
         for column in 0..row {
             let mut value = |one: f64, other: f64| objective(&moved(&[(row, one), (column, other)]), &mut workspace, Scope::Fit);
             let mixed = value(STEP, STEP) + value(-STEP, -STEP) - value(STEP, -STEP) - value(-STEP, STEP);
@@ -64,12 +65,14 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
             curvature[column * n + row] = curvature[row * n + column];
         }
     }
-    let count = gradients[0].len();
+    let at_centre = clusters(&moved(&[]), session, &mut workspace);
+    let count = at_centre.len();
     let samples = session.count(Role::Fit) as f64;
     if count < 2 {
         return axes.iter().map(|axis| axis.parameter.high - axis.parameter.low).collect();
     }
     let factor = count as f64 / (count - 1) as f64;
+    let hidden = standard_error(&at_centre);
     let quantile = StudentsT::new(0.0, 1.0, (count - 1) as f64).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975));
     for (axis, &index) in searched.iter().enumerate() {
         // A row of the inverse curvature; one that is not definite falls back on its diagonal.
@@ -82,14 +85,23 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
         let influence = |cluster: usize| -> f64 { row.iter().zip(&gradients).map(|(inverse, gradient)| inverse * gradient[cluster]).sum() };
         let variance = factor * (0..count).map(|cluster| influence(cluster).powi(2)).sum::<f64>() / (samples * samples);
         let Axis { parameter, step } = &axes[index];
-        let reach = (quantile * quantile * variance + 2.0 * excess * row[axis]).sqrt() * step;
+        let reach = (quantile * quantile * variance + 2.0 * (excess + hidden) * row[axis]).sqrt() * step;
         result[index] = if parameter.logarithmic { line[index] * reach } else { reach / 4.0 * (parameter.high - parameter.low) };
     }
     result
 }
 
-/// Sums of squares over the fitted samples of each cluster: a recording, or a stretch of one that is fitted where others of it are not.
-fn clusters(model: &Model, session: &Session, workspace: &mut Workspace<'_>) -> Vec<f64> {
+/// Standard error of the mean square over clusters, from their sums of squares and numbers of samples.
+fn standard_error(clusters: &[(f64, f64)]) -> f64 {
+    let (sum, samples) = clusters.iter().fold((0.0, 0.0), |all, cluster| (all.0 + cluster.0, all.1 + cluster.1));
+    let scatter: f64 = clusters.iter().map(|cluster| (cluster.0 - sum / samples * cluster.1).powi(2)).sum();
+    let count = clusters.len() as f64;
+    (count / (count - 1.0) * scatter).sqrt() / samples
+}
+
+/// Sums of squares over the fitted samples of each cluster, and how many these are: a recording, or a stretch of one that is fitted where others of it
+/// are not.
+fn clusters(model: &Model, session: &Session, workspace: &mut Workspace<'_>) -> Vec<(f64, f64)> {
     let fitted = |run: &Run| run.role.contains(&Role::Fit);
     let outputs = workspace.outputs(model, fitted);
     let mut sums = Vec::new();
@@ -99,7 +111,8 @@ fn clusters(model: &Model, session: &Session, workspace: &mut Workspace<'_>) -> 
             Some(*end - chunk.len()..*end)
         }) {
             if run.role[stretch.start] == Role::Fit {
-                sums.push(stretch.filter(|&sample| run.keep[sample]).map(|sample| (run.output[sample] - output[sample]).powi(2)).sum());
+                let kept = stretch.filter(|&sample| run.keep[sample]).map(|sample| (run.output[sample] - output[sample]).powi(2));
+                sums.push(kept.fold((0.0, 0.0), |(sum, samples), square| (sum + square, samples + 1.0)));
             }
         }
     }
@@ -151,6 +164,13 @@ mod tests {
             }
         }
         assert!(inverse_row(&[0.0; 4], 2, 0).is_none());
+    }
+
+    #[test]
+    fn the_standard_error_of_a_mean_square_is_that_of_its_clusters() {
+        // Mean squares of 1, 2 and 3, as many samples each: the standard deviation of one is 1.
+        assert!((standard_error(&[(10.0, 10.0), (20.0, 10.0), (30.0, 10.0)]) - 1.0 / 3.0_f64.sqrt()).abs() < 1e-12);
+        assert!(standard_error(&[(10.0, 5.0), (40.0, 20.0)]) < 1e-12);
     }
 
     /// A normal deviate: the sum of twelve even ones of a linear congruential generator (Numerical Recipes, 7.1).
