@@ -159,3 +159,32 @@ pub fn over(products: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (cross, energy) = products.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
     cross / energy.sqrt()
 }
+
+/// How well the steps of a path over two samples go with those of the measured output, as far as that is seen.
+pub fn agreement(path: &[f64], run: &Run) -> f64 {
+    let (mut cross, mut energy) = (0.0, 1e-30);
+    for sample in (1..path.len() - 1).filter(|&sample| run.keep[sample - 1] && run.keep[sample + 1]) {
+        let (x, y) = (path[sample + 1] - path[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
+        cross += x * y;
+        energy += x * x;
+    }
+    cross / energy.sqrt()
+}
+
+/// The best of some places, the first of equal ones, made three times as fine so often.
+pub fn best_place(places: impl Iterator<Item = f64>, mut spacing: f64, refinements: usize, mut score: impl FnMut(f64) -> f64) -> f64 {
+    let mut best = (f64::MIN, 0.0);
+    let mut offer = |at: f64, best: &mut (f64, f64)| {
+        let found = score(at);
+        if found > best.0 {
+            *best = (found, at);
+        }
+    };
+    places.for_each(|at| offer(at, &mut best));
+    for _ in 0..refinements {
+        spacing /= 3.0;
+        let centre = best.1;
+        [centre - spacing, centre + spacing].into_iter().for_each(|at| offer(at, &mut best));
+    }
+    best.1
+}

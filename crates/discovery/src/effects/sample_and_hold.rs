@@ -4,41 +4,68 @@
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::steps::{Steps, over};
+use crate::chain::steps::{Steps, agreement, best_place, over};
 use crate::data::phasors::{spacing_hz, spacing_over_hz};
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON, &OUTPUT_OF_EACH_RECORDING, &OUTPUT_RUNNING_ON];
+pub const FORMS: &[&dyn Form] = &[&OF_EACH_RECORDING, &RUNNING_ON, &UNTIED, &OUTPUT_OF_EACH_RECORDING, &OUTPUT_RUNNING_ON, &OUTPUT_UNTIED];
 
 struct Held {
     form: Told,
     place: Place,
     parameters: &'static [Parameter],
-    /// Whether the clock runs on from recording to recording.
-    runs_on: bool,
+    clock: Clock,
+}
+
+/// Where the looks of a recording are.
+#[derive(Clone, Copy, PartialEq)]
+enum Clock {
+    /// At the same places in each.
+    Starts,
+    /// It runs on from recording to recording.
+    RunsOn,
+    /// It runs on, and nothing tells how long: the recording itself shows where they are.
+    Untied,
 }
 
 static OF_EACH_RECORDING: Held = Held {
     form: ("of-each-recording", "held for a period, counted from the start of each recording"),
     place: Place::Supply,
     parameters: &[PERIOD, FIRST_LOOK, FOLLOWS, AGE],
-    runs_on: false,
+    clock: Clock::Starts,
 };
 
-static RUNNING_ON: Held =
-    Held { form: ("of-the-session", "held for a period of a clock that runs on through the session"), runs_on: true, ..OF_EACH_RECORDING };
+static RUNNING_ON: Held = Held {
+    form: ("of-the-session", "held for a period of a clock that runs on through the session"),
+    clock: Clock::RunsOn,
+    ..OF_EACH_RECORDING
+};
+
+static UNTIED: Held = Held {
+    form: ("own-phase", "held for a period, at a phase of its own in each recording"),
+    parameters: &[PERIOD, FOLLOWS, AGE],
+    clock: Clock::Untied,
+    ..OF_EACH_RECORDING
+};
 
 static OUTPUT_OF_EACH_RECORDING: Held = Held {
     form: ("output-of-each-recording", "output held for a period, counted from the start of each recording"),
     place: Place::Sensor,
     parameters: &[PERIOD, FIRST_LOOK],
-    runs_on: false,
+    clock: Clock::Starts,
 };
 
 static OUTPUT_RUNNING_ON: Held = Held {
     form: ("output-of-the-session", "output held for a period of a clock that runs on through the session"),
-    runs_on: true,
+    clock: Clock::RunsOn,
+    ..OUTPUT_OF_EACH_RECORDING
+};
+
+static OUTPUT_UNTIED: Held = Held {
+    form: ("output-own-phase", "output held for a period, at a phase of its own in each recording"),
+    parameters: &[PERIOD],
+    clock: Clock::Untied,
     ..OUTPUT_OF_EACH_RECORDING
 };
 
@@ -58,6 +85,9 @@ const LONGEST_S: f64 = 0.6;
 
 /// Fewest samples in a period that is looked for: with fewer, a dead time of half of it does as well.
 const FEWEST_SAMPLES: f64 = 3.0;
+
+/// Periods from which the phase of a clock that nothing ties to the recording is read when a model is judged or simulated.
+const PERIODS_OF_START_UP: f64 = 10.0;
 
 /// Fewest places of the first look that are looked at; in a long period they are two samples apart.
 const FEWEST_LOOKS: f64 = 4.0;
@@ -82,32 +112,43 @@ fn sieved(grid: Vec<Vec<f64>>, score: impl Fn(usize, &Vec<f64>) -> f64) -> Vec<V
 
 impl Form for Held {
     fn spec(&self) -> Spec {
+        let untied = self.clock == Clock::Untied;
         Spec {
             parameters: self.parameters,
-            steps: &[2e-4, 0.05, 0.3, 0.3],
-            simpler_at: if self.parameters.len() > 2 { &[(2, FOLLOWS.low), (3, AGE.low)] } else { &[] },
+            steps: if untied { &[2e-4, 0.3, 0.3] } else { &[2e-4, 0.05, 0.3, 0.3] },
+            simpler_at: match (self.holds_output(), untied) {
+                (true, _) => &[],
+                (false, true) => &[(1, FOLLOWS.low), (2, AGE.low)],
+                (false, false) => &[(2, FOLLOWS.low), (3, AGE.low)],
+            },
+            reads_output: untied,
+            needs_sum: untied && self.holds_output(),
             ..Spec::new("sample-and-hold", self.form, self.place)
         }
     }
+    fn start_up_s(&self, parameters: &[f64]) -> f64 {
+        if self.clock == Clock::Untied { PERIODS_OF_START_UP * parameters[0] } else { 0.0 }
+    }
     /// Periods and first looks of which what holding does to the steps of what is held goes best with what the model misses of those of the output.
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        // Where the recordings tell their places in the session, a clock that runs on is tied to them; where they do not, it is not.
+        if self.clock == if session.has_session_time { Clock::Untied } else { Clock::RunsOn } {
+            return Vec::new();
+        }
         // What is held: the command, or the output as the model has it.
         let modelled = |run: &Run| run.output.iter().zip(&residual[run.index]).map(|(output, missed)| output - missed).collect();
-        let held = |run: &Run| if self.place > Place::Operators { modelled(run) } else { run.input.clone() };
+        let held = |run: &Run| if self.holds_output() { modelled(run) } else { run.input.clone() };
         let sample_s = session.runs[0].period_s;
         let stretch = LEAST_SAMPLES.max((LEAST_PERIODS * LONGEST_S / sample_s) as usize);
         let steps = Steps::in_stretches(session, residual, held, stretch);
         let is_cut = steps.runs().any(|(.., begun_s)| begun_s > 0.0);
         let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
         let of = |(at, run, begun_s): (usize, &Run, f64), start: &[f64]| {
-            let first = (self.first_look(start, run) - begun_s / start[0]).rem_euclid(1.0);
+            let first = (self.first_look(start, run, &[]) - begun_s / start[0]).rem_euclid(1.0);
             steps.matched(at, change(start[0], first))[1]
         };
         let score = |every: usize, start: &Vec<f64>| over(steps.runs().step_by(every).map(|one| of(one, start)));
-        let first_looks = |period_s: f64| {
-            let count = (period_s / (2.0 * sample_s)).max(FEWEST_LOOKS).ceil();
-            (0..count as usize).map(move |place| place as f64 / count)
-        };
+        let first_looks = |period_s: f64| first_looks(period_s / sample_s);
         // Over several recordings or stretches of a clock that runs on, a period that is nearly right has the looks of each elsewhere.
         let best_looks = |every: usize, start: &Vec<f64>| {
             let best = |at: usize| {
@@ -123,10 +164,13 @@ impl Form for Held {
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
         let count = ((fastest_hz - slowest_hz) / coarse_hz).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * coarse_hz);
-        let (spacing_hz, begun) = if self.runs_on || is_cut {
+        let (spacing_hz, begun) = if self.clock == Clock::Untied {
+            let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
+            (coarse_hz, best)
+        } else if self.clock == Clock::RunsOn || is_cut {
             let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
             let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
-            let fine_hz = if self.runs_on { of_session } else { of_recordings };
+            let fine_hz = if self.clock == Clock::RunsOn { of_session } else { of_recordings };
             let steps = (coarse_hz / fine_hz).ceil() as i32;
             let near = |start: Vec<f64>| {
                 let near = (-2 * steps..=2 * steps).map(|step| 1.0 / start[0] + 0.5 * f64::from(step) * fine_hz);
@@ -140,8 +184,11 @@ impl Form for Held {
         };
         // Finer steps about each, until a period is as near as the recordings resolve.
         let finer = |start: Vec<f64>| {
-            let places = (-5..=5).flat_map(|step| (-2..=2).map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
-            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), |start| score(1, start), 1)
+            let untied = self.clock == Clock::Untied;
+            let lates = if untied { 0..=0 } else { -2..=2 };
+            let places = (-5..=5).flat_map(|step| lates.clone().map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
+            let score = |start: &Vec<f64>| if untied { best_looks(1, start) } else { score(1, start) };
+            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), score, 1)
         };
         begun
             .into_iter()
@@ -149,32 +196,72 @@ impl Form for Held {
             .flat_map(|start| {
                 let with = |follows_s: f64, age_s: f64| vec![start[0], start[1], follows_s, age_s];
                 let all = [start.clone(), with(0.02, AGE.low), with(FOLLOWS.low, 0.25 * start[0])];
-                if self.parameters.len() > 2 { all.to_vec() } else { vec![start[..2].to_vec()] }
+                all.into_iter().take(if self.holds_output() { 1 } else { 3 })
+            })
+            .map(|mut start| {
+                if self.clock == Clock::Untied {
+                    start.remove(1);
+                }
+                start.truncate(self.parameters.len());
+                start
             })
             .collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let &[look_s, _, follows_s, age_s] = parameters else { return };
+        let (&[look_s, _, follows_s, age_s] | &[look_s, follows_s, age_s]) = parameters else { return };
         if age_s > AGE.low {
             let fresh = path.to_vec();
             shift(path, &fresh, |_| age_s / run.period_s);
         }
-        hold(path, look_s, self.first_look(parameters, run), follows_s, run.period_s);
+        hold(path, look_s, self.first_look(parameters, run, path), follows_s, run.period_s);
     }
-    fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        if self.place > Place::Operators {
-            columns.filter(&Looks { samples: parameters[0] / run.period_s, first: self.first_look(parameters, run) });
+    fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
+        if self.holds_output() {
+            columns.filter(&Looks { samples: parameters[0] / run.period_s, first: self.first_look(parameters, run, sum) });
         }
     }
 }
 
 impl Held {
-    /// The first look of a recording behind its start, over the period.
-    fn first_look(&self, parameters: &[f64], run: &Run) -> f64 {
-        let begun = if self.runs_on { run.session_s[0] / parameters[0] } else { 0.0 };
-        (parameters[1] - begun).rem_euclid(1.0)
+    fn holds_output(&self) -> bool {
+        self.place > Place::Operators
+    }
+
+    /// The first look of a recording behind its start, over the period, at what is held.
+    fn first_look(&self, parameters: &[f64], run: &Run, held: &[f64]) -> f64 {
+        let first = match self.clock {
+            Clock::Starts => parameters[1],
+            Clock::RunsOn => parameters[1] - run.session_s[0] / parameters[0],
+            Clock::Untied => shown_look(held, parameters[0], run),
+        };
+        first.rem_euclid(1.0)
     }
 }
+
+/// Places of the first look, over the period, that are looked at where a period takes so many samples.
+fn first_looks(samples: f64) -> impl Iterator<Item = f64> {
+    let count = (samples / 2.0).max(FEWEST_LOOKS).ceil();
+    (0..count as usize).map(move |place| place as f64 / count)
+}
+
+/// The first look, over the period, after which the steps of what is held go best with those of the measured output. Where there is no measured output
+/// (a simulation) it is the first sample.
+fn shown_look(held: &[f64], look_s: f64, run: &Run) -> f64 {
+    if run.output.iter().all(|value| *value == 0.0) {
+        return 0.0;
+    }
+    let mut path = held.to_vec();
+    let agreement = |first: f64| {
+        path.copy_from_slice(held);
+        hold(&mut path, look_s, first.rem_euclid(1.0), FOLLOWS.low, run.period_s);
+        agreement(&path, run)
+    };
+    let samples = look_s / run.period_s;
+    best_place(first_looks(samples), 1.0 / first_looks(samples).count() as f64, REFINEMENTS, agreement)
+}
+
+/// How often the place of the first look is made three times as fine.
+const REFINEMENTS: usize = 2;
 
 /// Holds what is looked at once in a period, and follows it with a time constant.
 fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64) {
@@ -289,7 +376,7 @@ mod tests {
             columns.push(true, |sample| run.input[sample]);
             form.output(&parameters, run, &[], &mut columns);
             let mut wanted = run.input.clone();
-            hold(&mut wanted, parameters[0], form.first_look(&parameters, run), FOLLOWS.low, run.period_s);
+            hold(&mut wanted, parameters[0], form.first_look(&parameters, run, &[]), FOLLOWS.low, run.period_s);
             let found = columns.column(0);
             assert!(found.iter().zip(&wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-9), "{parameters:?}");
         }
@@ -338,11 +425,12 @@ mod tests {
     #[test]
     fn a_long_recording_is_looked_at_in_stretches_and_tells_the_period_as_finely_as_it_is_long() {
         let (period_s, first, hz) = (0.1873, 0.4, 0.37);
-        let session = session_of(11_000, &[hz]);
+        let mut session = session_of(11_000, &[hz]);
         let u = |time_s: f64| 0.5 - 0.5 * (TAU * hz * time_s).cos();
         let look_s = |time_s: f64| (((time_s / period_s - first).floor() + first) * period_s).max(0.0);
         let residual: Vec<f64> = session.runs[0].time_s.iter().map(|&time_s| u(look_s(time_s)) - u(time_s - 0.5 * period_s)).collect();
         for form in [&OF_EACH_RECORDING, &RUNNING_ON] {
+            session.has_session_time = form.clock == Clock::RunsOn;
             let starts = form.starts(&session, std::slice::from_ref(&residual));
             // As near as a tenth of a period at either end, 220 s apart.
             let near = |start: &&Vec<f64>| {
@@ -356,10 +444,41 @@ mod tests {
     }
 
     #[test]
+    fn a_clock_that_nothing_ties_to_the_recordings_is_found_with_a_phase_in_each() {
+        let (period_s, firsts) = (0.1873, [0.4, 0.1, 0.85, 0.62, 0.3, 0.97]);
+        let mut session = session(&[0.2, 0.37, 0.61, 0.8, 0.2, 0.37]);
+        for (run, first) in session.runs.iter_mut().zip(firsts) {
+            let mut held = run.input.clone();
+            hold(&mut held, period_s, first, FOLLOWS.low, run.period_s);
+            run.output = held;
+        }
+        let residual: Vec<Vec<f64>> =
+            session.runs.iter().map(|run| run.output.iter().zip(&run.input).map(|(output, input)| output - input).collect()).collect();
+        for form in [&UNTIED, &OUTPUT_UNTIED] {
+            let starts = form.starts(&session, &residual);
+            assert!(starts.iter().any(|start| (start[0] / period_s - 1.0).abs() < 1e-3), "{starts:?}");
+        }
+        let parameters = [period_s, FOLLOWS.low, AGE.low];
+        // What is kept out shows nothing.
+        let shown: Vec<(&Run, f64)> = session.runs.iter().zip(firsts).filter(|(run, _)| run.keep[0]).collect();
+        assert_eq!(shown.len(), 5);
+        for (run, first) in shown {
+            let found = UNTIED.first_look(&parameters, run, &run.input);
+            assert!(((found - first + 0.5).rem_euclid(1.0) - 0.5).abs() < 0.05, "{found} for {first}");
+        }
+        // A clock that the session's time ties to them is no matter for each recording.
+        session.has_session_time = true;
+        assert!(UNTIED.starts(&session, &residual).is_empty());
+        session.has_session_time = false;
+        assert!(RUNNING_ON.starts(&session, &residual).is_empty());
+    }
+
+    #[test]
     fn a_clock_that_runs_on_is_found_through_the_whole_session() {
         let (period_s, first) = (0.1873, 0.4);
         let input_hz = [0.2, 0.37, 0.61, 0.8, 0.2, 0.37];
         let mut session = session(&input_hz);
+        session.has_session_time = true;
         for (index, run) in session.runs.iter_mut().enumerate() {
             let begun_s = 27.31 * index as f64;
             run.session_s = run.time_s.iter().map(|time_s| begun_s + time_s).collect();

@@ -5,7 +5,7 @@ use crate::chain::columns::Filter;
 use crate::chain::filters::{ladder, lag_coefficients};
 use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side::leads_input;
-use crate::chain::steps::Steps;
+use crate::chain::steps::{Steps, agreement, best_place};
 use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag;
 use crate::effects::sticking::Sticking;
@@ -111,8 +111,7 @@ impl Follow {
     /// The command after the valve; where it begins is searched at so many places and refined so often.
     fn input_from(&self, parameters: &[f64], run: &Run, path: &mut [f64], places: i32, refinements: usize) {
         let law = law(parameters);
-        let begin = begin(law, run, path, places, refinements);
-        follow(path, begin.at, law, run.period_s);
+        follow(path, begin(law, run, path, places, refinements), law, run.period_s);
     }
 }
 
@@ -121,52 +120,23 @@ fn law(parameters: &[f64]) -> [f64; 3] {
     [parameters[0], (parameters[0] - parameters[1]).max(0.005 * parameters[0]), parameters[2]]
 }
 
-/// Where the pressure stood, and how well the jumps that follow go with those of the measured output.
-struct Begin {
-    /// Above the command, normalised.
-    at: f64,
-    /// Sum of products of the steps.
-    cross: f64,
-    /// Sum of squares of the valve's steps.
-    energy: f64,
-}
-
 /// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
 /// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
 /// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
 /// and finer ones about the best.
-fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> Begin {
+fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> f64 {
     if run.output.iter().all(|value| *value == 0.0) {
-        return Begin { at: 0.0, cross: 0.0, energy: 1.0 };
+        return 0.0;
     }
-    let mut scratch = vec![0.0; path.len()];
-    let mut agreement = |begin_at: f64| -> Begin {
+    let mut scratch = path.to_vec();
+    let agreement = |begin_at: f64| {
         scratch.copy_from_slice(path);
         follow(&mut scratch, begin_at, law, run.period_s);
-        let mut begin = Begin { at: begin_at, cross: 0.0, energy: 1e-30 };
-        for sample in 1..path.len() - 1 {
-            if run.keep[sample - 1] && run.keep[sample + 1] {
-                let (x, y) = (scratch[sample + 1] - scratch[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
-                begin.cross += x * y;
-                begin.energy += x * x;
-            }
-        }
-        begin
+        agreement(&scratch, run)
     };
-    let better = |one: Begin, other: Begin| if other.cross / other.energy.sqrt() > one.cross / one.energy.sqrt() { other } else { one };
-    let mut best = agreement(0.0);
-    let mut spacing = law[0] / f64::from(places);
-    for place in (-places..=places).filter(|place| *place != 0) {
-        best = better(best, agreement(spacing * f64::from(place) * 0.999));
-    }
-    for _ in 0..refinements {
-        spacing /= 3.0;
-        let centre = best.at;
-        for at in [centre - spacing, centre + spacing] {
-            best = better(best, agreement(at));
-        }
-    }
-    best
+    let spacing = law[0] / f64::from(places);
+    let away = (-places..=places).filter(|place| *place != 0).map(|place| spacing * f64::from(place) * 0.999);
+    best_place(std::iter::once(0.0).chain(away), spacing, refinements, agreement)
 }
 
 impl Form for Overlap {
