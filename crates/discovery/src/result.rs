@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::explanation::diagnosis::{LoopArea, Residual};
 use crate::explanation::horizon;
 use crate::explanation::residual_map::Disagreement;
+use crate::selection::settings::FEWEST_FOR_HALVES;
 
 /// How to discover.
 #[derive(Clone, Debug)]
@@ -143,6 +144,8 @@ pub struct Discovery {
     /// What happens between command and measured pressure, where the recordings have both: effects named there; empty when none is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressure_path: Option<Vec<String>>,
+    /// Strokes of the input in the recordings worked with.
+    pub strokes: usize,
     /// Samples left out as outliers.
     pub excluded_samples: usize,
     /// Names of the test recordings.
@@ -153,6 +156,12 @@ pub struct Discovery {
 }
 
 impl Discovery {
+    /// Whether there are too few strokes to tell what each of them has by chance from an effect.
+    #[must_use]
+    pub fn has_few_strokes(&self) -> bool {
+        self.strokes < FEWEST_FOR_HALVES
+    }
+
     /// Figures one step ahead, where something jumps: before and after in output units, and the share of the gap closed.
     #[must_use]
     pub fn one_step(&self) -> Option<[f64; 3]> {

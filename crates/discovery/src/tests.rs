@@ -231,6 +231,43 @@ fn motion_during_rest_does_not_pass_for_noise() {
     }
 }
 
+/// A triangle of so many strokes in 20 s, each followed by a rest if `rests`, behind a supply of three quarters; a play operator, and noise.
+fn strokes_behind_a_supply(strokes: u32, rests: bool) -> Recording {
+    let command = |time_s: f64| {
+        let place = (time_s / 20.0 * f64::from(strokes)).max(0.0);
+        let share = place.fract() * if rests { 2.0 } else { 1.0 };
+        if place as u32 % 2 == 0 { share.min(1.0) } else { 1.0 - share.min(1.0) }
+    };
+    let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+    let input = time_s.iter().map(|&time_s| command(time_s)).collect();
+    let (mut state, mut random) = (0.0, 1_u32);
+    let output = time_s.iter().map(|&time_s| {
+        let value = command(time_s).min(0.75);
+        state = f64::clamp(state, value - 0.1, value + 0.1);
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        0.5 * (value + state) + 0.01 * (f64::from(random) / f64::from(u32::MAX) - 0.5)
+    });
+    let output = output.collect();
+    Recording::new("run.csv".as_ref(), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output).expect("a recording")
+}
+
+#[test]
+fn a_few_strokes_confirm_nothing() {
+    for (strokes, rests) in [(2, false), (4, true), (12, false), (11, true)] {
+        let recording = strokes_behind_a_supply(strokes, rests);
+        let discovery = discover(&[recording], &[], &DiscoverConfig::default()).expect("a finding").discovery;
+        let sure = discovery.effects.iter().map(|effect| effect.confidence).fold(0.0, f64::max);
+        assert_eq!(discovery.strokes, strokes as usize);
+        assert_eq!(discovery.has_few_strokes(), strokes < 6);
+        assert!(discovery.effects.iter().any(|effect| effect.name == "supply-saturation"), "{discovery:?}");
+        if discovery.has_few_strokes() {
+            assert!(sure <= 0.5 && discovery.verdict == Verdict::Ambiguous, "{strokes} strokes: {discovery:?}");
+        } else {
+            assert!(sure > 0.9 && discovery.verdict == Verdict::Named, "{strokes} strokes: {discovery:?}");
+        }
+    }
+}
+
 #[test]
 fn does_not_name_an_effect_outside_the_catalogue() {
     let discovery = found(&case(&["alien-loose-joint"], SEED + 2, 0.005));

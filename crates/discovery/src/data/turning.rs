@@ -158,6 +158,20 @@ fn farthest(left: [f64; 3], right: [f64; 3], sign: f64) -> f64 {
         .min(most)
 }
 
+/// Where a path begins, turns by more than `least`, and ends, oldest first.
+#[must_use]
+pub fn large_turns(path: &[f64], least: f64) -> Vec<f64> {
+    let mut turns: Vec<f64> = Vec::new();
+    for &value in path {
+        match turns[..] {
+            [.., from, to] if (to - from) * (value - to) >= 0.0 => *turns.last_mut().expect("two") = value,
+            [.., to] if (value - to).abs() <= least => {}
+            _ => turns.push(value),
+        }
+    }
+    turns
+}
+
 /// Adds the turning points of `input` to `history` and forgets those that later, larger ones wipe out.
 pub fn remember(history: &mut Vec<f64>, input: &[f64]) {
     let (Some(first), Some(last)) = (input.first(), input.last()) else { return };
@@ -219,6 +233,14 @@ mod tests {
             worst = [worst[0].max(turned.fold(near, f64::min)), worst[1].max(near)];
         }
         worst
+    }
+
+    #[test]
+    fn small_turns_are_none_and_a_stroke_ends_where_it_was_farthest() {
+        let path = [0.0, 0.3, 0.295, 0.5, 0.49, 0.2, 0.205, 0.1, 0.4];
+        assert_eq!(large_turns(&path, 0.02), [0.0, 0.5, 0.1, 0.4]);
+        assert_eq!(large_turns(&[0.7; 5], 0.02), [0.7]);
+        assert!(large_turns(&[], 0.02).is_empty());
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, row};
 use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 use crate::data::session::Run;
+use crate::data::turning::large_turns;
 use crate::effects::creep;
 
 /// All forms.
@@ -122,14 +123,8 @@ const TURNS: f64 = 0.01;
 
 /// Where the input of the recording before this one turned last, oldest first.
 pub fn turns_before(run: &Run) -> Vec<f64> {
-    let mut turns: Vec<f64> = Vec::new();
-    for &value in run.index.checked_sub(1).and_then(|before| run.session.get(before)).map_or(&[][..], |earlier| &earlier.input) {
-        match turns[..] {
-            [.., from, to] if (to - from) * (value - to) >= 0.0 => *turns.last_mut().expect("two") = value,
-            [.., to] if (value - to).abs() <= TURNS => {}
-            _ => turns.push(value),
-        }
-    }
+    let earlier = run.index.checked_sub(1).and_then(|before| run.session.get(before)).map_or(&[][..], |earlier| &earlier.input);
+    let mut turns = large_turns(earlier, TURNS);
     turns.drain(..turns.len().saturating_sub(REMEMBERED));
     turns
 }

@@ -12,7 +12,7 @@ pub const MATERIAL: [f64; 2] = [0.0025, 0.01];
 /// Level: blocked deviations from which on an improvement is taken into the search.
 pub const LIKELY: f64 = 2.0;
 
-/// Folds: fewest recordings of which whole halves are left out, and between which a law of the session can be seen.
+/// Folds: fewest recordings of which whole halves are left out and between which a law of the session can be seen, and fewest strokes that show any.
 pub const FEWEST_FOR_HALVES: usize = 6;
 
 /// Materiality: root mean square over that of the noise from which on something is left to explain.

@@ -179,7 +179,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     // A simulation of what jumps misses the times of the jumps as much as an observer does.
     let jumping = names_that_jump();
     let jumps = after.names().any(|name| jumping.contains(&name));
-    let confounded = after.slots.iter().any(|slot| is_confounded(session, slot));
+    let strokes = session.strokes();
+    let confounded = strokes < FEWEST_FOR_HALVES || after.slots.iter().any(|slot| is_confounded(session, slot));
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
     let left = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
@@ -263,6 +264,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         pressure_path: None,
         disagreements: Vec::new(),
         summary: String::new(),
+        strokes,
         excluded_samples: excluded,
         kept_out,
         side_unknown,
@@ -322,6 +324,7 @@ mod tests {
             residual_before: Residual::default(),
             residual_after: Residual::default(),
             pressure_path: None,
+            strokes: FEWEST_FOR_HALVES,
             excluded_samples: 0,
             kept_out: Vec::new(),
             side_unknown: Vec::new(),
