@@ -100,12 +100,16 @@ pub fn discover_from(
             found.anchor(&session);
         },
     );
-    let decision = decision::decide(&session, &base, &search, &found, config.seed, config.threads);
-    let after = decision.model.clone();
+    let mut decision = decision::decide(&session, &base, &search, &found, config.seed, config.threads);
     let loop_area = diagnosis::loop_area(&session, &before, config.threads);
     before = before.refined();
     before.fit_all(&session);
     before = before.pruned();
+    // Where nothing was found the model is the same before and after, to the last digit.
+    if decision.model.slots.is_empty() {
+        decision.model = before.clone();
+    }
+    let after = decision.model.clone();
     let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
     let residual_before = residuals(&session, &simulate(&session));
     let mut discovery = verdict::judge(&session, &residual_before, &decision, &search.found);

@@ -236,7 +236,7 @@ fn strokes_behind_a_supply(strokes: u32, rests: bool) -> Recording {
     let command = |time_s: f64| {
         let place = (time_s / 20.0 * f64::from(strokes)).max(0.0);
         let share = place.fract() * if rests { 2.0 } else { 1.0 };
-        if place as u32 % 2 == 0 { share.min(1.0) } else { 1.0 - share.min(1.0) }
+        if (place as u32).is_multiple_of(2) { share.min(1.0) } else { 1.0 - share.min(1.0) }
     };
     let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
     let input = time_s.iter().map(|&time_s| command(time_s)).collect();

@@ -29,15 +29,24 @@ pub fn number(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    let scientific = format!("{:.*e}", digits.max(1) - 1, value.abs());
-    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
-    let exponent: i32 = exponent.parse().unwrap_or(0);
     let sign = if value < 0.0 { "\u{2212}" } else { "" };
+    let plain = plain_number(value.abs(), digits);
+    match plain.split_once('e') {
+        Some((mantissa, exponent)) => format!("{sign}{mantissa}\u{202f}\u{b7}\u{202f}10{}", superscript(exponent.parse().unwrap_or(0))),
+        None => format!("{sign}{plain}"),
+    }
+}
+
+/// A number as read on a terminal: as [`number`], in ASCII, powers of ten as in `1.5e-7`.
+#[must_use]
+pub fn plain_number(value: f64, digits: usize) -> String {
+    let scientific = format!("{value:.*e}", digits.max(1) - 1);
+    let exponent: i32 = scientific.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0);
     if (-4..6).contains(&exponent) {
         let decimals = usize::try_from(i32::try_from(digits).unwrap_or(3) - 1 - exponent).unwrap_or(0);
-        format!("{sign}{:.decimals$}", value.abs())
+        format!("{value:.decimals$}")
     } else {
-        format!("{sign}{mantissa}\u{202f}\u{b7}\u{202f}10{}", superscript(exponent))
+        scientific
     }
 }
 
@@ -106,6 +115,7 @@ mod tests {
         for (value, expected) in cases {
             assert_eq!(number(value, 3), expected);
         }
+        assert_eq!([-0.25, 2.0e-7, 0.0].map(|value| plain_number(value, 3)), ["-0.250", "2.00e-7", "0.00"]);
         assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(count(12), "12");
         assert_eq!(superscript(-4567890), "\u{207b}\u{2074}\u{2075}\u{2076}\u{2077}\u{2078}\u{2079}\u{2070}");

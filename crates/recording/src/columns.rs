@@ -302,6 +302,6 @@ fn column_name(role: &str, header: &str) -> Result<ColumnName, String> {
 fn in_seconds(role: &str, time: ColumnName) -> Result<ColumnName, String> {
     let unit = time.unit.clone();
     let scale = scale::time(&unit)
-        .ok_or_else(|| format!("the time unit `{unit}` is none of s, ms, us, ns and min; say `{role}={}:s`", time.header))?;
+        .ok_or_else(|| format!("the time unit `{unit}` is none of s, ms, us, ns, min and h; correct it after `{role}={}:`", time.header))?;
     Ok(ColumnName { signal: Signal { unit: "s".to_owned(), ..time.signal }, scale, ..time })
 }

@@ -70,6 +70,7 @@ pub fn time(unit: &str) -> Option<Scale> {
         "us" | "µs" | "μs" => Scale::Over(1e6),
         "ns" => Scale::Over(1e9),
         "min" => Scale::Times(60.0),
+        "h" => Scale::Times(3600.0),
         _ => return None,
     })
 }

@@ -10,6 +10,7 @@ use crate::discover::effects::of_a_file::Definition;
 use crate::discover::file::DiscoveredModel;
 use crate::discover::folder::{self, Written};
 use crate::discover::{self, DiscoverConfig, Discovery, Progress, Start};
+use crate::output::text::plain_number;
 use crate::recording::{self, Recording};
 use crate::{model, output, report, say};
 
@@ -98,8 +99,10 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, out: &Path) {
         say!("  {} ({}), confidence {:.2}", effect.name, effect.form, effect.confidence);
         for (name, value) in &effect.parameters {
             match effect.intervals.get(name) {
-                Some([low, high]) => say!("    {name} = {value:.5} ({low:.5} to {high:.5})"),
-                None => say!("    {name} = {value:.5}"),
+                Some([low, high]) => {
+                    say!("    {name} = {} ({} to {})", plain_number(*value, 5), plain_number(*low, 5), plain_number(*high, 5))
+                }
+                None => say!("    {name} = {}", plain_number(*value, 5)),
             }
         }
     }
@@ -116,10 +119,10 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, out: &Path) {
     }
     let behind = discovery.calibrate_s.map_or(String::new(), |seconds| format!(" behind a start-up of {seconds:.2} s that sets the zero"));
     say!(
-        "Kept-out recordings, free running{behind}: rmse {:.5} {unit} before, {:.5} {unit} after, noise {:.5} {unit}; {:.1} % of the gap closed ({}).",
-        discovery.rmse_before,
-        discovery.rmse_after,
-        discovery.noise_floor,
+        "Kept-out recordings, free running{behind}: rmse {} {unit} before, {} {unit} after, noise {} {unit}; {:.1} % of the gap closed ({}).",
+        plain_number(discovery.rmse_before, 4),
+        plain_number(discovery.rmse_after, 4),
+        plain_number(discovery.noise_floor, 4),
         100.0 * discovery.gap_closed,
         discovery.kept_out.join(", ")
     );
@@ -128,7 +131,9 @@ fn tell(discovery: &Discovery, model: &DiscoveredModel, out: &Path) {
     }
     if let Some([before, after, closed]) = discovery.one_step() {
         say!(
-            "One step ahead: rmse {before:.5} {unit} by a smooth observer, {after:.5} {unit} by one that knows the jumps; {:.1} % of the gap closed.",
+            "One step ahead: rmse {} {unit} by a smooth observer, {} {unit} by one that knows the jumps; {:.1} % of the gap closed.",
+            plain_number(before, 4),
+            plain_number(after, 4),
             100.0 * closed
         );
     }

@@ -5,6 +5,7 @@
 //! again with replacement (block bootstrap: neighbours stay together, so their correlation counts). Of all regions tested those are
 //! told whose false discovery rate stays below 5 % (Benjamini and Hochberg 1995).
 
+use output::text::plain_number;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -184,7 +185,7 @@ fn frequencies(session: &Session, residual: &[Vec<f64>], floor_square: f64) -> V
             let held: f64 = of_stretch.iter().map(|power| power[band]).sum();
             let share = ((held - noise_line * members * of_stretch.len() as f64) / excess).clamp(0.0, 1.0);
             let surplus = of_stretch.iter().map(|power| power[band] - even_share * power.iter().sum::<f64>()).collect();
-            let region = format!("{:.2} to {:.2} Hz", edges[band], edges[band + 1]);
+            let region = format!("{} to {} Hz", plain_number(edges[band], 3), plain_number(edges[band + 1], 3));
             Some(Tested { axis: "frequency", region, share, even_share, surplus })
         })
         .collect()
@@ -213,10 +214,10 @@ fn cuts(session: &Session) -> Vec<Cut> {
     let scale = session.input_scale;
     let offset = session.input_offset;
     quantiles("input", samples.iter().map(|&(run, sample)| session.runs[run].input[sample]).collect(), 5, &|low, high| {
-        format!("{:.3} to {:.3} {unit}", low * scale + offset, high * scale + offset)
+        format!("{} to {} {unit}", plain_number(low * scale + offset, 4), plain_number(high * scale + offset, 4))
     });
     quantiles("rate", samples.iter().map(|&(run, sample)| rate(session, run, sample).abs()).collect(), 4, &|low, high| {
-        format!("{:.3} to {:.3} {unit}/s", low * scale, high * scale)
+        format!("{} to {} {unit}/s", plain_number(low * scale, 4), plain_number(high * scale, 4))
     });
     let (since_reversal, cycle) = reversals(session);
     quantiles("time since reversal", since_reversal, 4, &|low, high| format!("{low:.2} to {high:.2} s"));
@@ -328,10 +329,11 @@ pub fn map(session: &Session, residual: &[Vec<f64>]) -> (Vec<f64>, Vec<(String, 
 /// The most telling disagreements as a sentence.
 #[must_use]
 pub fn sentence(found: &[Disagreement], rmse: f64, floor: f64, unit: &str) -> String {
+    let differ = format!("Simulation and measurement differ by {} {unit}", plain_number(rmse, 4));
     if rmse <= 1.02 * floor {
-        return format!("Simulation and measurement differ by {rmse:.4} {unit}, which is no more than the noise.");
+        return format!("{differ}, which is no more than the noise.");
     }
-    let begin = format!("Simulation and measurement differ by {rmse:.4} {unit} (noise: {floor:.4} {unit})");
+    let begin = format!("{differ} (noise: {} {unit})", plain_number(floor, 4));
     let mut best: Vec<&Disagreement> = Vec::new();
     for one in found {
         match best.iter_mut().find(|other| other.axis == one.axis) {
@@ -354,12 +356,8 @@ pub fn sentence(found: &[Disagreement], rmse: f64, floor: f64, unit: &str) -> St
             "loop" => format!("in the {} loop of a recording", one.region).replace("fourth and later loop", "fourth and later loops"),
             axis => format!("at {axis} {}", one.region),
         };
-        format!(
-            "{place} ({:.0} % of it in {:.0} % of the {})",
-            100.0 * one.share,
-            100.0 * one.even_share,
-            if one.axis == "frequency" { "band" } else { "samples" }
-        )
+        let of = if one.axis == "frequency" { "band" } else { "samples" };
+        format!("{place} ({:.0} % of it in {} % of the {of})", 100.0 * one.share, plain_number(100.0 * one.even_share, 2))
     };
     let parts: Vec<String> = best.iter().take(4).map(part).collect();
     format!("{begin}, most of all {}.", parts.join("; "))
