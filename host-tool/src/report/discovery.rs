@@ -3,11 +3,14 @@
 use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars_from, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
-use crate::discover::{Correlation, Discovery, Finding, Member, Residual, Role, Run, Share, Verdict, residual_map};
+use crate::discover::{Correlation, Discovery, Effect, Finding, Member, Residual, Role, Run, Share, Verdict, residual_map};
 use crate::recording::Signal;
 
 /// Most recordings drawn.
 const MOST_RECORDINGS: usize = 3;
+
+/// Confidence up to which an effect is not sure.
+const UNSURE: f64 = 0.5;
 
 /// The verdict in a few words.
 #[must_use]
@@ -38,7 +41,15 @@ pub fn headline(discovery: &Discovery) -> String {
             let second = discovery.runner_up.as_ref().map_or("another effect", |second| second.name.as_str());
             format!("Missing is {} or {second}: these recordings cannot tell them apart.", names.join(" and "))
         }
-        Verdict::Named => format!("Missing is {}.", names.join(" and ")),
+        Verdict::Named => {
+            let (sure, unsure): (Vec<&Effect>, Vec<&Effect>) = discovery.effects.iter().partition(|effect| effect.confidence > UNSURE);
+            let names = |of: &[&Effect]| of.iter().map(|effect| effect.name.as_str()).collect::<Vec<_>>().join(" and ");
+            match (&sure[..], &unsure[..]) {
+                (sure, []) => format!("Missing is {}.", names(sure)),
+                ([], unsure) => format!("What is missing looks like {}, but that is not sure.", names(unsure)),
+                (sure, unsure) => format!("Missing is {}; {} beside it is not sure.", names(sure), names(unsure)),
+            }
+        }
     }
 }
 

@@ -278,4 +278,15 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     assert_eq!(said(&finding), None);
     finding.discovery.rmse_after = 1.01 * finding.discovery.rmse_before;
     assert_eq!(said(&finding), Some(true));
+    // What is named is as sure as it is said to be, and a few strokes are said to be few.
+    let found = &mut finding.discovery;
+    assert_eq!(discovery::headline(found), "Missing is dead-time.");
+    found.effects[0].confidence = 0.5;
+    assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but that is not sure.");
+    let beside = discover::Effect { name: "creep".to_owned(), confidence: 0.9, ..found.effects[0].clone() };
+    found.effects.push(beside);
+    assert_eq!(discovery::headline(found), "Missing is creep; dead-time beside it is not sure.");
+    (found.verdict, found.strokes) = (discover::Verdict::Ambiguous, 2);
+    found.effects.truncate(1);
+    assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but 2 strokes do not confirm it: record more.");
 }
