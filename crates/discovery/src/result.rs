@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use crate::explanation::diagnosis::{LoopArea, Residual};
 use crate::explanation::horizon;
 use crate::explanation::residual_map::Disagreement;
-use crate::selection::settings::FEWEST_FOR_HALVES;
 
 /// How to discover.
 #[derive(Clone, Debug)]
@@ -146,6 +145,8 @@ pub struct Discovery {
     pub pressure_path: Option<Vec<String>>,
     /// Strokes of the input in the recordings worked with.
     pub strokes: usize,
+    /// Whether these are too few to tell what each of them has by chance from an effect.
+    pub few_strokes: bool,
     /// Samples left out as outliers.
     pub excluded_samples: usize,
     /// Names of the test recordings.
@@ -156,12 +157,6 @@ pub struct Discovery {
 }
 
 impl Discovery {
-    /// Whether there are too few strokes to tell what each of them has by chance from an effect.
-    #[must_use]
-    pub fn has_few_strokes(&self) -> bool {
-        self.strokes < FEWEST_FOR_HALVES
-    }
-
     /// Figures one step ahead, where something jumps: before and after in output units, and the share of the gap closed.
     #[must_use]
     pub fn one_step(&self) -> Option<[f64; 3]> {

@@ -258,9 +258,9 @@ fn a_few_strokes_confirm_nothing() {
         let discovery = discover(&[recording], &[], &DiscoverConfig::default()).expect("a finding").discovery;
         let sure = discovery.effects.iter().map(|effect| effect.confidence).fold(0.0, f64::max);
         assert_eq!(discovery.strokes, strokes as usize);
-        assert_eq!(discovery.has_few_strokes(), strokes < 6);
+        assert_eq!(discovery.few_strokes, strokes < 6);
         assert!(discovery.effects.iter().any(|effect| effect.name == "supply-saturation"), "{discovery:?}");
-        if discovery.has_few_strokes() {
+        if discovery.few_strokes {
             assert!(sure <= 0.5 && discovery.verdict == Verdict::Ambiguous, "{strokes} strokes: {discovery:?}");
         } else {
             assert!(sure > 0.9 && discovery.verdict == Verdict::Named, "{strokes} strokes: {discovery:?}");

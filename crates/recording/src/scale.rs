@@ -125,6 +125,7 @@ mod tests {
             ("in", 2.0, 50.8, "mm"),
             ("ms", 20.0, 0.02, "s"),
             ("us", 300.0, 0.0003, "s"),
+            ("h", 0.5, 1800.0, "s"),
         ] {
             let (found, scale) = conversion(unit).expect(unit);
             assert_eq!((found, scale.apply(value)), (into, wanted), "{unit}");

@@ -30,7 +30,7 @@ pub fn headline(discovery: &Discovery) -> String {
             let sets: Vec<String> = discovery.confidence_set.iter().map(|member| member.effects.join(" and ")).collect();
             format!("What is missing is one of these, which the recordings cannot tell apart: {}.", sets.join("; "))
         }
-        Verdict::Ambiguous if discovery.has_few_strokes() => {
+        Verdict::Ambiguous if discovery.few_strokes => {
             let strokes = if discovery.strokes == 1 { "stroke does" } else { "strokes do" };
             format!("What is missing looks like {}, but {} {strokes} not confirm it: record more.", names.join(" and "), discovery.strokes)
         }

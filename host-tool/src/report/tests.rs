@@ -286,7 +286,7 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     let beside = discover::Effect { name: "creep".to_owned(), confidence: 0.9, ..found.effects[0].clone() };
     found.effects.push(beside);
     assert_eq!(discovery::headline(found), "Missing is creep; dead-time beside it is not sure.");
-    (found.verdict, found.strokes) = (discover::Verdict::Ambiguous, 2);
+    (found.verdict, found.strokes, found.few_strokes) = (discover::Verdict::Ambiguous, 2, true);
     found.effects.truncate(1);
     assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but 2 strokes do not confirm it: record more.");
 }

@@ -97,7 +97,7 @@ fn a_column_map_that_makes_no_sense_is_refused() {
         ("time=t_s,input=voltage_V,input=displacement_um", &["--columns", "twice"]),
         ("time=t_s,input=voltage_V,colour=displacement_um", &["--columns", "colour"]),
         ("time=t_s,input=voltage,output=displacement_um", &["--columns", "unit"]),
-        ("time=t_h:h,input=voltage_V,output=displacement_um", &["--columns", "time unit"]),
+        ("time=t_d:d,input=voltage_V,output=displacement_um", &["--columns", "time unit"]),
         ("time=t_s,input=current_A,output=displacement_um", &["foreign.csv:1:", "current_A", "voltage_V"]),
     ];
     for (map, says) in cases {

@@ -180,7 +180,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     let jumping = names_that_jump();
     let jumps = after.names().any(|name| jumping.contains(&name));
     let strokes = session.strokes();
-    let confounded = strokes < FEWEST_FOR_HALVES || after.slots.iter().any(|slot| is_confounded(session, slot));
+    let few_strokes = strokes < FEWEST_FOR_HALVES;
+    let confounded = few_strokes || after.slots.iter().any(|slot| is_confounded(session, slot));
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
     let left = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
@@ -265,6 +266,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         disagreements: Vec::new(),
         summary: String::new(),
         strokes,
+        few_strokes,
         excluded_samples: excluded,
         kept_out,
         side_unknown,
@@ -325,6 +327,7 @@ mod tests {
             residual_after: Residual::default(),
             pressure_path: None,
             strokes: FEWEST_FOR_HALVES,
+            few_strokes: false,
             excluded_samples: 0,
             kept_out: Vec::new(),
             side_unknown: Vec::new(),

@@ -164,7 +164,7 @@ fn bad_column_maps_say_what_is_wrong() {
         ("time=t_s,time=t_s,input=v_V,output=d_mm", "`time` is given twice"),
         ("time=t_s,input=v_V,output", "has no `=`"),
         ("time=t_s,input=v,output=d_mm", "`v` has no unit"),
-        ("time=t_h,input=v_V,output=d_mm", "the time unit `h`"),
+        ("time=t_d,input=v_V,output=d_mm", "the time unit `d`"),
         ("time=t_s,input=v_V,output=v_V", "same column"),
         ("", "has no `=`"),
     ] {
