@@ -163,7 +163,7 @@ pub fn over(products: impl Iterator<Item = (f64, f64)>) -> f64 {
 /// How well the steps of a path over two samples go with those of the measured output, as far as that is seen.
 pub fn agreement(path: &[f64], run: &Run) -> f64 {
     let (mut cross, mut energy) = (0.0, 1e-30);
-    for sample in (1..path.len() - 1).filter(|&sample| run.keep[sample - 1] && run.keep[sample + 1]) {
+    for sample in (1..path.len().saturating_sub(1)).filter(|&sample| run.keep[sample - 1] && run.keep[sample + 1]) {
         let (x, y) = (path[sample + 1] - path[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
         cross += x * y;
         energy += x * x;
