@@ -34,6 +34,7 @@ pub use model::initial_state::InitialState;
 pub use model::structure::{Model, Slot};
 pub use result::{Candidate, DiscoverConfig, Discovery, Effect, Member, RunnerUp, Verdict};
 pub use search::parallel::{Progress, Watch};
+pub use selection::settings::HALF;
 
 #[cfg(test)]
 mod tests;

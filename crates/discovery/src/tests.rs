@@ -231,8 +231,8 @@ fn motion_during_rest_does_not_pass_for_noise() {
     }
 }
 
-/// A triangle of so many strokes in 20 s, each followed by a rest if `rests`, behind a supply of three quarters; a play operator, and noise.
-fn strokes_behind_a_supply(strokes: u32, rests: bool) -> Recording {
+/// A triangle of so many strokes in 20 s, each followed by a rest if `rests`, and what becomes of the command; a play operator, and noise.
+fn strokes_behind(mut stage: impl FnMut(f64) -> f64, strokes: u32, rests: bool) -> Recording {
     let command = |time_s: f64| {
         let place = (time_s / 20.0 * f64::from(strokes)).max(0.0);
         let share = place.fract() * if rests { 2.0 } else { 1.0 };
@@ -242,7 +242,7 @@ fn strokes_behind_a_supply(strokes: u32, rests: bool) -> Recording {
     let input = time_s.iter().map(|&time_s| command(time_s)).collect();
     let (mut state, mut random) = (0.0, 1_u32);
     let output = time_s.iter().map(|&time_s| {
-        let value = command(time_s).min(0.75);
+        let value = stage(command(time_s));
         state = f64::clamp(state, value - 0.1, value + 0.1);
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         0.5 * (value + state) + 0.01 * (f64::from(random) / f64::from(u32::MAX) - 0.5)
@@ -252,9 +252,22 @@ fn strokes_behind_a_supply(strokes: u32, rests: bool) -> Recording {
 }
 
 #[test]
+fn where_nothing_is_found_the_model_is_the_same_before_and_after() {
+    // A limit of four fifths of the triangle's speed.
+    let mut value = 0.0_f64;
+    let limited = |command: f64| {
+        value += (command - value).clamp(-0.0016, 0.0016);
+        value
+    };
+    let discovery = discover(&[strokes_behind(limited, 2, false)], &[], &DiscoverConfig::default()).expect("a finding").discovery;
+    assert!(discovery.effects.is_empty() && discovery.stands_out(), "{discovery:?}");
+    assert_eq!(discovery.rmse_after.to_bits(), discovery.rmse_before.to_bits());
+}
+
+#[test]
 fn a_few_strokes_confirm_nothing() {
     for (strokes, rests) in [(2, false), (4, true), (12, false), (11, true)] {
-        let recording = strokes_behind_a_supply(strokes, rests);
+        let recording = strokes_behind(|command| command.min(0.75), strokes, rests);
         let discovery = discover(&[recording], &[], &DiscoverConfig::default()).expect("a finding").discovery;
         let sure = discovery.effects.iter().map(|effect| effect.confidence).fold(0.0, f64::max);
         assert_eq!(discovery.strokes, strokes as usize);

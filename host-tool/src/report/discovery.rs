@@ -3,14 +3,11 @@
 use super::chart::{Caption, DotRow, HeatMap, Panel, Series, bars_from, dots, heat, loops, panels};
 use super::page::{Cell, Page, Width};
 use super::text::{count, number, percent};
-use crate::discover::{Correlation, Discovery, Effect, Finding, Member, Residual, Role, Run, Share, Verdict, residual_map};
+use crate::discover::{Correlation, Discovery, Effect, Finding, HALF, Member, Residual, Role, Run, Share, Verdict, residual_map};
 use crate::recording::Signal;
 
 /// Most recordings drawn.
 const MOST_RECORDINGS: usize = 3;
-
-/// Confidence up to which an effect is not sure.
-const UNSURE: f64 = 0.5;
 
 /// The verdict in a few words.
 #[must_use]
@@ -42,7 +39,7 @@ pub fn headline(discovery: &Discovery) -> String {
             format!("Missing is {} or {second}: these recordings cannot tell them apart.", names.join(" and "))
         }
         Verdict::Named => {
-            let (sure, unsure): (Vec<&Effect>, Vec<&Effect>) = discovery.effects.iter().partition(|effect| effect.confidence > UNSURE);
+            let (sure, unsure): (Vec<&Effect>, Vec<&Effect>) = discovery.effects.iter().partition(|effect| effect.confidence > HALF);
             let names = |of: &[&Effect]| of.iter().map(|effect| effect.name.as_str()).collect::<Vec<_>>().join(" and ");
             match (&sure[..], &unsure[..]) {
                 (sure, []) => format!("Missing is {}.", names(sure)),

@@ -164,10 +164,8 @@ impl Form for Held {
         let (slowest_hz, fastest_hz) = (1.0 / LONGEST_S, 1.0 / (FEWEST_SAMPLES * sample_s));
         let count = ((fastest_hz - slowest_hz) / coarse_hz).max(0.0) as usize;
         let frequencies = (0..count).map(|step| slowest_hz + step as f64 * coarse_hz);
-        let (spacing_hz, begun) = if self.clock == Clock::Untied {
-            let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
-            (coarse_hz, best)
-        } else if self.clock == Clock::RunsOn || is_cut {
+        let untied = self.clock == Clock::Untied;
+        let (spacing_hz, begun) = if self.clock != Clock::Starts || is_cut {
             let best = sieved(frequencies.map(|hz| with(hz, 0.0)).collect(), best_looks);
             let of_session = of_recordings * session.runs[0].input.len() as f64 * sample_s / session.length_s;
             let fine_hz = if self.clock == Clock::RunsOn { of_session } else { of_recordings };
@@ -177,14 +175,14 @@ impl Form for Held {
                 let all = near.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
                 best_starts(all, |start| score(1, start), 1)
             };
-            (fine_hz, best.into_iter().flat_map(near).collect::<Vec<_>>())
+            // What nothing ties is found by the best looks of each recording, and those tell no more.
+            if untied { (coarse_hz, best) } else { (fine_hz, best.into_iter().flat_map(near).collect::<Vec<_>>()) }
         } else {
             let all = frequencies.flat_map(|hz| first_looks(1.0 / hz).map(move |first| with(hz, first)));
             (of_recordings, sieved(all.collect(), score))
         };
         // Finer steps about each, until a period is as near as the recordings resolve.
         let finer = |start: Vec<f64>| {
-            let untied = self.clock == Clock::Untied;
             let lates = if untied { 0..=0 } else { -2..=2 };
             let places = (-5..=5).flat_map(|step| lates.clone().map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
             let score = |start: &Vec<f64>| if untied { best_looks(1, start) } else { score(1, start) };
