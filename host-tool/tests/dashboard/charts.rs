@@ -1,6 +1,6 @@
 //! The charts as a hand uses them: held still, zoomed, moved, read off; and what is marked on them.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use fantoccini::actions::{Actions, InputSource, KeyAction, KeyActions, MOUSE_BUTTON_LEFT, MouseActions, PointerAction};
 use serde_json::Value;
@@ -124,18 +124,11 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
     // A full window: left of the device's start the crosshair has nothing to stand on.
     served.reach(3.5).await;
     served.pass(0.5).await;
-    browser.slide(20.0).await;
-    served.pass(0.7).await;
-    browser.slide(6.0).await;
-    served.pass(1.2).await;
-    browser.run("scrollTo(0, 0)").await;
+    let (whole, samples) = limiter_at_work(&browser, &served).await;
 
     // Held still while time goes on, and marked where the limiter was at work.
-    browser.click("pause").await;
     assert_eq!(browser.text("pause").await, "Live");
-    let whole = ends(&browser).await;
     served.reach(whole[1] + 0.4).await;
-    let samples = served.api("/api/samples?last=10000");
     let again = ends(&browser).await;
     assert!((whole[1] - again[1]).abs() < 0.001, "{whole:?} and {again:?} s");
     assert!((whole[1] - whole[0] - 5.0).abs() < 0.05, "{whole:?} s in a window of 5 s");
@@ -155,10 +148,12 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
             rows.filter(|(time, _)| (time / 1000.0 - told[0]).abs() < 0.03).map(|(_, value)| value).collect()
         };
         for (value, column) in [(told[1], "command_bar"), (told[2], "pressure_bar"), (beside[1], "displacement_mm")] {
-            let (low, high) =
-                near(column).into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), one| (low.min(one), high.max(one)));
-            // Three digits are shown.
-            assert!((low - 0.0006..=high + 0.0006).contains(&value), "{column} at {} s: {value} told, {low} to {high} in truth", told[0]);
+            let near = near(column);
+            let (low, high) = near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), one| (low.min(*one), high.max(*one)));
+            // A sensor that is judged anew, as after a change of the settings, has no value for a moment. Three digits are shown.
+            let is_told =
+                if value.is_nan() { near.iter().any(|one| one.is_nan()) } else { (low - 0.0006..=high + 0.0006).contains(&value) };
+            assert!(is_told, "{column} at {} s: {value} told, {low} to {high} in truth", told[0]);
         }
     }
 
@@ -190,15 +185,46 @@ async fn curves_are_held_still_zoomed_moved_and_read_and_limits_are_marked() {
     seen = [0.1, 0.9].map(|share| place(seen, share));
     near(ends(&browser).await, seen, "the wheel");
 
-    // A double click goes back to what is live.
-    let twice = MouseActions::new("mouse".into()).then(to(left + 0.5 * width, top + 0.5 * height));
-    let press = |mouse: MouseActions| {
-        mouse.then(PointerAction::Down { button: MOUSE_BUTTON_LEFT }).then(PointerAction::Up { button: MOUSE_BUTTON_LEFT })
-    };
-    perform(&browser, press(press(twice))).await;
-    browser.until("live", "return document.getElementById('pause').textContent === 'Pause'").await;
-    let (now, before) = (served.time_s(), at(&browser, "chart-pressure", 0.9).await[0]);
-    assert!(before > seen[1] && (now - before) < 2.0, "{before} s at {now} s");
+    // A double click goes back to what is live; on a machine that stands still between the two it is two clicks.
+    let begun = Instant::now();
+    while browser.text("pause").await != "Pause" {
+        assert!(begun.elapsed() < Duration::from_secs(20), "waited in vain for what is live");
+        let there = MouseActions::new("mouse".into()).then(to(left + 0.5 * width, top + 0.5 * height));
+        let press = |mouse: MouseActions| {
+            mouse.then(PointerAction::Down { button: MOUSE_BUTTON_LEFT }).then(PointerAction::Up { button: MOUSE_BUTTON_LEFT })
+        };
+        perform(&browser, press(press(there))).await;
+    }
+    // The newest sample stands at the end of the charts, and they move on.
+    let before = served.time_s();
+    served.pass(0.5).await;
+    let begun = Instant::now();
+    while ends(&browser).await[1] < before {
+        assert!(begun.elapsed() < Duration::from_secs(20), "waited in vain for {before} s on the charts");
+    }
+    assert!(before > seen[1], "{before} s, and {seen:?} s were seen");
+}
+
+/// Runs into ceiling and slew limit, and holds the charts still with both in the window: its ends, and the samples. On a slow
+/// machine the window may have moved on before it is held, so that it takes another attempt.
+async fn limiter_at_work(browser: &Browser, served: &Served) -> ([f64; 2], Value) {
+    for _ in 0..5 {
+        browser.slide(20.0).await;
+        served.pass(0.7).await;
+        browser.slide(6.0).await;
+        served.pass(1.2).await;
+        browser.run("scrollTo(0, 0)").await;
+        browser.click("pause").await;
+        let whole = ends(browser).await;
+        served.reach(whole[1]).await;
+        let samples = served.api("/api/samples?last=10000");
+        let works = |bits: u64| times(&samples, "notices", whole, |notices| notices & bits != 0).is_some();
+        if numbers(&samples, "time_ms").first().is_some_and(|first| first / 1000.0 < whole[0]) && works(SLEW) && works(LIMITS) {
+            return (whole, samples);
+        }
+        browser.click("pause").await;
+    }
+    panic!("the limiter was never at work in the window");
 }
 
 /// The line of the fault that struck last stands where the samples say.
