@@ -12,6 +12,7 @@ use super::pace::Paced;
 use super::words;
 use crate::device_settings::{differences, named, setting};
 use crate::link::Client;
+use crate::setting_words;
 
 /// Settings that a session changed for its own time, with what the operator has there.
 #[derive(Default)]
@@ -53,7 +54,7 @@ impl Borrowed {
     /// Changes a setting for the operator; one that is borrowed changes when the session ends.
     pub fn set(&mut self, rig: &mut Client<Paced>, name: &str, value: &Value) -> Result<()> {
         let info = named(name)?;
-        let bounds = || format!("{name}: {} to {} {} is wanted", words::value(info.minimum), words::value(info.maximum), info.unit);
+        let bounds = || format!("{name}: {}", setting_words::wanted(info));
         let value = words::setting_value(info.default, value).with_context(bounds)?;
         if let Some(own) = self.own.get_mut(&info.number) {
             let mut checked = model_export::link::settings::Settings::DEFAULT;
