@@ -10,7 +10,7 @@ pub use crate::chain::form::{Drive, Form, LAW_PARAMETERS, OperatorLaw, Parameter
 use crate::effects::{
     activation_threshold, asymmetric_hysteresis, clock_skew, creep, dead_time, fill_vent_asymmetry, first_cycle_softening, gain_drift,
     hold_after_reversal, leakage, offset_drift, periodic_disturbance, pneumatic_lag, rate_dependent_hysteresis, resonance, sample_and_hold,
-    setup_change, slew_limit, static_nonlinearity, stick_slip, supply_saturation, valve_dead_band,
+    setup_change, slew_limit, smooth_hysteresis, static_nonlinearity, stick_slip, supply_saturation, valve_dead_band,
 };
 
 /// Forms that were added while the program runs.
@@ -61,12 +61,13 @@ fn built_in() -> Vec<&'static dyn Form> {
         setup_change::FORMS,
         clock_skew::FORMS,
         leakage::FORMS,
+        smooth_hysteresis::FORMS,
     ]
     .concat()
 }
 
 /// Names of all effects, `outliers` (found by the mask, not by a fit) included.
-pub const NAMES: [&str; 23] = [
+pub const NAMES: [&str; 24] = [
     "dead-time",
     "pneumatic-lag",
     "fill-vent-asymmetry",
@@ -90,4 +91,5 @@ pub const NAMES: [&str; 23] = [
     "leakage",
     "sample-and-hold",
     "hold-after-reversal",
+    "smooth-hysteresis",
 ];

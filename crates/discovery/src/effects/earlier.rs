@@ -1,7 +1,7 @@
 //! What the recordings before one left in the material.
 
 use crate::data::session::{Earlier, Run};
-use crate::effects::{asymmetric_hysteresis, creep, first_cycle_softening};
+use crate::effects::{creep, first_cycle_softening, smooth_hysteresis};
 
 /// What the recordings before this one left in the material, for a file.
 pub(crate) fn earlier(run: &Run) -> Earlier {
@@ -9,6 +9,6 @@ pub(crate) fn earlier(run: &Run) -> Earlier {
         travelled: first_cycle_softening::travelled_before(run),
         highest: first_cycle_softening::highest_before(run),
         creeping: creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s)).to_vec(),
-        turns: asymmetric_hysteresis::turns_before(run),
+        turns: smooth_hysteresis::turns_before(run),
     }
 }

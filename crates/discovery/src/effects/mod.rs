@@ -24,6 +24,7 @@ pub mod sample_and_hold;
 pub mod session_curve;
 pub mod setup_change;
 pub mod slew_limit;
+pub mod smooth_hysteresis;
 pub mod static_nonlinearity;
 pub mod stick_slip;
 pub(crate) mod sticking;
