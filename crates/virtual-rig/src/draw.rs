@@ -10,12 +10,12 @@ use super::aliens::Alien;
 use super::command::{AMPLITUDE_BAR, Excitation};
 use super::muscle::{Muscle, ThresholdLaw};
 use super::stages::{
-    Bladder, ChokedFlow, Converter, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber,
+    Bladder, Braid, ChokedFlow, Converter, Geometry, Heart, Hole, KelvinVoigt, LuGreTip, OnOffValve, Orifices, Pendulum, Remount, Rubber,
     ShutAtTurns, Stage, Supply, Tube, Volume, WarmUp,
 };
 
 /// Effects that the rig can hide, by the catalogue's names.
-pub const EFFECTS: [&str; 23] = [
+pub const EFFECTS: [&str; 24] = [
     "dead-time",
     "pneumatic-lag",
     "fill-vent-asymmetry",
@@ -39,6 +39,7 @@ pub const EFFECTS: [&str; 23] = [
     "leakage",
     "sample-and-hold",
     "hold-after-reversal",
+    "smooth-hysteresis",
 ];
 
 /// Effects that no catalogue entry describes.
@@ -321,6 +322,12 @@ fn add(
             values.push(("hold_s", hold_s));
             let flow_bar = log_uniform(generator, 8.0, 40.0);
             chain.before.push(Box::new(ShutAtTurns { hold_s, flow_bar, left_s: 0.0, top_bar: 0.0, sign: 1.0, level: 0.0 }));
+        }
+        "smooth-hysteresis" => {
+            let bound_bar = log_uniform(generator, 0.15, 0.6);
+            let share = generator.random_range(0.6..0.95);
+            values.extend([("bound_bar", bound_bar), ("share", share)]);
+            chain.before.push(Box::new(Braid { bound_bar, share, friction_bar: 0.0, last_bar: 0.0 }));
         }
         alien => {
             sensor = true;

@@ -376,6 +376,17 @@ impl Rival {
                     *value = held;
                 }
             }
+            "smooth-hysteresis" => {
+                // Bouc and Wen's friction with the exponent two, which changes as steeply before a turn as after it.
+                let (size, onset) = (range * (0.06 + 0.1 * a) * sign, range * between(b, 0.05, 0.2));
+                let (mut friction, mut last) = (0.0_f64, output[0]);
+                for value in output {
+                    let travel = (*value - last) / onset;
+                    last = *value;
+                    friction += travel * (1.0 - if travel * friction > 0.0 { friction * friction } else { 0.0 });
+                    *value += size * friction;
+                }
+            }
             "resonance" => {
                 let (frequency_hz, damping) = (between(a, 1.5, 5.0), between(b, 0.05, 0.4));
                 self.tell("resonance", "frequency_hz", frequency_hz);

@@ -154,6 +154,27 @@ impl Stage for ShutAtTurns {
     }
 }
 
+/// Threads of a braid that rub on each other: friction that nears its bound exponentially with the travel (Dahl 1968) holds a share of the pressure back.
+pub struct Braid {
+    /// Largest friction, bar.
+    pub bound_bar: f64,
+    /// Share of it that the muscle feels.
+    pub share: f64,
+    /// Friction, bar.
+    pub friction_bar: f64,
+    /// Pressure a step before, bar.
+    pub last_bar: f64,
+}
+
+impl Stage for Braid {
+    fn step(&mut self, input: f64, _: &Moment) -> f64 {
+        let travel = input - self.last_bar;
+        self.friction_bar += travel - travel.abs() * self.friction_bar / self.bound_bar;
+        self.last_bar = input;
+        input - self.share * self.friction_bar
+    }
+}
+
 /// A valve whose flow saturates smoothly.
 pub struct ChokedFlow {
     /// Fastest change, bar/s.

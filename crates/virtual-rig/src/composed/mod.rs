@@ -16,6 +16,7 @@ mod second_laws;
 mod second_reporting;
 mod session;
 mod sixth_laws;
+mod smooth_laws;
 mod third_laws;
 
 use std::collections::BTreeMap;
@@ -74,6 +75,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     let (mut sensor_side, mut skew, mut wrong) = (Vec::new(), 0.0, 0.0);
     for name in names {
         let drawn = match set {
+            _ if name == "smooth-hysteresis" => smooth_laws::smooth_hysteresis(set, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_LADDERS => sixth_laws::tuning(name, config.seed, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_TEXTBOOKS => fifth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),
