@@ -383,7 +383,11 @@ impl Rival {
                 for value in output {
                     let travel = (*value - last) / onset;
                     last = *value;
-                    friction += travel * (1.0 - if travel * friction > 0.0 { friction * friction } else { 0.0 });
+                    // A command that steps moves by many onsets at once.
+                    let parts = 1 + (travel.abs() / 0.05) as usize;
+                    for _ in 0..parts {
+                        friction += travel / parts as f64 * (1.0 - if travel * friction > 0.0 { friction * friction } else { 0.0 });
+                    }
                     *value += size * friction;
                 }
             }

@@ -169,7 +169,8 @@ pub struct Braid {
 impl Stage for Braid {
     fn step(&mut self, input: f64, _: &Moment) -> f64 {
         let travel = input - self.last_bar;
-        self.friction_bar += travel - travel.abs() * self.friction_bar / self.bound_bar;
+        let bound_bar = self.bound_bar * travel.signum();
+        self.friction_bar = bound_bar + (self.friction_bar - bound_bar) * (-travel.abs() / self.bound_bar).exp();
         self.last_bar = input;
         input - self.share * self.friction_bar
     }

@@ -286,7 +286,8 @@ impl Form for RunningIn {
         let mut state = sum[0];
         columns.push(true, |sample| {
             let half = parameters[1] * left[sample];
-            state = state.clamp(sum[sample] - half, sum[sample] + half);
+            // A sum that is not finite is for the fit to refuse.
+            state = state.max(sum[sample] - half).min(sum[sample] + half);
             state - sum[sample]
         });
     }

@@ -26,7 +26,8 @@ pub const LEANING: &str = "asymmetric-hysteresis";
 const LEAN: Parameter = Parameter { name: "lean", quantity: Quantity::Ratio, low: -0.9, high: 0.9, logarithmic: false };
 
 /// Friction by a differential equation that saturates (Bouc 1967, Wen 1976), where it leans at another level in each direction, beside the operators:
-/// `A z' = x' (1 - |z| (c + L sign(x')))` of the displacement `x`, with the onset `A`, the lean `L` and `c` one where `x' z > 0`, else the turning `T`.
+/// `A z' = x' (1 - |z|^n (c + L sign(x')))` of the displacement `x`, with the onset `A`, the lean `L`, the exponent `n` and `c` one where `x' z > 0`,
+/// else the turning `T`.
 pub struct BoucWen {
     /// Whether each direction has a level of its own.
     pub leans: bool,
@@ -35,7 +36,22 @@ pub struct BoucWen {
 }
 
 /// What the friction of [`BoucWen`] is after a motion over so many onsets.
-fn bouc_wen(mut friction: f64, mut motion: f64, [lean, turning]: [f64; 2]) -> f64 {
+fn bouc_wen(friction: f64, motion: f64, [lean, turning, exponent]: [f64; 3]) -> f64 {
+    /// Most onsets of a step, and steps of a motion, where there is no closed form.
+    const STEPS: (f64, f64) = (0.1, 400.0);
+    if exponent == 1.0 {
+        return bouc_wen_of_one(friction, motion, [lean, turning]);
+    }
+    let steps = (motion.abs() / STEPS.0).ceil().min(STEPS.1);
+    let step = motion / steps.max(1.0);
+    let lean = lean * motion.signum();
+    let slope = |z: f64| 1.0 - z.abs().powf(exponent) * (lean + if z * motion > 0.0 { 1.0 } else { turning });
+    // The midpoint method.
+    (0..steps as usize).fold(friction, |z, _| z + step * slope(z + 0.5 * step * slope(z)))
+}
+
+/// The same in closed form, for the exponent one.
+fn bouc_wen_of_one(mut friction: f64, mut motion: f64, [lean, turning]: [f64; 2]) -> f64 {
     if motion == 0.0 {
         return friction;
     }
@@ -74,6 +90,7 @@ impl Form for BoucWen {
     fn spec(&self) -> Spec {
         const ONSET: Parameter = Parameter { name: "onset", quantity: Quantity::Output, low: 0.02, high: 1.0, logarithmic: true };
         const TURNING: Parameter = Parameter { name: "turning", quantity: Quantity::Ratio, low: -0.95, high: 0.95, logarithmic: false };
+        const EXPONENT: Parameter = Parameter { name: "exponent", quantity: Quantity::Ratio, low: 1.0, high: 3.0, logarithmic: true };
         let shared = |name, form| Spec { weights: 1, needs_sum: true, ..Spec::new(name, form, Place::Material) };
         if self.leans {
             let told = if self.remembers {
@@ -82,9 +99,9 @@ impl Form for BoucWen {
                 ("bouc-wen", "Bouc-Wen friction with a level for each direction")
             };
             return Spec {
-                parameters: &[ONSET, LEAN, TURNING],
-                simpler_at: &[(2, 0.0)],
-                starts: || grid(&[0.08, 0.3], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.0]].concat()).collect(),
+                parameters: &[ONSET, LEAN, TURNING, EXPONENT],
+                simpler_at: &[(2, 0.0), (3, 1.0)],
+                starts: || grid(&[0.08, 0.3], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.0, 1.2]].concat()).collect(),
                 ..shared(LEANING, told)
             };
         }
@@ -93,10 +110,19 @@ impl Form for BoucWen {
         } else {
             ("bouc-wen", "Bouc-Wen friction")
         };
-        Spec { parameters: &[ONSET, TURNING], simpler_at: &[(1, 0.0)], starts: || grid(&[0.08, 0.3], &[-0.5, 0.0]), ..shared(NAME, told) }
+        Spec {
+            parameters: &[ONSET, TURNING, EXPONENT],
+            simpler_at: &[(1, 0.0), (2, 1.0)],
+            starts: || grid(&[0.08, 0.3], &[-0.5, 0.0]).into_iter().map(|of| [&of[..], &[1.2]].concat()).collect(),
+            ..shared(NAME, told)
+        }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let law = if self.leans { [parameters[1], parameters[2]] } else { [0.0, parameters[1]] };
+        let law = match *parameters {
+            [_, lean, turning, exponent] => [lean, turning, exponent],
+            [_, turning, exponent] => [0.0, turning, exponent],
+            _ => return,
+        };
         let step = |friction: f64, motion: f64| bouc_wen(friction, motion, law);
         // The displacement of the recording before is in proportion to its input, closely enough.
         let mut friction = if self.remembers { going_on(run, creep::gain(&run.input, sum) / parameters[0], step) } else { 0.0 };
@@ -181,7 +207,9 @@ mod tests {
 
     #[test]
     fn friction_is_as_its_equation_says_and_a_long_stroke_is_many_short_ones() {
-        for law in [[0.0, 0.0], [0.4, -0.4], [-0.3, 0.5], [0.6, -0.6]] {
+        for law in
+            [[0.0, 0.0, 1.0], [0.4, -0.4, 1.0], [-0.3, 0.5, 1.0], [0.6, -0.6, 1.0], [0.0, 0.3, 2.0], [0.3, -0.5, 1.5], [-0.4, 0.0, 2.8]]
+        {
             let (mut found, mut at_once, mut state) = (0.0, 0.0, 0.0_f64);
             for (stroke, motion) in [1.3, -2.1, 0.7, -0.2, 3.0, -6.0, 0.0, 1.0].into_iter().enumerate() {
                 at_once = bouc_wen(at_once, motion, law);
@@ -189,12 +217,13 @@ mod tests {
                 for _ in 0..100_000 {
                     let step = motion * 1e-5;
                     let along = if step * state > 0.0 { 1.0 + law[0] * step.signum() } else { law[1] + law[0] * step.signum() };
-                    state += step * (1.0 - state.abs() * along);
+                    state += step * (1.0 - state.abs().powf(law[2]) * along);
                 }
-                assert!((at_once - found).abs() < 1e-12, "{law:?}: {at_once} or {found}");
+                let close = if law[2] == 1.0 { 1e-12 } else { 1e-3 };
+                assert!((at_once - found).abs() < close, "{law:?}: {at_once} or {found}");
                 assert!((found - state).abs() < 1e-3, "{law:?}, stroke {stroke}: {found} instead of {state}");
             }
-            assert!((bouc_wen(0.0, 50.0, law) - 1.0 / (1.0 + law[0])).abs() < 1e-9);
+            assert!((bouc_wen(0.0, 50.0, law) - (1.0 / (1.0 + law[0])).powf(1.0 / law[2])).abs() < 1e-9);
         }
     }
 
@@ -230,7 +259,7 @@ mod tests {
         let session = Session::new(&[record(0), record(1)], &[]).expect("a session");
         let friction = |run: &Run, remembers: bool| {
             let mut columns = Columns::of(run.input.len());
-            BoucWen { leans: true, remembers }.output(&[0.2, 0.3, 0.0], run, &run.input, &mut columns);
+            BoucWen { leans: true, remembers }.output(&[0.2, 0.3, 0.0, 1.0], run, &run.input, &mut columns);
             columns.column(0)
         };
         let [first, second] = [&session.runs[0], &session.runs[1]];
@@ -241,7 +270,7 @@ mod tests {
         let wanted: Vec<f64> = whole
             .windows(2)
             .map(|pair| {
-                wanted = bouc_wen(wanted, (pair[1] - pair[0]) / 0.2, [0.3, 0.0]);
+                wanted = bouc_wen(wanted, (pair[1] - pair[0]) / 0.2, [0.3, 0.0, 1.0]);
                 wanted
             })
             .collect();
