@@ -37,17 +37,19 @@ pub struct BoucWen {
 
 /// What the friction of [`BoucWen`] is after a motion over so many onsets.
 fn bouc_wen(friction: f64, motion: f64, [lean, turning, exponent]: [f64; 3]) -> f64 {
-    /// Most onsets of a step, and steps of a motion, where there is no closed form.
-    const STEPS: (f64, f64) = (0.1, 400.0);
+    /// Most onsets of a step where there is no closed form, and of a motion: after that it has forgotten what was before.
+    const MOST: [f64; 2] = [0.1, 40.0];
     if exponent == 1.0 {
         return bouc_wen_of_one(friction, motion, [lean, turning]);
     }
-    let steps = (motion.abs() / STEPS.0).ceil().min(STEPS.1);
+    let motion = motion.clamp(-MOST[1], MOST[1]);
+    let steps = (motion.abs() / MOST[0]).ceil();
     let step = motion / steps.max(1.0);
     let lean = lean * motion.signum();
     let slope = |z: f64| 1.0 - z.abs().powf(exponent) * (lean + if z * motion > 0.0 { 1.0 } else { turning });
-    // The midpoint method.
-    (0..steps as usize).fold(friction, |z, _| z + step * slope(z + 0.5 * step * slope(z)))
+    // The midpoint method, which must not leave the widest bound.
+    let widest = (1.0 - lean.abs()).powf(-1.0 / exponent);
+    (0..steps as usize).fold(friction, |z, _| (z + step * slope(z + 0.5 * step * slope(z))).clamp(-widest, widest))
 }
 
 /// The same in closed form, for the exponent one.

@@ -45,7 +45,7 @@ impl Gram {
         self.samples += other.samples;
     }
 
-    /// Mean square of the residual that `weights` leave.
+    /// Mean square of the residual that `weights` leave; the largest number where that is none.
     #[must_use]
     pub fn mean_square(&self, weights: &[f64]) -> f64 {
         let mut sum = self.energy;
@@ -57,7 +57,7 @@ impl Gram {
             let product: f64 = line.iter().zip(weights).map(|(x, y)| x * y).sum();
             sum += weights[row] * (product - 2.0 * self.target[row]);
         }
-        sum.max(0.0) / self.samples.max(1.0)
+        if sum.is_finite() { sum.max(0.0) / self.samples.max(1.0) } else { f64::MAX }
     }
 
     /// The weight of one column that leaves least beside `others`, in which its own is zero.
@@ -254,6 +254,12 @@ mod tests {
         let gram = Gram { columns: 2, products: vec![3.0, 6.0, 6.0, 14.0], target: vec![15.0, 31.0], energy: 0.0, samples: 3.0 };
         assert!((gram.weight_beside(1, &[4.0, 0.0]) - 0.5).abs() < 1e-12);
         assert!((gram.weight_beside(0, &[0.0, 0.5]) - 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_not_finite_explains_nothing() {
+        let gram = Gram { columns: 1, products: vec![1.0], target: vec![1.0], energy: 1.0, samples: 1.0 };
+        assert_eq!([1.0, f64::NAN, f64::INFINITY].map(|weight| gram.mean_square(&[weight])), [0.0, f64::MAX, f64::MAX]);
     }
 
     #[test]

@@ -41,6 +41,9 @@ fn bouc_wen(draw: &mut Draw<'_>) -> Drawn {
     let range = draw.range_mm;
     let (size, onset) = (range * draw.log(0.06, 0.16) * draw.sign(), range * draw.log(0.05, 0.2));
     let (exponent, turning) = (draw.even(1.0, 2.0), draw.even(-0.5, 0.5));
+    draw.tell("smooth-hysteresis.turning", turning);
+    draw.tell("smooth-hysteresis.exponent", exponent);
+    draw.tell("smooth-hysteresis.friction_mm", size);
     let mut friction = Friction::default();
     Drawn::Behind(stage(move |value, moment| {
         let slope = |friction: f64, part: f64| {
