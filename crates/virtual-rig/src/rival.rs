@@ -377,7 +377,7 @@ impl Rival {
                 }
             }
             "smooth-hysteresis" => {
-                // Bouc and Wen's friction with the exponent two, which changes as steeply before a turn as after it.
+                // Bouc and Wen's friction with the exponent two; where it turns back it follows the travel.
                 let (size, onset) = (range * (0.06 + 0.1 * a) * sign, range * between(b, 0.05, 0.2));
                 let (mut friction, mut last) = (0.0_f64, output[0]);
                 for value in output {

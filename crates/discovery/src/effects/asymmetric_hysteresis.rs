@@ -3,7 +3,7 @@
 
 use crate::chain::filters::{grid, row};
 use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
-use crate::effects::smooth_hysteresis::{BoucWen, Dahl, LEANING};
+use crate::effects::smooth_hysteresis::{BoucWen, Dahl, LEANING as NAME};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
@@ -29,26 +29,26 @@ fn growths() -> Vec<Vec<f64>> {
 
 /// Thresholds that grow with the input, on both branches or on one; the other keeps its thresholds.
 static GROWS: OfOperators =
-    OfOperators::new((LEANING, ("thresholds-grow", "thresholds grow with the input")), GROWTH, growths, |parameters, law| {
+    OfOperators::new((NAME, ("thresholds-grow", "thresholds grow with the input")), GROWTH, growths, |parameters, law| {
         law.growth_per_input = parameters[0]
     });
 
 static GROWS_UNLOADING: OfOperators = OfOperators::new(
-    (LEANING, ("unloading-thresholds-grow", "thresholds of the unloading branch grow with the input")),
+    (NAME, ("unloading-thresholds-grow", "thresholds of the unloading branch grow with the input")),
     GROWTH,
     growths,
     |parameters, law| law.growth_unloading = parameters[0],
 );
 
 static GROWS_LOADING: OfOperators = OfOperators::new(
-    (LEANING, ("loading-thresholds-grow", "thresholds of the loading branch grow with the input")),
+    (NAME, ("loading-thresholds-grow", "thresholds of the loading branch grow with the input")),
     GROWTH,
     growths,
     |parameters, law| [law.growth_per_input, law.growth_unloading] = [parameters[0], -parameters[0]],
 );
 
 static BENDS: OfOperators = OfOperators::new(
-    (LEANING, ("bend-apart", "the branches bend apart")),
+    (NAME, ("bend-apart", "the branches bend apart")),
     BEND,
     || row(&[-0.3, -0.1, 0.08, 0.2, 0.35, 0.5]),
     |parameters, law| law.envelopes[1] = parameters[0],
@@ -69,7 +69,7 @@ static EACH: OfOperators = OfOperators {
         starts: || {
             grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
         },
-        ..Spec::new(LEANING, ("each-curves", "each branch has a curve of its own"), Place::Operators)
+        ..Spec::new(NAME, ("each-curves", "each branch has a curve of its own"), Place::Operators)
     },
     set: |of, law| law.envelopes = [0.5 * of[4], 0.5 * (of[1] - of[0]), 0.5 * (of[3] - of[2])],
     curve: |of, path| {
