@@ -313,6 +313,18 @@ mod tests {
     const TRAVELLED: Softening = Softening { by: Wear::Distance, curved: false };
 
     #[test]
+    fn a_sum_that_is_no_number_is_for_the_fit_to_refuse() {
+        let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * time.cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let mut columns = Columns::of(500);
+        RunningIn.output(&[1.0, 0.1], &session.runs[0], &[f64::NAN; 500], &mut columns);
+        assert!(columns.column(0).iter().all(|value| value.is_nan()));
+    }
+
+    #[test]
     fn a_lasting_softening_goes_on_where_the_recording_before_left_it() {
         let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
         // Two strokes up and two down: four spans.
