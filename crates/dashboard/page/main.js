@@ -42,7 +42,8 @@ function banner(text, bad) {
   if ($("banner").textContent !== text) $("banner").textContent = text;
 }
 
-let asked = false;
+/** Whether it wants control that nobody has given it yet: until it has it, or somebody else does. What it asked for may be lost or late. */
+let asking = true;
 let held = false;
 let wasEnergised = false;
 /** Whether its user has given control back. */
@@ -71,8 +72,9 @@ function follow(value) {
   calibrate.follow(value);
   reference.follow(value);
   // The first page that may operate does, unless somebody else does already; one that dozed off beside a vented rig goes on.
-  if ((!asked || (lost && !wasEnergised)) && !lease && mayOperate()) take();
-  asked = true;
+  if (lease) asking = false;
+  else if (lost) asking = !wasEnergised;
+  if (asking && mayOperate()) take();
   wasEnergised = ["armed", "running"].includes(rig?.phase);
   health();
 }
@@ -152,7 +154,7 @@ loop.start();
 charts.start();
 tabs();
 on("hello", () => {
-  asked = false;
+  asking = true;
   history.clear();
   $("model-file").disabled = !mayConfigure();
   $("load-file").disabled = !mayOperate();

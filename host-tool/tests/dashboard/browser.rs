@@ -314,7 +314,8 @@ impl Browser {
         }
     }
 
-    /// Changes a setting on its tab; `differ` settings differ from the saved ones then.
+    /// Changes a setting on its tab; `differ` settings differ from the saved ones then. On a machine that stands still for longer than a page
+    /// may be silent, control is lost beside a vented rig and comes back by itself; what was refused meanwhile is changed again.
     pub async fn set(&self, name: &str, value: f64, differ: u32) {
         self.click("tab-settings").await;
         self.until("the settings", "return document.querySelectorAll('#settings-rows input').length > 50").await;
@@ -322,9 +323,21 @@ impl Browser {
             "const it = [...document.querySelectorAll('#settings-rows input')].find((it) => it.getAttribute('aria-label').startsWith('{name}'));
              it.value = {value}; it.dispatchEvent(new Event('change'))"
         );
-        self.run(&script).await;
         let counted = format!("return document.getElementById('settings-count').textContent.includes('; {differ} differ')");
-        self.until("the setting", &counted).await;
+        let begun = Instant::now();
+        loop {
+            self.until_operating().await;
+            self.run(&script).await;
+            tokio::time::sleep(Duration::from_millis(200)).await;
+            if self.run(&counted).await == Value::Bool(true) {
+                break;
+            }
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {name}; the page says: {}", self.said().await);
+        }
+    }
+
+    pub async fn until_operating(&self) {
+        self.until("control", "return document.getElementById('lease').textContent === 'You operate'").await;
     }
 
     /// What a machine with other work needs: the browser may be late by more than 250 ms.

@@ -230,17 +230,28 @@ async fn limiter_at_work(browser: &Browser, served: &Served) -> ([f64; 2], Value
     panic!("the limiter was never at work in the window");
 }
 
-/// The line of the fault that struck last stands where the samples say.
-pub async fn fault_is_marked(browser: &Browser, served: &Served) {
+/// The line of the fault that struck last stands where the samples say, `struck` at the rig's time, s.
+pub async fn fault_is_marked(browser: &Browser, served: &Served, struck: f64) {
     // A window that is full: left of the device's start the crosshair has nothing to stand on.
     browser.run("const it = document.getElementById('window'); it.value = '5'; it.dispatchEvent(new Event('change'))").await;
     served.reach(5.5).await;
     browser.click("pause").await;
     // What was on its way is drawn.
     served.pass(0.5).await;
-    let seen = ends(browser).await;
-    let samples = served.api("/api/samples?last=10000");
-    let [struck, _] = times(&samples, "fault", seen, |fault| fault != 0).expect("a fault struck");
+    let mut seen = ends(browser).await;
+    // A slow browser comes to the window when the fault has left it.
+    while struck < seen[0] + 0.1 * (seen[1] - seen[0]) {
+        browser.click("earlier").await;
+        let before = std::mem::replace(&mut seen, ends(browser).await);
+        assert!(seen[0] < before[0], "the window stays at {seen:?} s");
+    }
     marks_agree(browser, seen, "bad", "part.height / 2", [struck, struck]).await;
     browser.click("pause").await;
+}
+
+/// The rig's time at which a fault struck, s, soon after it did.
+pub fn struck(served: &Served) -> f64 {
+    let samples = served.api("/api/samples?last=10000");
+    let before = times(&samples, "fault", [0.0, f64::INFINITY], |fault| fault == 0).expect("samples before the fault");
+    times(&samples, "fault", [before[1], f64::INFINITY], |fault| fault != 0).expect("a fault struck")[0]
 }

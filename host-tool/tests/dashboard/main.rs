@@ -36,7 +36,7 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
         !browser.run("return location.href").await.as_str().expect("an address").contains("token"),
         "the token stays in the address bar"
     );
-    browser.until("the lease", "return document.getElementById('lease').textContent === 'You operate'").await;
+    browser.until_operating().await;
     browser.be_patient().await;
     browser.picture("dashboard-settings.png").await;
     browser.until_state("idle").await;
@@ -170,12 +170,13 @@ async fn an_injected_fault_is_explained_with_what_to_do_and_an_effect_is_hidden_
         .await;
     browser.press("Laser: broken wire, 3.75 mA").await;
     browser.until_state("fault").await;
+    let struck = charts::struck(&served);
     let why = browser.text("why").await;
     assert!(why.contains("E016 laser-range") && why.contains("What to do") && why.contains("struck"), "{why}");
     tokio::time::sleep(Duration::from_millis(600)).await;
     browser.run("scrollTo(0, 0)").await;
     browser.picture("dashboard-fault.png").await;
-    charts::fault_is_marked(&browser, &served).await;
+    charts::fault_is_marked(&browser, &served, struck).await;
     browser.press("Nothing is broken").await;
     browser.until("no cause", "return !document.getElementById('why').textContent.includes('B011')").await;
     // On a busy machine the device may see the laser come back a moment after the page has said so: then a person presses again.
@@ -210,7 +211,7 @@ async fn held_mm(browser: &Browser, served: &Served) -> f64 {
 async fn a_second_browser_watches_and_may_vent() {
     let served = Served::start(&[]);
     let first = Browser::open(Look::Desktop, &served.address).await;
-    first.until("the lease", "return document.getElementById('lease').textContent === 'You operate'").await;
+    first.until_operating().await;
     first.be_patient().await;
     first.click("arm").await;
     first.until_state("armed").await;
@@ -229,7 +230,25 @@ async fn a_second_browser_watches_and_may_vent() {
     // The first leaves, the second may take over.
     first.click("release").await;
     second.click("take").await;
-    second.until("the lease", "return document.getElementById('lease').textContent === 'You operate'").await;
+    second.until_operating().await;
+}
+
+#[tokio::test]
+#[ignore = "needs Chromium and its driver: cargo xtask setup"]
+async fn a_page_whose_request_for_control_is_lost_asks_again() {
+    let served = Served::start(&[]);
+    let browser = Browser::start(Look::Desktop).await;
+    let loses = "const send = WebSocket.prototype.send; window.lost = 0;
+                 WebSocket.prototype.send = function (word) { if (word === 'take' && window.lost < 3) window.lost += 1; else send.call(this, word) }";
+    browser.devtools("Page.addScriptToEvaluateOnNewDocument", &serde_json::json!({ "source": loses }));
+    browser.client.goto(&served.address).await.expect("the page loads");
+    browser.until_operating().await;
+    assert_eq!(browser.run("return window.lost").await, 3);
+    // What its user has given back it does not take again.
+    browser.click("release").await;
+    browser.until("nobody", "return document.getElementById('lease').textContent === 'Nobody operates'").await;
+    served.pass(1.0).await;
+    assert_eq!(browser.text("lease").await, "Nobody operates");
 }
 
 #[tokio::test]
