@@ -23,8 +23,6 @@ use crate::tls::Peer;
 
 /// Header with the secret of a client: that of a lease, or that of a page.
 const LEASE: &str = "x-lease";
-/// Samples that one answer has at most.
-const MOST_SAMPLES: usize = 10_000;
 
 /// A refusal with its reason.
 pub(crate) struct Refused(StatusCode, String);
@@ -92,7 +90,7 @@ pub(crate) struct Last {
 }
 
 pub(crate) async fn samples(_: Proven, State(shared): State<Shared>, Query(query): Query<Last>) -> Answered {
-    let count = query.last.unwrap_or(1).min(MOST_SAMPLES);
+    let count = query.last.unwrap_or(1);
     let samples = ask(&shared, |answer| Order::Samples(count, answer)).await?;
     let column = |value: fn(&Sample) -> Value| samples.iter().map(value).collect::<Vec<_>>();
     Ok(Json(json!({

@@ -220,7 +220,7 @@ async fn limiter_at_work(browser: &Browser, served: &Served) -> ([f64; 2], Value
         browser.click("pause").await;
         let whole = ends(browser).await;
         served.reach(whole[1]).await;
-        let samples = served.api("/api/samples?last=10000");
+        let samples = served.api("/api/samples?last=60000");
         let works = |bits: u64| times(&samples, "notices", whole, |notices| notices & bits != 0).is_some();
         if numbers(&samples, "time_ms").first().is_some_and(|first| first / 1000.0 < whole[0]) && works(SLEW) && works(LIMITS) {
             return (whole, samples);
@@ -251,7 +251,7 @@ pub async fn fault_is_marked(browser: &Browser, served: &Served, struck: f64) {
 
 /// The rig's time at which a fault struck, s, soon after it did.
 pub fn struck(served: &Served) -> f64 {
-    let samples = served.api("/api/samples?last=10000");
+    let samples = served.api("/api/samples?last=60000");
     let before = times(&samples, "fault", [0.0, f64::INFINITY], |fault| fault == 0).expect("samples before the fault");
     times(&samples, "fault", [before[1], f64::INFINITY], |fault| fault != 0).expect("a fault struck")[0]
 }

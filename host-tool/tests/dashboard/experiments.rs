@@ -377,8 +377,7 @@ async fn a_recording_made_just_now_becomes_the_model_on_the_device_by_two_clicks
     browser.until("the model", "return document.getElementById('identity').textContent.includes(' model ')").await;
     assert!(served.api("/api/state")["identity"]["model_id"].is_string());
     play(&browser).await;
-    // Before the page does anything else: the samples at hand are those of ten seconds.
-    let samples = served.api("/api/samples?last=10000");
+    let samples = served.api("/api/samples?last=60000");
     browser.until("the residual", "return !document.getElementById('chart-residual').hidden").await;
     browser.run("document.getElementById('job-title').scrollIntoView({ block: 'center' })").await;
     browser.look("learn.png").await;

@@ -86,7 +86,7 @@ async fn set_points_end_at_the_ceiling_and_settings_are_searched_compared_and_ta
     let refused = browser.client.execute_async(refused, Vec::new()).await.expect("an answer");
     assert!(refused.as_str().is_some_and(|why| why.contains("outside of 0 to 2 bar (limits.ceiling_bar)")), "{refused}");
     tokio::time::sleep(Duration::from_millis(300)).await;
-    let samples = served.api("/api/samples?last=10000");
+    let samples = served.api("/api/samples?last=60000");
     let highest = |column: &str| numbers(&samples, column).into_iter().fold(0.0, f64::max);
     assert!((highest("set_point") - 2.0).abs() < 1e-6 && highest("pressure_bar") < 2.05, "{} bar", highest("pressure_bar"));
     assert!((numbers(&samples, "set_point").last().expect("samples") - 1.0).abs() < 1e-6, "what is refused changes nothing");

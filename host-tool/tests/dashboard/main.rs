@@ -50,7 +50,7 @@ async fn a_person_arms_holds_sees_the_loop_and_vents_by_escape() {
     tokio::time::sleep(Duration::from_millis(400)).await;
 
     // What the rig did lies within what its play operators can do, and is a loop.
-    let samples = served.api("/api/samples?last=10000");
+    let samples = served.api("/api/samples?last=60000");
     let (pressure, displacement) = (numbers(&samples, "pressure_bar"), numbers(&samples, "displacement_mm"));
     let plant = PlantConfig::default();
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -150,7 +150,7 @@ async fn an_excitation_is_drawn_checked_loaded_and_played() {
     browser.until("the end", "return document.getElementById('record').textContent === 'Record'").await;
     let list = served.api("/api/recordings");
     assert!(list["recordings"][0]["about"]["samples"].as_u64().expect("a count") > 5000, "{list}");
-    let samples = served.api("/api/samples?last=10000");
+    let samples = served.api("/api/samples?last=60000");
     let commanded = numbers(&samples, "command_bar").into_iter().fold(0.0, f64::max);
     assert!((2.0..2.4).contains(&commanded), "the command reached {commanded} bar");
 }
