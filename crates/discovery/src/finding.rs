@@ -3,19 +3,21 @@
 use recording::{ExtraColumn, Recording};
 
 use crate::chain::form::Place;
-use crate::data::mask;
 use crate::data::session::{Run, Session, SessionError};
+use crate::data::{mask, noise};
 use crate::effects::catalogue;
 use crate::explanation::{diagnosis, horizon, residual_map};
 use crate::files::figures;
 use crate::files::file::DiscoveredModel;
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
-use crate::result::{DiscoverConfig, Discovery};
+use crate::result::{DiscoverConfig, Discovery, Verdict};
 use crate::search::parallel::{Progress, Watch, both};
+use crate::selection::found::Outcome;
 use crate::selection::rounds::Bench;
+use crate::selection::settings::STANDS_OUT;
 use crate::selection::verdict::Jumping;
-use crate::selection::{decision, find, verdict};
+use crate::selection::{decision, find, leaves, verdict};
 
 /// A finished discovery: the result and what it was made of.
 pub struct Finding {
@@ -84,7 +86,8 @@ pub fn discover_from(
         model = model.with_others(&session);
     }
     let base = model.clone();
-    let search = find::effects(&session, model, pressure_path.as_deref(), config, watch);
+    let suffices = given.as_ref().is_some_and(|given| leaves_noise(&session, given));
+    let search = if suffices { Outcome::of(model) } else { find::effects(&session, model, pressure_path.as_deref(), config, watch) };
     watch(Progress::Stage("figures"));
     let mut found = search.model.clone();
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.
@@ -113,6 +116,9 @@ pub fn discover_from(
     let simulate = |session: &Session| given.clone().unwrap_or_else(|| before.outputs(session, |_| true));
     let residual_before = residuals(&session, &simulate(&session));
     let mut discovery = verdict::judge(&session, &residual_before, &decision, &search.found);
+    if suffices && discovery.effects.is_empty() {
+        discovery.verdict = Verdict::None;
+    }
     // All is decided: from here on it is the report.
     test.reveal(&mut session);
     let simulated = simulate(&session);
@@ -144,6 +150,12 @@ pub fn discover_from(
     discovery.pressure_path = pressure_path;
     let second = decision.second.filter(|_| discovery.runner_up.is_some());
     Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
+}
+
+/// Whether a simulation leaves no more than the noise.
+fn leaves_noise(session: &Session, simulated: &[Vec<f64>]) -> bool {
+    let missed = residuals(session, simulated);
+    leaves::worked(session, &missed, false).sqrt() < STANDS_OUT * noise::floor(session, &missed)
 }
 
 /// Measured minus simulated.

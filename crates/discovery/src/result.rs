@@ -33,7 +33,7 @@ pub enum Verdict {
     None,
     /// The effects named explain the gap.
     Named,
-    /// Two effects explain it equally well, or recordings that were kept out do not confirm the one that was found.
+    /// Two effects explain it equally well, the one that was found leaves more than its law would, or recordings that were kept out do not confirm it.
     Ambiguous,
     /// Nothing in the catalogue explains it.
     Unknown,

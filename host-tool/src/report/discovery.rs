@@ -27,6 +27,11 @@ pub fn headline(discovery: &Discovery) -> String {
             let sets: Vec<String> = discovery.confidence_set.iter().map(|member| member.effects.join(" and ")).collect();
             format!("What is missing is one of these, which the recordings cannot tell apart: {}.", sets.join("; "))
         }
+        Verdict::Ambiguous if discovery.leaves_much() => format!(
+            "What is missing looks like {}, by another law than the catalogue's or with something else: {} of it stays unexplained.",
+            names.join(" and "),
+            percent(Some(discovery.unexplained))
+        ),
         Verdict::Ambiguous if discovery.few_strokes => {
             let strokes = if discovery.strokes == 1 { "stroke does" } else { "strokes do" };
             format!("What is missing looks like {}, but {} {strokes} not confirm it: record more.", names.join(" and "), discovery.strokes)
@@ -53,8 +58,7 @@ pub fn headline(discovery: &Discovery) -> String {
 /// What to say where recordings that were kept out speak against what was found.
 #[must_use]
 pub fn warning(discovery: &Discovery) -> Option<&'static str> {
-    let is_worse = !discovery.effects.is_empty() && discovery.rmse_after > discovery.rmse_before;
-    is_worse.then_some("There the model with what was found is worse than the one without: do not simulate with it.")
+    discovery.is_worse().then_some("There the model with what was found is worse than the one without: do not simulate with it.")
 }
 
 /// The page.

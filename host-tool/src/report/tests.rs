@@ -289,4 +289,8 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     (found.verdict, found.strokes, found.few_strokes) = (discover::Verdict::Ambiguous, 2, true);
     found.effects.truncate(1);
     assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but 2 strokes do not confirm it: record more.");
+    found.unexplained = 0.2;
+    let by_another =
+        "What is missing looks like dead-time, by another law than the catalogue's or with something else: 20 % of it stays unexplained.";
+    assert_eq!(discovery::headline(found), by_another);
 }

@@ -27,3 +27,11 @@ pub struct Outcome {
     /// Every effect alone, in its best form, on the coarse grid, best first.
     pub tried: Vec<Model>,
 }
+
+impl Outcome {
+    /// Of a model that nothing is looked for beside.
+    #[must_use]
+    pub fn of(model: Model) -> Self {
+        Self { model, second: None, found: Found::default(), met: Vec::new(), tried: Vec::new() }
+    }
+}

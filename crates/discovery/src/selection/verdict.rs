@@ -15,7 +15,7 @@ use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
-use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, STANDS_OUT};
+use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, MOST_UNEXPLAINED, STANDS_OUT};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
 
@@ -87,6 +87,18 @@ impl Discovery {
     #[must_use]
     pub fn stands_out(&self) -> bool {
         self.rmse_before > STANDS_OUT * self.noise_floor
+    }
+
+    /// Whether the model with what was found errs by more than the one without, and by more than the noise where nothing was found.
+    #[must_use]
+    pub fn is_worse(&self) -> bool {
+        self.rmse_after > self.rmse_before && (!self.effects.is_empty() || self.rmse_after > STANDS_OUT * self.noise_floor)
+    }
+
+    /// Whether more stays unexplained than beside an effect by the catalogue's law.
+    #[must_use]
+    pub fn leaves_much(&self) -> bool {
+        self.unexplained > MOST_UNEXPLAINED
     }
 }
 
@@ -227,14 +239,15 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
             intervals: BTreeMap::new(),
         });
     }
-    let inadequate = left.is_too_much() || left.stands_out && effects.is_empty();
-    let verdict = if inadequate {
+    if left.is_too_much() {
         // A catalogue that lacks the cause may hold something like it: nothing of what explains a part is believed by more.
         effects.iter_mut().for_each(|effect| effect.confidence = effect.confidence.min(HALF));
+    }
+    let verdict = if left.is_another_cause() || left.stands_out && effects.is_empty() {
         Verdict::Unknown
     } else if effects.is_empty() {
         Verdict::None
-    } else if decision.compared.set.len() > 1 || confounded {
+    } else if decision.compared.set.len() > 1 || confounded || left.is_too_much() {
         Verdict::Ambiguous
     } else {
         Verdict::Named

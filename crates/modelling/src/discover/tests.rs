@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{DiscoverConfig, Finding, catalogue, corpus, discover, folder};
+use super::{DiscoverConfig, Finding, Verdict, catalogue, corpus, discover, discover_from, file, folder, start_from};
 use crate::evaluate::{self, Judging};
 use recording::Recording;
 use virtual_rig::{self, CaseConfig, Generator};
@@ -63,6 +63,30 @@ fn evaluate_reproduces_the_figures_of_the_second_half_of_the_catalogue() {
 #[test]
 fn evaluate_reproduces_the_figures_of_a_rig_without_a_session_clock() {
     reproduces(Generator::Rival, &["offset-drift", "gain-drift", "setup-change", "periodic-disturbance", "pneumatic-lag"], 531);
+}
+
+#[test]
+fn beside_a_model_that_leaves_no_more_than_the_noise_nothing_is_missing() {
+    let config = CaseConfig { effects: vec!["dead-time".to_owned()], seed: 532, ..CaseConfig::default() };
+    let case = virtual_rig::hide(&config).expect("a case");
+    let found = discover(&case.recordings, &case.kept_out, &DiscoverConfig::default()).expect("a finding");
+    assert_eq!(found.discovery.verdict, Verdict::Named, "{:?}", found.discovery);
+    let folder = tempfile::tempdir().expect("a folder");
+    folder::write(&found, &case.recordings, "", folder.path()).expect("a folder with a model");
+    let path = folder.path().join("model.toml");
+    let model = crate::model::load(&path).expect("a model");
+    let again = |discovered: Option<file::DiscoveredModel>| {
+        let start = start_from(&*model, discovered, &case.recordings, &case.kept_out).expect("predictions");
+        let finding = discover_from(&case.recordings, &case.kept_out, Some(&start), &DiscoverConfig::default(), &|_| {});
+        let discovery = finding.expect("a finding").discovery;
+        assert!(discovery.verdict == Verdict::None && discovery.effects.is_empty(), "{discovery:?}");
+        assert!((discovery.rmse_before / found.discovery.rmse_after - 1.0).abs() < 1e-9, "{discovery:?}");
+        discovery
+    };
+    // With its effects it is the model that is there already; a stranger's only predicts, and play operators are no substitute for it.
+    let own = again(file::DiscoveredModel::read(&path).ok());
+    assert!(!own.is_worse() && own.rmse_after < 1.02 * own.rmse_before, "{own:?}");
+    assert!(again(None).is_worse());
 }
 
 #[test]
