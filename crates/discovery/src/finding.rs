@@ -87,7 +87,8 @@ pub fn discover_from(
     }
     let base = model.clone();
     let suffices = given.as_ref().is_some_and(|given| leaves_noise(&session, given));
-    let search = if suffices { Outcome::of(model) } else { find::effects(&session, model, pressure_path.as_deref(), config, watch) };
+    let search =
+        if suffices { Outcome::of(&session, &model) } else { find::effects(&session, model, pressure_path.as_deref(), config, watch) };
     watch(Progress::Stage("figures"));
     let mut found = search.model.clone();
     // Fast motion that the first model lacked may have looked wrong: only what the last model finds wrong too is an outlier.

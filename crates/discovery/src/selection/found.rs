@@ -1,5 +1,6 @@
 //! What the search hands on.
 
+use crate::data::session::Session;
 use crate::model::structure::Model;
 use crate::result::Candidate;
 
@@ -31,7 +32,9 @@ pub struct Outcome {
 impl Outcome {
     /// Of a model that nothing is looked for beside.
     #[must_use]
-    pub fn of(model: Model) -> Self {
-        Self { model, second: None, found: Found::default(), met: Vec::new(), tried: Vec::new() }
+    pub fn of(session: &Session, model: &Model) -> Self {
+        let mut fine = model.refined();
+        fine.fit_all(session);
+        Self { model: fine.pruned(), second: None, found: Found::default(), met: Vec::new(), tried: Vec::new() }
     }
 }

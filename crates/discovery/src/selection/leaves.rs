@@ -59,3 +59,18 @@ impl Left {
         self.stands_out && self.share > MOST_BY_ANOTHER_LAW
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stays_is_by_its_share_a_forms_error_another_law_or_another_cause() {
+        let floor = 0.01;
+        let of = |share: f64| Left::new(1.0 + floor, share + floor, floor);
+        let judged = [0.0, 0.1, 0.2, 0.3].map(|share| (of(share).is_too_much(), of(share).is_another_cause()));
+        assert_eq!(judged, [(false, false), (false, false), (true, false), (true, true)]);
+        // What is within the noise is no share of anything.
+        assert!(!Left::new(1.2 * floor, 1.2 * floor, floor).is_another_cause());
+    }
+}
