@@ -26,10 +26,11 @@ impl Default for DiscoverConfig {
 }
 
 /// What was found out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The model explains the recordings down to the noise.
+    #[default]
     None,
     /// The effects named explain the gap.
     Named,
@@ -86,7 +87,7 @@ pub struct Member {
 }
 
 /// The result, with the keys of the command's contract.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Discovery {
     /// Verdict.
     pub verdict: Verdict,

@@ -9,7 +9,7 @@ use crate::selection::criterion::Comparison;
 use crate::selection::found::Outcome;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
-use crate::selection::settings::{MOST_COMPARED, MOST_UNEXPLAINED};
+use crate::selection::settings::{MOST_COMPARED, UNEXPLAINED};
 
 /// What was decided.
 pub struct Decision {
@@ -81,7 +81,7 @@ fn without_menders(session: &Session, models: Vec<Model>) -> Vec<Model> {
         part > 0 && models[part].slots.len() < models[whole].slots.len() && models[part].names().all(has)
     };
     let suffices = |part: usize, whole: usize| {
-        let little = left(whole, part).is_some_and(|left| left.share > MOST_UNEXPLAINED);
+        let little = left(whole, part).is_some_and(|left| left.share > UNEXPLAINED[0]);
         left(part, 0).is_some_and(|left| !left.stands_out || !left.is_too_much() && little)
     };
     let stays = |whole: &usize| !(0..models.len()).any(|part| is_part(part, *whole) && squares[*whole].is_some() && suffices(part, *whole));

@@ -3,7 +3,7 @@
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::model::structure::Model;
-use crate::selection::settings::{GRID_ERROR, MOST_BY_ANOTHER_LAW, MOST_UNEXPLAINED, STANDS_OUT};
+use crate::selection::settings::{GRID_ERROR, STANDS_OUT, UNEXPLAINED};
 
 /// Share of samples with the largest errors that do not count: a step of the command between two samples leaves as much as the step itself in one
 /// sample, whatever the model. The criterion's noise model has as many anywhere in the range.
@@ -51,12 +51,12 @@ impl Left {
 
     /// Whether that is more than may stay unexplained.
     pub fn is_too_much(&self) -> bool {
-        self.stands_out && self.share > MOST_UNEXPLAINED
+        self.stands_out && self.share > UNEXPLAINED[0]
     }
 
     /// Whether it is more than another law of the same effect leaves.
     pub fn is_another_cause(&self) -> bool {
-        self.stands_out && self.share > MOST_BY_ANOTHER_LAW
+        self.stands_out && self.share > UNEXPLAINED[1]
     }
 }
 

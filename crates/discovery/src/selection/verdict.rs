@@ -6,7 +6,6 @@ use crate::chain::form::Parameter;
 use crate::data::noise;
 use crate::data::session::{Role, Run, Session};
 use crate::effects::catalogue;
-use crate::explanation::diagnosis::Residual;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Slot};
@@ -15,7 +14,7 @@ use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
-use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, MOST_UNEXPLAINED, STANDS_OUT};
+use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, STANDS_OUT, UNEXPLAINED};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
 
@@ -98,7 +97,7 @@ impl Discovery {
     /// Whether more stays unexplained than beside an effect by the catalogue's law.
     #[must_use]
     pub fn leaves_much(&self) -> bool {
-        self.unexplained > MOST_UNEXPLAINED
+        self.unexplained > UNEXPLAINED[0]
     }
 }
 
@@ -263,26 +262,16 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         rmse_after: rmse_after * scale,
         noise_floor,
         gap_closed: gap_closed(rmse_before, rmse_after, floor),
-        rmse_before_one_step: None,
-        rmse_after_one_step: None,
-        gap_closed_one_step: None,
-        calibrate_s: None,
         unexplained: if left.stands_out { left.share } else { 0.0 },
         criterion: Some(decision.compared.gain(decision.compared.best())),
         confidence_set: decision.compared.set.iter().map(|member| decision.compared.member(member)).collect(),
         candidates: found.candidates.clone(),
-        loop_area: None,
-        memory_horizon: Vec::new(),
-        residual_before: Residual::default(),
-        residual_after: Residual::default(),
-        pressure_path: None,
-        disagreements: Vec::new(),
-        summary: String::new(),
         strokes,
         few_strokes,
         excluded_samples: excluded,
         kept_out,
         side_unknown,
+        ..Discovery::default()
     }
 }
 
@@ -319,31 +308,9 @@ mod tests {
         Discovery {
             verdict: Verdict::Named,
             effects: ["dead-time", "valve-dead-band"].map(effect).to_vec(),
-            runner_up: None,
-            rmse_before: 0.0,
-            rmse_after: 0.0,
             noise_floor: 0.1,
-            gap_closed: 0.0,
-            rmse_before_one_step: None,
-            rmse_after_one_step: None,
-            gap_closed_one_step: None,
-            calibrate_s: None,
-            unexplained: 0.0,
-            criterion: None,
-            confidence_set: Vec::new(),
-            candidates: Vec::new(),
-            disagreements: Vec::new(),
-            summary: String::new(),
-            memory_horizon: Vec::new(),
-            loop_area: None,
-            residual_before: Residual::default(),
-            residual_after: Residual::default(),
-            pressure_path: None,
             strokes: FEWEST_FOR_HALVES,
-            few_strokes: false,
-            excluded_samples: 0,
-            kept_out: Vec::new(),
-            side_unknown: Vec::new(),
+            ..Discovery::default()
         }
     }
 
