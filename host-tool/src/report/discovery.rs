@@ -114,9 +114,12 @@ pub fn page(finding: &Finding, input: &Signal, output: &Signal) -> String {
         page.paragraph(&format!("The second best explanation is **{}**; {words}.", second.name));
     }
     effects(&mut page, discovery);
-    page.section("What was tried");
-    candidates(&mut page, discovery);
-    confidence_set(&mut page, discovery);
+    // Beside a given model that leaves no more than the noise nothing is.
+    if !discovery.candidates.is_empty() {
+        page.section("What was tried");
+        candidates(&mut page, discovery);
+        confidence_set(&mut page, discovery);
+    }
     page.section("Before and after");
     before_and_after(&mut page, finding, input, output);
     page.section("What is left");
