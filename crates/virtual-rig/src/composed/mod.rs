@@ -9,6 +9,7 @@ mod fifth_laws;
 mod fifth_laws_of_time;
 mod fourth_laws;
 mod fourth_laws_of_time;
+mod ladders_of_time;
 mod laws;
 mod muscle;
 mod reporting;

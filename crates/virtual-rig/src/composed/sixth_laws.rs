@@ -4,6 +4,7 @@
 //! hysteresis, by flow, by ramp and by pulses.
 
 use super::draw::{Draw, STEP_S};
+use super::ladders_of_time;
 use super::laws::{Drawn, Turn, first_order, stage};
 
 /// How many laws of softening there are.
@@ -12,6 +13,8 @@ const SOFTENINGS: u64 = 14;
 const FURTHER: u64 = 8100;
 /// How many of them there are.
 const FURTHER_SOFTENINGS: u64 = 5;
+/// First seed of laws of creep and of what swings.
+const OF_TIME: u64 = 8200;
 /// How many valves.
 const VALVES: u64 = 8;
 /// How many holds.
@@ -22,6 +25,8 @@ pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
     match name {
         "first-cycle-softening" if seed >= FURTHER => further_softening(seed % FURTHER_SOFTENINGS, draw),
         "first-cycle-softening" => softening(seed % SOFTENINGS, draw),
+        "creep" if seed >= OF_TIME => ladders_of_time::creep(seed % ladders_of_time::CREEPS, draw),
+        "resonance" if seed >= OF_TIME => ladders_of_time::resonance(seed % ladders_of_time::SWINGS, draw),
         "valve-dead-band" => valve(seed % VALVES, draw),
         "hold-after-reversal" => hold(seed % HOLDS, draw),
         other => super::laws::tuning(other, draw),
