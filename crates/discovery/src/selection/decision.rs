@@ -9,7 +9,7 @@ use crate::selection::criterion::Comparison;
 use crate::selection::found::Outcome;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
-use crate::selection::settings::{MOST_COMPARED, UNEXPLAINED};
+use crate::selection::settings::{HALF, MOST_COMPARED, UNEXPLAINED};
 
 /// What was decided.
 pub struct Decision {
@@ -84,7 +84,14 @@ fn without_menders(session: &Session, models: Vec<Model>) -> Vec<Model> {
         let little = left(whole, part).is_some_and(|left| left.share > UNEXPLAINED[0]);
         left(part, 0).is_some_and(|left| !left.stands_out || !left.is_too_much() && little)
     };
-    let stays = |whole: &usize| !(0..models.len()).any(|part| is_part(part, *whole) && squares[*whole].is_some() && suffices(part, *whole));
+    // What closes less than half of what another one closes is no rival of it, however much the criterion lets pass for slow error.
+    let closes = |model: usize| left(model, 0).map(|left| 1.0 - left.share);
+    let most = (1..models.len()).filter_map(closes).fold(0.0, f64::max);
+    let is_rival = |model: usize| model == 0 || closes(model).is_none_or(|share| share >= HALF * most);
+    let stays = |whole: &usize| {
+        let mends = |part| is_part(part, *whole) && squares[*whole].is_some() && suffices(part, *whole);
+        is_rival(*whole) && !(0..models.len()).any(mends)
+    };
     (0..models.len()).filter(stays).map(|at| models[at].clone()).collect()
 }
 
@@ -144,5 +151,16 @@ mod tests {
         assert!(alone.contains(&"dead-time".into()) && alone.iter().all(|names| !names.contains('+')), "{alone:?}");
         let both = staying(&["dead-time", "supply-saturation"]);
         assert!(both.contains(&"supply-saturation+dead-time".into()), "{both:?}");
+    }
+
+    #[test]
+    fn what_goes_slowly_is_not_lost_to_what_is_quick_and_closes_less() {
+        // A quick element, and one slower than a recording is long.
+        let config =
+            CaseConfig { effects: vec!["creep".to_owned()], seed: 8201, generator: Generator::ComposedTuning, ..CaseConfig::default() };
+        let case = rig::hide(&config).expect("a case");
+        let discovery = crate::discover(&case.recordings, &case.kept_out, &crate::DiscoverConfig::default()).expect("a finding").discovery;
+        let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        assert!(names == ["creep"] && discovery.gap_closed > 0.85, "{discovery:?}");
     }
 }
