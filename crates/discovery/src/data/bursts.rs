@@ -27,7 +27,7 @@ const LONGEST: usize = 31;
 const TURNS: usize = 3;
 
 /// How long a step of the input may set something ringing, s.
-const RINGS_S: f64 = 1.0;
+pub const RINGS_S: f64 = 1.0;
 
 /// Where they are. `step` is that of a sensor that reads in steps.
 pub fn bursts(run: &Run, step: f64) -> Vec<Range<usize>> {

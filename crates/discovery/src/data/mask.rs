@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::data::bursts::bursts;
+use crate::data::bursts::{RINGS_S, bursts};
 use crate::data::fast_noise::{fast_noise, median};
 use crate::data::frozen;
 use crate::data::session::{Run, Session};
@@ -104,30 +104,33 @@ fn jumps(run: &Run, residual: &[f64], threshold: f64) -> Vec<Range<usize>> {
 /// Deviations from which on a mean rank is no chance.
 const NO_CHANCE: f64 = 3.0;
 
-/// Whether bursts prefer the moments when the input moves: a sensor errs at any time, and a model lacks something where the rig moves. By the mean rank
-/// of the input's steps about each burst among those of all samples (Wilcoxon 1945).
+/// Whether bursts prefer the moments when the input moves, or has moved just before, so that something may still ring: a sensor errs at any time, and a
+/// model lacks something where the rig moves. By the mean rank of the input's steps about each burst among those of all samples (Wilcoxon 1945).
 fn go_with_motion(session: &Session, bursts: &[(usize, Vec<Range<usize>>)]) -> bool {
     if bursts.iter().all(|(_, of_run)| of_run.is_empty()) {
         return false;
     }
-    let steps = |run: &Run, at: usize| {
-        let around = &run.input[at.saturating_sub(AROUND)..(at + AROUND + 1).min(run.input.len())];
-        around.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
-    };
-    let mut all: Vec<f64> = session.worked().flat_map(|run| (0..run.input.len()).step_by(AROUND).map(|at| steps(run, at))).collect();
-    all.sort_by(f64::total_cmp);
-    let rank = |value: f64| {
-        let below = all.partition_point(|other| *other < value);
-        let up_to = all.partition_point(|other| *other <= value);
-        0.5 * (below + up_to) as f64 / all.len() as f64
-    };
-    let of = |(run, bursts): &(usize, Vec<Range<usize>>)| -> Vec<f64> {
-        bursts.iter().map(|burst| rank(steps(&session.runs[*run], burst.start))).collect()
-    };
-    let ranks: Vec<f64> = bursts.iter().flat_map(of).collect();
-    // Ranks over their number are even between 0 and 1: their variance is a twelfth.
-    let deviation = (12.0 * ranks.len() as f64).sqrt().recip();
-    ranks.iter().sum::<f64>() > (0.5 + NO_CHANCE * deviation) * ranks.len() as f64
+    [0.0, RINGS_S].into_iter().any(|before_s| {
+        let steps = |run: &Run, at: usize| {
+            let before = AROUND + (before_s / run.period_s) as usize;
+            let around = &run.input[at.saturating_sub(before)..(at + AROUND + 1).min(run.input.len())];
+            around.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
+        };
+        let mut all: Vec<f64> = session.worked().flat_map(|run| (0..run.input.len()).step_by(AROUND).map(|at| steps(run, at))).collect();
+        all.sort_by(f64::total_cmp);
+        let rank = |value: f64| {
+            let below = all.partition_point(|other| *other < value);
+            let up_to = all.partition_point(|other| *other <= value);
+            0.5 * (below + up_to) as f64 / all.len() as f64
+        };
+        let of = |(run, bursts): &(usize, Vec<Range<usize>>)| -> Vec<f64> {
+            bursts.iter().map(|burst| rank(steps(&session.runs[*run], burst.start))).collect()
+        };
+        let ranks: Vec<f64> = bursts.iter().flat_map(of).collect();
+        // Ranks over their number are even between 0 and 1: their variance is a twelfth.
+        let deviation = (12.0 * ranks.len() as f64).sqrt().recip();
+        ranks.iter().sum::<f64>() > (0.5 + NO_CHANCE * deviation) * ranks.len() as f64
+    })
 }
 
 /// Samples on either side that a burst is seen against.
@@ -247,5 +250,19 @@ mod tests {
         // Three deviations: one in 740 by chance.
         assert!(often <= 3, "{often} of 200");
         assert!(!go_with_motion(&session, &[]));
+    }
+
+    #[test]
+    fn what_errs_half_a_second_after_steps_may_ring_and_is_not_the_sensor() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let time_s: Vec<f64> = (0..3000).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| (0.25 * time).floor() % 2.0).collect();
+        let output: Vec<f64> = input.iter().map(|value| value + 0.005 * rng.random_range(-1.0..1.0)).collect();
+        let recording = Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input, output);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let bursts = |at: &mut dyn FnMut(usize) -> usize| vec![(0, (1..13).map(&mut *at).map(|at| at..at + 2).collect::<Vec<_>>())];
+        assert!(go_with_motion(&session, &bursts(&mut |step| 200 * step + 25)));
+        let often = (0..200).filter(|_| go_with_motion(&session, &bursts(&mut |_| rng.random_range(10..2990)))).count();
+        assert!(often <= 4, "{often} of 200");
     }
 }
