@@ -65,6 +65,7 @@ fn jumps(model: &Model) -> bool {
 
 /// The models without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the further
 /// effect explains too little of it. What mends a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
+/// And without those that close too little to be rivals.
 fn without_menders(session: &Session, models: Vec<Model>) -> Vec<Model> {
     let missed = |model: &Model| {
         let mut fine = model.regrown();
