@@ -290,7 +290,6 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     found.effects.truncate(1);
     assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but 2 strokes do not confirm it: record more.");
     found.unexplained = 0.2;
-    let by_another =
-        "What is missing looks like dead-time, by another law than the catalogue's or with something else: 20 % of it stays unexplained.";
+    let by_another = "What is missing looks like dead-time, by another law than the catalogue's or with something else: 20\u{202f}% of it stays unexplained.";
     assert_eq!(discovery::headline(found), by_another);
 }
