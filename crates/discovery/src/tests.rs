@@ -253,13 +253,18 @@ fn strokes_behind(mut stage: impl FnMut(f64) -> f64, strokes: u32, rests: bool) 
 
 #[test]
 fn where_nothing_is_found_the_model_is_the_same_before_and_after() {
-    // A limit of four fifths of the ramp's speed: one stroke shows nothing of it for sure.
-    let mut value = 0.0_f64;
-    let limited = |command: f64| {
-        value += (command - value).clamp(-0.0008, 0.0008);
-        value
+    // A limit of four fifths of the command's speed: one stroke shows nothing of it for sure, and two do not confirm it.
+    let behind_a_limit = |strokes: u32| {
+        let (mut value, most) = (0.0_f64, 0.0008 * f64::from(strokes));
+        let limited = |command: f64| {
+            value += (command - value).clamp(-most, most);
+            value
+        };
+        discover(&[strokes_behind(limited, strokes, false)], &[], &DiscoverConfig::default()).expect("a finding").discovery
     };
-    let discovery = discover(&[strokes_behind(limited, 1, false)], &[], &DiscoverConfig::default()).expect("a finding").discovery;
+    let two = behind_a_limit(2);
+    assert!(two.verdict == Verdict::Ambiguous && two.effects[0].name == "slew-limit" && two.effects[0].confidence <= 0.5, "{two:?}");
+    let discovery = behind_a_limit(1);
     assert!(discovery.effects.is_empty() && discovery.stands_out(), "{discovery:?}");
     assert_eq!(discovery.rmse_after.to_bits(), discovery.rmse_before.to_bits());
 }

@@ -43,7 +43,7 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
             models.push(model);
         }
     }
-    let models = without_menders(session, models);
+    let models = rivals_of(session, models);
     let compared = Comparison::new(session, &models, seed, threads);
     let best = compared.best();
     let model = if models[best].forms() == found.forms() { found.clone() } else { refitted(session, &models[best]) };
@@ -63,10 +63,10 @@ fn jumps(model: &Model) -> bool {
     model.slots.iter().any(|slot| slot.form.jumps().is_some())
 }
 
-/// The models without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the further
+/// The models that can be the answer: without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the further
 /// effect explains too little of it. What mends a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
-/// And without those that close too little to be rivals.
-fn without_menders(session: &Session, models: Vec<Model>) -> Vec<Model> {
+/// And without those that close too little beside the best.
+fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
     let missed = |model: &Model| {
         let mut fine = model.regrown();
         fine.fit_all(session);
@@ -145,7 +145,7 @@ mod tests {
             let delayed = bare.with(late, vec![0.07]);
             let models = [delayed.clone(), limited(&bare), limited(&delayed), delayed.with(lag, vec![0.01])];
             let fitted = models.iter().map(|model| refitted(&session, model));
-            let stay = without_menders(&session, std::iter::once(bare.clone()).chain(fitted).collect());
+            let stay = rivals_of(&session, std::iter::once(bare.clone()).chain(fitted).collect());
             stay.iter().map(|model| model.names().collect::<Vec<_>>().join("+")).collect::<Vec<_>>()
         };
         let alone = staying(&["dead-time"]);

@@ -35,7 +35,7 @@ pub const MOST_SCATTER: f64 = 0.5;
 
 /// Largest share of the mean square above the noise that may stay unexplained beside a named effect, and beside one whose law is another than the
 /// catalogue's. A form that is not quite the rig's leaves 2 to 10 %. Of 26 tuning cases with the right effect in front that left more than the first, 17
-/// left less than the second; of 47 with something that is none of the effects, two.
+/// left less than the second; of 56 with something that is none of the effects, two.
 pub const UNEXPLAINED: [f64; 2] = [0.12, 0.25];
 
 /// What is closed by less of test recordings is no explanation; nothing that could as well be otherwise is believed by more.
