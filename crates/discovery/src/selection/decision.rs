@@ -63,9 +63,9 @@ fn jumps(model: &Model) -> bool {
     model.slots.iter().any(|slot| slot.form.jumps().is_some())
 }
 
-/// The models that can be the answer: without those that have an effect more than another one needs: what that one leaves is no more than a form's error may be, and the further
-/// effect explains too little of it. What mends a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
-/// And without those that close too little beside the best.
+/// The models that can be the answer: without those that close too little beside the best, and without those that have an effect more than another one
+/// needs. What that one leaves is no more than a form's error may be then, and the further effect explains too little of it. What mends a form is no
+/// effect by itself: a true one explains what is left without it, as a first one must what there is.
 fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
     let missed = |model: &Model| {
         let mut fine = model.regrown();
