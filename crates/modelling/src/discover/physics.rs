@@ -62,7 +62,7 @@ fn stage(effect: &Slot) -> Option<Stage> {
         return None;
     }
     Some(match (effect.form.name(), effect.form.key()) {
-        ("supply-saturation", _) => Stage::Supply,
+        ("supply-saturation", "rounded" | "drooping") => Stage::Supply,
         ("slew-limit", _)
         | ("pneumatic-lag", "before" | "before-held" | "orifice")
         | ("fill-vent-asymmetry", "by-error" | "by-error-held" | "orifices") => Stage::Flow,
