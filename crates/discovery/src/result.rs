@@ -152,6 +152,12 @@ pub struct Discovery {
     pub excluded_samples: usize,
     /// Names of the test recordings.
     pub kept_out: Vec<String>,
+    /// Names of those among them whose input goes beyond all that was worked with: there a model extrapolates.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub beyond_range: Vec<String>,
+    /// Whether nothing is missing in what was worked with, and something is in what was kept out.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub errs_kept_out_only: bool,
     /// Names of those among them that were made about when the set-up changed, nobody knows on which side: no figure counts them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub side_unknown: Vec<String>,

@@ -14,6 +14,9 @@ const MOST_RECORDINGS: usize = 3;
 pub fn headline(discovery: &Discovery) -> String {
     let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
     match discovery.verdict {
+        Verdict::None if discovery.errs_kept_out_only => {
+            "Nothing is missing in the recordings that were worked with; in those that were kept out something is.".to_owned()
+        }
         Verdict::None if discovery.stands_out() => {
             "Nothing is missing: what the model leaves above the noise is no more than its grid of play operators may leave.".to_owned()
         }
@@ -55,10 +58,23 @@ pub fn headline(discovery: &Discovery) -> String {
     }
 }
 
-/// What to say where recordings that were kept out speak against what was found.
+/// What to say of recordings that were kept out: where they speak against what was found, and where a model extrapolates.
 #[must_use]
-pub fn warning(discovery: &Discovery) -> Option<&'static str> {
-    discovery.is_worse().then_some("There the model with what was found is worse than the one without: do not simulate with it.")
+pub fn warning(discovery: &Discovery) -> Option<String> {
+    let worse = discovery.is_worse() && !discovery.errs_kept_out_only;
+    let worse = worse.then(|| "There the model with what was found is worse than the one without: do not simulate with it.".to_owned());
+    let elsewhere = discovery.errs_kept_out_only.then(|| {
+        format!(
+            "There it errs by {} times the noise, and no choice may look at them: give such recordings to the search as well.",
+            number(discovery.rmse_after / discovery.noise_floor, 2)
+        )
+    });
+    let beyond = (!discovery.beyond_range.is_empty()).then(|| {
+        let goes = if discovery.beyond_range.len() == 1 { "goes" } else { "go" };
+        format!("{} {goes} beyond the input of all others: there a model extrapolates.", discovery.beyond_range.join(", "))
+    });
+    let said: Vec<String> = [worse, elsewhere, beyond].into_iter().flatten().collect();
+    (!said.is_empty()).then(|| said.join(" "))
 }
 
 /// The page.

@@ -272,12 +272,27 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     let mut finding = discover::discover(&case.recordings[..8], &case.kept_out, &DiscoverConfig::default()).expect("a finding");
     let said = |finding: &discover::Finding| {
         let page = discovery::page(finding, &Signal::pressure_bar(), &Signal::displacement_mm());
-        discovery::warning(&finding.discovery).map(|warning| page.contains(warning))
+        discovery::warning(&finding.discovery).map(|warning| page.contains(&warning))
     };
     assert!(finding.discovery.rmse_after < finding.discovery.rmse_before);
     assert_eq!(said(&finding), None);
     finding.discovery.rmse_after = 1.01 * finding.discovery.rmse_before;
     assert_eq!(said(&finding), Some(true));
+    // Where only they err, and where they go beyond, that is said as well.
+    let found = &mut finding.discovery;
+    (found.verdict, found.errs_kept_out_only, found.beyond_range) = (discover::Verdict::None, true, vec!["far.csv".to_owned()]);
+    (found.rmse_after, found.noise_floor) = (0.3, 0.1);
+    assert!(discovery::headline(found).contains("in those that were kept out something is"), "{}", discovery::headline(found));
+    assert_eq!(
+        discovery::warning(found).as_deref(),
+        Some(
+            "There it errs by 3.0 times the noise, and no choice may look at them: give such recordings to the search as well. \
+             far.csv goes beyond the input of all others: there a model extrapolates."
+        )
+    );
+    assert_eq!(said(&finding), Some(true));
+    let found = &mut finding.discovery;
+    (found.verdict, found.errs_kept_out_only) = (discover::Verdict::Named, false);
     // What is named is as sure as it is said to be, and a few strokes are said to be few.
     let found = &mut finding.discovery;
     assert_eq!(discovery::headline(found), "Missing is dead-time.");

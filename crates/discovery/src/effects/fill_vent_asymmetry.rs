@@ -64,6 +64,12 @@ const VENT: Parameter = Parameter { name: "vent_time_constant", ..FILL };
 
 const FADING: Parameter = Parameter { name: "fading", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false };
 
+/// A valve that is never open in full.
+const NEVER_FULL: f64 = 10.0;
+
+const FULL: Parameter =
+    Parameter { name: "error_that_opens_in_full", quantity: Quantity::Input, low: 0.02, high: NEVER_FULL, logarithmic: true };
+
 /// Logarithm of the ratio of time constants up to which they are tried as one.
 const ALIKE: f64 = 0.4;
 
@@ -71,11 +77,12 @@ impl Form for TwoLags {
     fn spec(&self) -> Spec {
         let parameters: &'static [Parameter] = match self.law {
             Law::Error | Law::Command => &[FILL, VENT],
-            Law::Drive => &[FILL, VENT, FADING],
+            Law::Drive => &[FILL, VENT, FADING, FULL],
             Law::Orifice => &[FILL, VENT, POWER],
         };
         Spec {
             parameters,
+            simpler_at: if self.law == Law::Drive { &[(3, NEVER_FULL)] } else { &[] },
             // With like time constants a held command is a lag and half a sample of delay: it must not pass for a lag.
             cost: Some(parameters.len() + usize::from(self.held)),
             ..Spec::new("fill-vent-asymmetry", self.form, Place::Flow)
@@ -91,8 +98,12 @@ impl Form for TwoLags {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let times = ladder(0.03, 0.5, 4);
         let third = if self.law == Law::Orifice { 0.75 } else { 0.5 };
-        let of = |pair: Vec<f64>| [pair[0], pair[1], third][..self.spec().parameters.len()].to_vec();
-        grid(&times, &times).into_iter().filter(|pair| pair[0] != pair[1]).map(of).collect()
+        let of = |pair: &Vec<f64>| [pair[0], pair[1], third, NEVER_FULL][..self.spec().parameters.len()].to_vec();
+        // Open in full at a small error, it follows a small one soon.
+        let soon = |pair: &Vec<f64>| vec![0.1 * pair[0], 0.1 * pair[1], 0.9, 0.1];
+        let pairs: Vec<Vec<f64>> = grid(&times, &times).into_iter().filter(|pair| pair[0] != pair[1]).collect();
+        let opened = pairs.iter().filter(|_| self.law == Law::Drive).map(soon);
+        pairs.iter().map(of).chain(opened).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         match self.law {
@@ -128,6 +139,8 @@ struct Following<const LAW: usize> {
     times_s: [f64; 2],
     /// Fading or power of the flow, where the law has one.
     third: f64,
+    /// The error at which the valve is open in full.
+    full: f64,
     /// Coefficients of the two lags.
     lags: [(f64, f64, f64); 2],
     period_s: f64,
@@ -138,7 +151,8 @@ impl<const LAW: usize> Following<LAW> {
     fn new(parameters: &[f64], run: &Run, held: bool) -> Self {
         let times_s = [parameters[0], parameters[1]];
         let lags = times_s.map(|time_s| lag_coefficients(time_s, run.period_s));
-        Self { times_s, third: parameters.get(2).copied().unwrap_or(0.0), lags, period_s: run.period_s, held }
+        let [third, full] = [(2, 0.0), (3, NEVER_FULL)].map(|(at, none)| parameters.get(at).copied().unwrap_or(none));
+        Self { times_s, third, full, lags, period_s: run.period_s, held }
     }
 }
 
@@ -165,7 +179,8 @@ impl<const LAW: usize> Filter<3> for Following<LAW> {
                 let level = state.clamp(0.0, 1.0);
                 let drive = if fills { 1.0 - level } else { level };
                 // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
-                lag_coefficients(time_s / (1.0 - self.third * (1.0 - drive)), self.period_s)
+                let shut = ((target - *state).abs() / self.full).max(1.0);
+                lag_coefficients(time_s * shut / (1.0 - self.third * (1.0 - drive)), self.period_s)
             }
             POWER_LAW => lag_coefficients(through_orifice_s(time_s, target - *state, self.third), self.period_s),
             _ => {
@@ -202,9 +217,11 @@ mod tests {
         };
         let two_lags = through(&TWO_LAGS, &[0.3, 0.8]);
         let laminar = through(&ORIFICE, &[0.3, 0.8, 1.0]);
-        for (other, name) in
-            [(through(&COMMANDED, &[0.3, 0.8]), "commanded"), (through(&DRIVEN, &[0.3, 0.8, 0.0]), "driven"), (laminar, "orifice")]
-        {
+        for (other, name) in [
+            (through(&COMMANDED, &[0.3, 0.8]), "commanded"),
+            (through(&DRIVEN, &[0.3, 0.8, 0.0, NEVER_FULL]), "driven"),
+            (laminar, "orifice"),
+        ] {
             for (sample, (x, y)) in two_lags.iter().zip(&other).enumerate() {
                 assert!((x - y).abs() < 1e-12, "{name}, sample {sample}: {x} and {y}");
             }
@@ -215,9 +232,12 @@ mod tests {
         let at = 100 + (half_s / 0.02) as usize;
         assert!((turbulent[at] - 0.75).abs() < 0.02, "{}", turbulent[at]);
         // Filling begins as fast and ends slower; venting near the top is as fast, near the room's pressure slower.
-        let driven = through(&DRIVEN, &[0.3, 0.8, 0.6]);
+        let driven = through(&DRIVEN, &[0.3, 0.8, 0.6, NEVER_FULL]);
         assert!((driven[101] - two_lags[101]).abs() < 0.01 && driven[130] < two_lags[130] - 0.05, "{} {}", driven[130], two_lags[130]);
         assert!((driven[551] - two_lags[551]).abs() < 0.01 && driven[640] > two_lags[640] + 0.05, "{} {}", driven[640], two_lags[640]);
+        // Open in full it fills at 0.2 / 0.3 spans per s.
+        let full = through(&DRIVEN, &[0.3, 0.8, 0.0, 0.2]);
+        assert!((full[110] - full[109] - 0.02 * 0.2 / 0.3).abs() < 2e-3, "{}", full[110] - full[109]);
     }
 
     #[test]

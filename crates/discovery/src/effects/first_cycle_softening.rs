@@ -5,7 +5,7 @@
 //! `a s + b + c s^2`, and `d` times the integral of `F ds`: a set that stays, a threshold that the first strokes have to pass, stiffness at large
 //! displacements alone or of the tangent. Or below its own peak `p`, which may fade, it is softer than on the way there,
 //! `y = s (1 + A erf((p - s) / D))` (Ogden and Roxburgh 1999). Or it runs in: a loop that is there at first, a play operator whose threshold is `W F`,
-//! is gone later.
+//! is gone later. Or the virgin muscle makes another use of the pressure: [`super::softening_of_pressure`].
 
 use std::collections::BTreeMap;
 
@@ -15,6 +15,7 @@ use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
+use crate::effects::softening_of_pressure::OF_THE_PRESSURE;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
@@ -30,6 +31,7 @@ pub const FORMS: &[&dyn Form] = &[
     &Softening { by: Wear::Largest { heals: true }, curved: true },
     &BelowPeak,
     &RunningIn,
+    &OF_THE_PRESSURE,
 ];
 
 /// A virgin material that work turns into another.

@@ -1,5 +1,6 @@
 //! `hold-after-reversal`: a regulator passes no flow for a time after a reversal of the command; otherwise `T dv/dt = u - v`, within a limit of
-//! the rate. A command that turns again while it holds changes nothing, or begins the time anew.
+//! the rate. A command that turns again while it holds changes nothing, or begins the time anew. A command that is far enough away ends the hold before
+//! its time, or alone, as play in a linkage that snaps over.
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{ladder, lag_coefficients};
@@ -42,6 +43,10 @@ const AT_ONCE_S: f64 = 1e-3;
 /// A limit of the rate that is none, spans per s.
 const ANY_RATE: f64 = 200.0;
 
+/// A hold that only an error ends, s, and an error that ends none, spans.
+const FOR_EVER_S: f64 = 5.0;
+const ANY_ERROR: f64 = 5.0;
+
 /// Motion back from an extremum that counts as a reversal, spans: more than the rounding of a recorded command.
 const BACK: f64 = 1e-3;
 
@@ -49,21 +54,24 @@ impl Form for Held {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[
-                Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: 5.0, logarithmic: true },
+                Parameter { name: "hold", quantity: Quantity::Time, low: 0.02, high: FOR_EVER_S, logarithmic: true },
                 Parameter { name: "catch_up_time_constant", quantity: Quantity::Time, low: AT_ONCE_S, high: 2.0, logarithmic: true },
                 Parameter { name: "catch_up_rate", quantity: Quantity::InputRate, low: 0.2, high: ANY_RATE, logarithmic: true },
                 // A regulator that vents by another valve than it fills by need not hold at both ends.
                 Parameter { name: "trough_over_peak", quantity: Quantity::Ratio, low: 0.0, high: 3.0, logarithmic: false },
+                Parameter { name: "error_that_ends_it", quantity: Quantity::Input, low: 0.02, high: ANY_ERROR, logarithmic: true },
             ],
-            simpler_at: &[(1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0)],
+            simpler_at: &[(0, FOR_EVER_S), (1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0), (4, ANY_ERROR)],
             ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // Where the command turns again while it holds, another hold is another path: the valleys are narrow.
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
-        let of = |[hold, trough]: [f64; 2]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough]);
-        let grid = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0], [hold, 0.0]]).flat_map(of);
+        let of = |[hold, trough, error]: [f64; 3]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough, error]);
+        let for_a_time = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0, ANY_ERROR], [hold, 0.0, ANY_ERROR]]);
+        let for_a_way = ladder(0.06, 0.4, 6).into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
+        let grid = for_a_time.chain(for_a_way).flat_map(of);
         let steps = Steps::new(session, residual, |run| run.input.clone());
         steps.best(grid, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
     }
@@ -78,6 +86,7 @@ struct Regulator {
     trough_s: f64,
     catch_up_s: f64,
     rate_per_s: f64,
+    most_error: f64,
     anew: bool,
     from_rest: bool,
     period_s: f64,
@@ -87,9 +96,10 @@ struct Regulator {
 
 impl Regulator {
     fn new(parameters: &[f64], form: &Held, run: &Run) -> Self {
-        let [hold_s, catch_up_s, rate_per_s] = [parameters[0], parameters[1], parameters[2]];
+        let [hold_s, catch_up_s, rate_per_s] = [if parameters[0] < FOR_EVER_S { parameters[0] } else { 1e9 }, parameters[1], parameters[2]];
         let (trough_s, lag) = (parameters[3] * hold_s, lag_coefficients(catch_up_s, run.period_s));
-        Self { hold_s, trough_s, catch_up_s, rate_per_s, anew: form.anew, from_rest: form.from_rest, period_s: run.period_s, lag }
+        let (most_error, period_s) = (parameters[4], run.period_s);
+        Self { hold_s, trough_s, catch_up_s, rate_per_s, most_error, anew: form.anew, from_rest: form.from_rest, period_s, lag }
     }
 }
 
@@ -120,6 +130,10 @@ impl Filter<8> for Regulator {
                 *left_s = if !self.anew && *left_s - self.period_s + ago_s > 0.0 { *left_s } else { again_s.max(*left_s) };
                 (*step, *farthest, *direction, *since_s) = (value - *last, value, -*direction, 0.0);
             }
+        }
+        let beyond = (value - *state).abs() - self.most_error;
+        if *left_s > 0.0 && beyond > 0.0 {
+            *left_s = left_s.min(self.period_s * (1.0 - beyond / (value - *last).abs().max(beyond)));
         }
         let open_s = self.period_s - left_s.clamp(0.0, self.period_s);
         *left_s -= self.period_s;
@@ -152,7 +166,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let mut path = run.input.clone();
-        ONCE.input(&[hold_s, catch_up_s, ANY_RATE, 1.0], run, &mut path);
+        ONCE.input(&[hold_s, catch_up_s, ANY_RATE, 1.0, ANY_ERROR], run, &mut path);
         // T v' = u - v: on a ramp of slope a it follows a T behind, and from any other place exponentially.
         let slope = 0.5;
         let top = 1.0 - slope * catch_up_s;
@@ -191,10 +205,12 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        for form in [&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST] {
-            let [hold_s, catch_up_s, rate_per_s, trough] = [0.3, 0.02, 1.5, 0.4];
+        let ends = [[0.3, ANY_ERROR], [0.3, 0.12], [FOR_EVER_S, 0.12]];
+        let forms = [&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST];
+        for (form, [hold_s, most_error]) in forms.into_iter().flat_map(|form| ends.map(|end| (form, end))) {
+            let [catch_up_s, rate_per_s, trough] = [0.02, 1.5, 0.4];
             let mut path = run.input.clone();
-            form.input(&[hold_s, catch_up_s, rate_per_s, trough], run, &mut path);
+            form.input(&[hold_s, catch_up_s, rate_per_s, trough, most_error], run, &mut path);
             let (mut state, mut rises, mut left_s) = (run.input[0], if form.from_rest { Some(false) } else { None }, 0.0_f64);
             let (mut worst, steps) = (0.0_f64, 400);
             for (sample, found) in path.iter().enumerate().skip(1) {
@@ -209,7 +225,7 @@ mod tests {
                 for step in 1..=steps {
                     let value = before + (after - before) * f64::from(step) / f64::from(steps);
                     let step_s = period_s / f64::from(steps);
-                    left_s -= step_s;
+                    left_s = if (value - state).abs() > most_error { 0.0 } else { left_s - step_s };
                     if left_s <= 0.0 {
                         state += step_s * ((value - state) / catch_up_s).clamp(-rate_per_s, rate_per_s);
                     }
@@ -231,7 +247,7 @@ mod tests {
         for (hold_s, trough) in [(0.2, 1.0), (0.2, 0.0), (0.6, 1.0), (0.6, 0.0)] {
             let missed = |run: &Run| {
                 let mut path = run.input.clone();
-                ONCE.input(&[hold_s, 0.02, ANY_RATE, trough], run, &mut path);
+                ONCE.input(&[hold_s, 0.02, ANY_RATE, trough, ANY_ERROR], run, &mut path);
                 path.iter().zip(&run.input).map(|(held, command)| held - command).collect()
             };
             let residual: Vec<Vec<f64>> = session.runs.iter().map(missed).collect();
@@ -250,7 +266,7 @@ mod tests {
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
         let (mut path, mut lagging) = (run.input.clone(), run.input.clone());
-        ONCE.input(&[1.0, 0.1, ANY_RATE, 1.0], run, &mut path);
+        ONCE.input(&[1.0, 0.1, ANY_RATE, 1.0, ANY_ERROR], run, &mut path);
         crate::chain::filters::lag(&mut lagging, 0.1, run.period_s);
         assert!(path.iter().zip(&lagging).all(|(x, y)| (x - y).abs() < 1e-12));
     }

@@ -1,5 +1,6 @@
 //! `leakage`: what is held trickles away: strokes pass, the level decays, `dv/dt = du/dt - v / T`, never below zero, or either way; or, with a regulator
-//! that slowly fills up again, decays towards a share of the command, `dv/dt = du/dt - (v - k u) / T`; or through a hole in which the flow
+//! that slowly fills up again, decays towards a share of the command, `dv/dt = du/dt - (v - k u) / T`, and perhaps leaks
+//! above a pressure only, at which a seal lifts, `P`: then `v` in the leak is `max(v - P, 0)`; or through a hole in which the flow
 //! is turbulent, `dv/dt = du/dt - v^n / T`: `n` is one for laminar flow and one half for a wide hole. Where the valve goes on filling through
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
@@ -32,7 +33,11 @@ static EITHER_WAY: Hole = Hole { form: ("linear-both-ways", "held pressure decay
 
 static REFILLED: Hole = Hole {
     form: ("refilled", "held pressure decays to a share of the command"),
-    parameters: &[TIME, Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false }],
+    parameters: &[
+        TIME,
+        Parameter { name: "kept_share", quantity: Quantity::Ratio, low: 0.0, high: 0.95, logarithmic: false },
+        Parameter { name: "lifts_at", quantity: Quantity::Input, low: 0.0, high: 0.9, logarithmic: false },
+    ],
     below_zero: false,
 };
 
@@ -43,13 +48,14 @@ fn lowest(run: &Run) -> f64 {
     if run.input.iter().all(|&value| value >= -0.05) { 0.0 } else { f64::MIN }
 }
 
-/// Lets `path` decay towards `kept` times itself, not below `floor`.
-fn leak(path: &mut [f64], time_s: f64, kept: f64, period_s: f64, floor: f64) {
-    let keep = (-period_s / time_s).exp();
+/// Lets `path` decay towards `kept` times itself, not below `floor`; what a seal holds that lifts at a pressure does not leak below it.
+fn leak(path: &mut [f64], time_s: f64, [kept, lifts]: [f64; 2], period_s: f64, floor: f64) {
+    let keeps = [(-period_s / time_s).exp(), (-period_s * kept / time_s).exp()];
     let mut state = path[0];
     let mut last = path[0];
     for value in path {
-        let rest = kept * 0.5 * (*value + last);
+        let command = 0.5 * (*value + last);
+        let (rest, keep) = if lifts == 0.0 || state > lifts { (lifts + kept * (command - lifts), keeps[0]) } else { (command, keeps[1]) };
         state = (rest + keep * (state - rest) + 0.5 * (1.0 + keep) * (*value - last)).max(floor);
         last = *value;
         *value = state;
@@ -58,14 +64,18 @@ fn leak(path: &mut [f64], time_s: f64, kept: f64, period_s: f64, floor: f64) {
 
 impl Form for Hole {
     fn spec(&self) -> Spec {
-        Spec { parameters: self.parameters, ..Spec::new("leakage", self.form, Place::Tube) }
+        let simpler_at: &[(usize, f64)] = if self.parameters.len() > 2 { &[(2, 0.0)] } else { &[] };
+        Spec { parameters: self.parameters, simpler_at, ..Spec::new("leakage", self.form, Place::Tube) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        if self.parameters.len() > 1 { grid(&ladder(2.0, 30.0, 4), &[0.15, 0.5]) } else { row(&ladder(2.0, 100.0, 7)) }
+        if self.parameters.len() == 1 {
+            return row(&ladder(2.0, 100.0, 7));
+        }
+        grid(&ladder(2.0, 30.0, 4), &[0.15, 0.5]).iter().flat_map(|of| [0.0, 0.4].map(|lifts| [&of[..], &[lifts]].concat())).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let floor = if self.below_zero { f64::MIN } else { lowest(run) };
-        leak(path, parameters[0], parameters.get(1).copied().unwrap_or(0.0), run.period_s, floor);
+        leak(path, parameters[0], [1, 2].map(|at| parameters.get(at).copied().unwrap_or(0.0)), run.period_s, floor);
     }
 }
 

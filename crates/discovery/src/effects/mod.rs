@@ -25,6 +25,7 @@ pub mod session_curve;
 pub mod setup_change;
 pub mod slew_limit;
 pub mod smooth_hysteresis;
+pub mod softening_of_pressure;
 pub mod static_nonlinearity;
 pub mod stick_slip;
 pub(crate) mod sticking;

@@ -1,4 +1,4 @@
-//! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row, behind a
+//! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row or beside each other, behind a
 //! converter that holds the command between samples, through a tube in which the denser air flows more easily, or through an orifice.
 
 use crate::chain::columns::{Columns, Filter};
@@ -9,7 +9,7 @@ use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &DENSE, &GROWING, &ORIFICE];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Beside, &DENSE, &GROWING, &ORIFICE];
 
 /// One lag, or two in a row.
 struct Restriction {
@@ -71,6 +71,46 @@ impl Form for Restriction {
         if self.place > Place::Operators {
             parameters.iter().for_each(|&time_s| columns.filter(&Lag::new(time_s, run.period_s)));
         }
+    }
+}
+
+/// Air that is compressed at once and warm, and what its heat holds back; or a short way and a long one.
+struct Beside;
+
+impl Form for Beside {
+    fn spec(&self) -> Spec {
+        const SHARE: Parameter = Parameter { name: "second_share", quantity: Quantity::Ratio, low: 0.05, high: 0.95, logarithmic: false };
+        Spec {
+            parameters: &[TIME, SECOND, SHARE],
+            starts: || ladder(0.1, 1.0, 4).into_iter().map(|slow| vec![slow, 0.15 * slow, 0.5]).collect(),
+            ..Spec::new("pneumatic-lag", ("two-beside", "two beside each other before the hysteresis"), Place::Flow)
+        }
+    }
+    leads_input!(|self, parameters, run| Both { lags: [0, 1].map(|at| Lag::new(parameters[at], run.period_s)), share: parameters[2] });
+}
+
+/// What [`Beside`] does to the input.
+#[derive(PartialEq)]
+struct Both {
+    lags: [Lag; 2],
+    share: f64,
+}
+
+impl Filter<3> for Both {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        [first; 3]
+    }
+    #[inline(always)]
+    fn step(&self, [slow, fast, last]: &mut [f64; 3], value: f64) -> f64 {
+        let of = |lag: &Lag, state: &mut f64| {
+            let mut memory = [*state, *last];
+            lag.step(&mut memory, value);
+            *state = memory[0];
+            memory[0]
+        };
+        let both = (1.0 - self.share) * of(&self.lags[0], slow) + self.share * of(&self.lags[1], fast);
+        *last = value;
+        both
     }
 }
 

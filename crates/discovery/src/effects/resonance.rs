@@ -1,17 +1,18 @@
 //! `resonance`: something swings: the tip, a mass on a spring behind the hysteresis; a part of the tip, when the sensor looks at a place
-//! that is held elsewhere too; or the pressure before the hysteresis, air in a tube (Helmholtz) or a regulator that overshoots.
+//! that is held elsewhere too; or the pressure before the hysteresis, air in a tube (Helmholtz) or a regulator that overshoots; on the gas in the
+//! muscle, which is the stiffer the higher its pressure, `1 + k v`; its frequency is that at half of the span.
 
 use std::f64::consts::PI;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::side_by_side;
+use crate::chain::side_by_side::{self, leads_input};
 use crate::data::session::Run;
 use crate::effects::{dead_time, pneumatic_lag};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&TIP, &SHAKEN, &Changing, &PartOfTip, &PRESSURE];
+pub const FORMS: &[&dyn Form] = &[&TIP, &SHAKEN, &Changing, &PartOfTip, &PRESSURE, &GasSpring];
 
 /// Something that swings as a whole.
 struct Swinging {
@@ -28,12 +29,10 @@ static TIP: Swinging = Swinging { form: ("tip", "swinging tip"), place: Place::T
 static SHAKEN: Swinging = Swinging { form: ("shaken-tip", "swinging tip, moved by its drag as well"), shaken: true, ..TIP };
 
 /// Damped more than this it no longer swings, and any lag or delay would pass for it.
-static PRESSURE: Swinging = Swinging {
-    form: ("pressure", "swinging pressure"),
-    place: Place::Tube,
-    parameters: &[FREQUENCY, Parameter { high: 0.6, ..DAMPING }],
-    shaken: false,
-};
+const DAMPING_OF_AIR: Parameter = Parameter { high: 0.6, ..DAMPING };
+
+static PRESSURE: Swinging =
+    Swinging { form: ("pressure", "swinging pressure"), place: Place::Tube, parameters: &[FREQUENCY, DAMPING_OF_AIR], shaken: false };
 
 struct PartOfTip;
 
@@ -124,6 +123,50 @@ impl Form for PartOfTip {
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
+    }
+}
+
+/// Air in a tube on the gas of the muscle.
+struct GasSpring;
+
+impl Form for GasSpring {
+    fn spec(&self) -> Spec {
+        Spec {
+            parameters: &[
+                FREQUENCY,
+                DAMPING_OF_AIR,
+                Parameter { name: "stiffening", quantity: Quantity::PerInput, low: 0.1, high: 5.0, logarithmic: true },
+            ],
+            steps: &[0.15, 0.15, 0.4],
+            starts: || ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.8]).collect(),
+            ..Spec::new("resonance", ("gas-spring", "swinging pressure, stiffer under pressure"), Place::Tube)
+        }
+    }
+    leads_input!(|self, parameters, run| Gas {
+        frequency_hz: parameters[0],
+        damping: parameters[1],
+        stiffening: parameters[2],
+        period_s: run.period_s
+    });
+}
+
+/// What [`GasSpring`] does to the input: its stiffness stands still within a sample.
+#[derive(PartialEq)]
+struct Gas {
+    frequency_hz: f64,
+    damping: f64,
+    stiffening: f64,
+    period_s: f64,
+}
+
+impl Filter<3> for Gas {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        [first, 0.0, first]
+    }
+    #[inline(always)]
+    fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
+        let stiff = ((1.0 + self.stiffening * memory[0]) / (1.0 + 0.5 * self.stiffening)).max(0.1).sqrt();
+        Swing::new(self.frequency_hz * stiff, (self.damping / stiff).min(MOST_DAMPING), self.period_s).step(memory, value)
     }
 }
 
@@ -247,6 +290,26 @@ mod tests {
         }
         // Drag and stiffness stand still within a sample; without either it is exact but for the Euler steps.
         assert!(worst[0] < 1e-4 && worst.iter().all(|error| *error < 5e-3), "{worst:?}");
+    }
+
+    #[test]
+    fn a_plug_of_air_swings_on_the_gas_in_the_muscle() {
+        let (period_s, stiffening) = (0.01, 0.7);
+        let mut found: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (3.0 * f64::from(sample) * period_s).cos()).collect();
+        let input = found.clone();
+        Gas { frequency_hz: 2.5, damping: 0.1, stiffening, period_s }.run(&mut found);
+        let omega = 2.0 * PI * 2.5;
+        // It flows by its inertia, and what has flowed raises the pressure by the gas's own.
+        let (mut place, mut flow, mut error) = (0.0, 0.0, 0.0_f64);
+        for (sample, found) in found.iter().enumerate().skip(1) {
+            for look in 0..1000 {
+                let value = input[sample - 1] + (input[sample] - input[sample - 1]) * f64::from(look) / 1000.0;
+                flow += 1e-3 * period_s * (omega * omega * (value - place) - 2.0 * 0.1 * omega * flow);
+                place += 1e-3 * period_s * flow * (1.0 + stiffening * place) / (1.0 + 0.5 * stiffening);
+            }
+            error = error.max((found - place).abs());
+        }
+        assert!(error < 0.02, "{error}");
     }
 
     #[test]

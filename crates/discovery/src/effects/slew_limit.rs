@@ -1,4 +1,4 @@
-//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or one that sets in gradually.
+//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or such that set in gradually.
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
@@ -38,17 +38,17 @@ static TWO_SIDED: Limit = limit(("two-sided", "a limit for each direction"), &[R
 static TWO_SIDED_HELD: Limit =
     limit(("two-sided-held", "a limit for each direction, of a command that holds between samples"), &[RISING, FALLING], true);
 
-/// One limit that sets in gradually.
+/// Limits that set in gradually.
 struct Gradual {
     form: Told,
     /// As in [`Limit`].
     held: bool,
 }
 
-static GRADUAL: Gradual = Gradual { form: ("gradual", "one limit that sets in gradually"), held: false };
+static GRADUAL: Gradual = Gradual { form: ("gradual", "limits that set in gradually"), held: false };
 
 static GRADUAL_HELD: Gradual =
-    Gradual { form: ("gradual-held", "one limit that sets in gradually, of a command that holds between samples"), held: true };
+    Gradual { form: ("gradual-held", "limits that set in gradually, of a command that holds between samples"), held: true };
 
 impl Form for Limit {
     fn spec(&self) -> Spec {
@@ -84,17 +84,19 @@ impl Form for Gradual {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[
-                Parameter { name: "limit", quantity: Quantity::InputRate, low: 0.02, high: 200.0, logarithmic: true },
+                ONE,
                 Parameter { name: "time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.2, logarithmic: true },
+                Parameter { name: "falling_over_rising", quantity: Quantity::Ratio, low: 0.2, high: 5.0, logarithmic: true },
             ],
-            simpler_at: &[(1, 1e-3)],
+            simpler_at: &[(1, 1e-3), (2, 1.0)],
             // While the limit is out of reach this is a lag.
             cost: Some(2 + usize::from(self.held)),
             ..Spec::new("slew-limit", self.form, Place::Flow)
         }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        ladder(0.1, 0.97, 6).into_iter().map(|share| vec![share * session.fastest_per_s, 0.01]).collect()
+        let of = |share: f64| [0.7, 1.0, 1.4].map(|falling| vec![share * session.fastest_per_s, 0.01, falling]);
+        ladder(0.1, 0.97, 6).into_iter().flat_map(of).collect()
     }
     leads_input!(|self, parameters, run| Saturating::new(parameters, run, self.held));
 }
@@ -105,15 +107,17 @@ impl Form for Gradual {
 struct Saturating {
     /// Share of the error that a step takes away.
     follow: f64,
-    /// The most that it takes away.
-    most: f64,
+    /// The most that it takes away, and that it brings.
+    falling: f64,
+    rising: f64,
     held: bool,
 }
 
 impl Saturating {
     fn new(parameters: &[f64], run: &Run, held: bool) -> Self {
         let step_s = 0.5 * run.period_s;
-        Self { follow: 1.0 - (-step_s / parameters[1]).exp(), most: parameters[0] * step_s, held }
+        let rising = parameters[0] * step_s;
+        Self { follow: 1.0 - (-step_s / parameters[1]).exp(), falling: rising * parameters[2], rising, held }
     }
 }
 
@@ -122,7 +126,7 @@ impl Saturating {
     #[inline(always)]
     fn towards(&self, target: f64, state: f64) -> f64 {
         let wanted = self.follow * (target - state);
-        let steep = (wanted / self.most).abs();
+        let steep = (wanted / if wanted < 0.0 { self.falling } else { self.rising }).abs();
         state + wanted * elementary::power(1.0 + steep * steep * steep, -1.0 / 3.0)
     }
 }

@@ -71,36 +71,41 @@ impl Form for Pressure {
     }
 }
 
-/// A half saturation that no input comes near: a plain power.
-const NO_SATURATION: f64 = 100.0;
-
-/// Hill's curve. A power has no finite slope or curvature at zero, which no polynomial follows: what is missing there would pass for a threshold.
+/// Hill's curve (`b > 1`), and its inverse, which gets ever steeper (`b < 1`). A power has no finite slope or curvature at zero, which no polynomial follows: what is
+/// missing there would pass for a threshold.
 impl Form for Power {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[
                 Parameter { name: "exponent", quantity: Quantity::Ratio, low: 0.3, high: 4.0, logarithmic: true },
-                Parameter { name: "half_saturation", quantity: Quantity::Ratio, low: 0.15, high: NO_SATURATION, logarithmic: true },
+                Parameter { name: "bulge", quantity: Quantity::Ratio, low: 0.1, high: 40.0, logarithmic: true },
             ],
             is_static: true,
-            simpler_at: &[(1, NO_SATURATION)],
-            of_earlier: |form, of| (form == "power of the input: v = u^n").then(|| [of, &[NO_SATURATION]].concat()),
-            starts: || [grid(&[0.6, 0.85, 1.2, 1.6], &[NO_SATURATION]), grid(&[1.2, 2.2], &[0.5, 1.0])].concat(),
+            simpler_at: &[(1, 1.0)],
+            of_earlier: |form, of| match form {
+                "power of the input: v = u^n" => Some([of, &[1.0]].concat()),
+                "input-power" => Some(vec![of[0], 1.0 + of[1].powf(-of[0])]),
+                _ => None,
+            },
+            starts: || [grid(&[0.6, 0.85, 1.2, 1.6], &[1.0]), grid(&[1.2, 2.2], &[2.0, 5.0]), grid(&[1.0, 2.0], &[0.4])].concat(),
             ..Spec::new(
                 "static-nonlinearity",
-                ("input-power", "power of the input that may saturate: v = u^n (1 + h^n) / (u^n + h^n)"),
+                ("input-rational", "power of the input that saturates or steepens: v = b u^n / (1 + (b - 1) u^n)"),
                 Place::Muscle,
             )
         }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
-        let rest = parameters[1].powf(parameters[0]);
+        let [exponent, bulge] = [parameters[0], parameters[1]];
         path.iter_mut().for_each(|value| {
-            let power = value.abs().powf(parameters[0]);
-            *value = value.signum() * power * (1.0 + rest) / (power + rest);
+            let power = value.abs().powf(exponent);
+            *value = value.signum() * bulge * power / (1.0 + (bulge - 1.0) * power).max(MOST_STEEP);
         });
     }
 }
+
+/// A denominator below which a curve gets no steeper.
+const MOST_STEEP: f64 = 0.05;
 
 impl Form for Displacement {
     fn spec(&self) -> Spec {
@@ -195,19 +200,27 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_power_saturates_where_half_of_it_is_reached_within_the_span_and_is_a_plain_one_otherwise() {
+    fn a_power_saturates_or_steepens_or_is_a_plain_one_and_earlier_files_mean_the_same() {
         let input: Vec<f64> = (0..1000).map(|sample| f64::from(sample) / 999.0).collect();
         let time_s = input.iter().map(|value| 20.0 * value).collect();
         let recording =
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let curve = |half: f64| {
+        let curve = |parameters: &[f64]| {
             let mut path = vec![0.25, 0.5, 1.0, -0.5];
-            Power.input(&[2.0, half], run, &mut path);
+            Power.input(parameters, run, &mut path);
             path
         };
-        assert!(curve(NO_SATURATION).iter().zip([0.0625, 0.25, 1.0, -0.25]).all(|(found, wanted)| (found - wanted).abs() < 1e-4));
-        assert!(curve(0.5).iter().zip([0.25, 0.625, 1.0, -0.625]).all(|(found, wanted)| (found - wanted).abs() < 1e-12));
+        let is = |parameters: &[f64], wanted: [f64; 4]| {
+            curve(parameters).iter().zip(wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-12)
+        };
+        assert!(is(&[2.0, 1.0], [0.0625, 0.25, 1.0, -0.25]));
+        // Hill's curve, half of it at half of the span, and its inverse.
+        assert!(is(&[2.0, 5.0], [0.25, 0.625, 1.0, -0.625]));
+        assert!(is(&[1.0, 0.2], [0.0625, 1.0 / 6.0, 1.0, -1.0 / 6.0]));
+        let of = |form: &str, parameters: &[f64]| FORMS[1].of_a_file(form, parameters).expect("its form");
+        assert!(is(&of("input-power", &[2.0, 0.5]), [0.25, 0.625, 1.0, -0.625]));
+        assert!(is(&of("power of the input: v = u^n", &[2.0]), [0.0625, 0.25, 1.0, -0.25]));
     }
 }

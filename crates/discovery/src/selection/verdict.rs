@@ -14,7 +14,7 @@ use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, worked};
-use crate::selection::settings::{FEWEST_FOR_HALVES, HALF, STANDS_OUT, UNEXPLAINED};
+use crate::selection::settings::{FEWEST_FOR_HALVES, GRID_ERROR, HALF, MATERIAL_SHARE, STANDS_OUT, UNEXPLAINED};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits;
 
@@ -133,11 +133,13 @@ impl Jumping {
 
 /// Takes the figures of the simulation, and of the observers where something jumps. What closes less than half of the mean square above the noise on
 /// test recordings is not named, and believed by no more than that share; what jumps has to close half of what the model without it leaves, a valve in
-/// simulation.
-pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, jumping: Option<Jumping>) {
+/// simulation. `span` is that of the output.
+pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, span: f64, jumping: Option<Jumping>) {
     let floor = discovery.noise_floor;
     (discovery.rmse_before, discovery.rmse_after) = (before, after);
     discovery.gap_closed = gap_closed(before, after, floor);
+    let beyond_grid = after * after > floor * floor + (GRID_ERROR * span).powi(2);
+    discovery.errs_kept_out_only = discovery.verdict == Verdict::None && after > STANDS_OUT * floor && beyond_grid;
     if let Some(Jumping { one_step: [smooth, jumps], .. }) = jumping {
         discovery.rmse_before_one_step = Some(smooth);
         discovery.rmse_after_one_step = Some(jumps);
@@ -282,6 +284,21 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     }
 }
 
+/// Names of test recordings whose input goes beyond that of all that was worked with by more than anybody cares about.
+pub fn beyond_range(session: &Session) -> Vec<String> {
+    let reach = |run: &Run, counts: fn(Role) -> bool| {
+        let values = run.input.iter().zip(&run.role).filter(|(_, role)| counts(**role)).map(|(value, _)| *value);
+        values.fold([f64::MAX, f64::MIN], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    let worked = session.runs.iter().map(|run| reach(run, Role::is_worked_with));
+    let [low, high] = worked.fold([f64::MAX, f64::MIN], |all, run| [all[0].min(run[0]), all[1].max(run[1])]);
+    let goes_beyond = |run: &&Run| {
+        let [lowest, highest] = reach(run, |role| role == Role::Test);
+        lowest < low - MATERIAL_SHARE || highest > high + MATERIAL_SHARE
+    };
+    session.runs.iter().filter(goes_beyond).map(|run| run.name.clone()).collect()
+}
+
 /// What of a recording takes no part in any choice: all of it by its name, or its blocks by their times.
 fn kept_out_of(run: &Run) -> Vec<String> {
     if !run.is_worked_with() {
@@ -325,7 +342,7 @@ mod tests {
     fn confirmed(drive: Drive, [before, after, smooth]: [f64; 3], one_step: [f64; 2]) -> (Verdict, Vec<f64>) {
         let name = if drive == Drive::Command { "valve-dead-band" } else { "stick-slip" };
         let mut discovery = named(name);
-        confirm(&mut discovery, before, after, Some(Jumping { name, drive, smooth, one_step }));
+        confirm(&mut discovery, before, after, 1.0, Some(Jumping { name, drive, smooth, one_step }));
         (discovery.verdict, discovery.effects.iter().map(|effect| effect.confidence).collect())
     }
 
@@ -344,15 +361,30 @@ mod tests {
     }
 
     #[test]
+    fn where_only_what_was_kept_out_errs_it_says_so() {
+        // Noise of 0.1 on spans of 1 and 1000: the grid of play operators leaves up to 0.8 of the latter.
+        for (verdict, after, span, expected) in [
+            (Verdict::None, 0.3, 1.0, true),
+            (Verdict::None, 0.3, 1000.0, false),
+            (Verdict::None, 0.11, 1.0, false),
+            (Verdict::Unknown, 0.3, 1.0, false),
+        ] {
+            let mut discovery = Discovery { verdict, noise_floor: 0.1, ..Discovery::default() };
+            confirm(&mut discovery, after, after, span, None);
+            assert_eq!((discovery.errs_kept_out_only, discovery.verdict), (expected, verdict));
+        }
+    }
+
+    #[test]
     fn what_closes_less_than_half_of_the_gap_is_believed_by_that_share() {
         let mut discovery = named("valve-dead-band");
-        confirm(&mut discovery, 1.0, 0.9, None);
+        confirm(&mut discovery, 1.0, 0.9, 1.0, None);
         let share = 1.0 - (0.81 - 0.01) / (1.0 - 0.01);
         assert_eq!(discovery.verdict, Verdict::Ambiguous);
         assert!(discovery.effects.iter().all(|effect| (effect.confidence - share).abs() < 1e-12), "{:?}", discovery.effects);
         // Where there was no gap nothing is taken back.
         let mut discovery = named("valve-dead-band");
-        confirm(&mut discovery, 0.1, 0.1, None);
+        confirm(&mut discovery, 0.1, 0.1, 1.0, None);
         assert_eq!(discovery.verdict, Verdict::Named);
     }
 }

@@ -67,7 +67,7 @@ fn stage(effect: &Slot) -> Option<Stage> {
         | ("pneumatic-lag", "before" | "before-held" | "orifice")
         | ("fill-vent-asymmetry", "by-error" | "by-error-held" | "orifices") => Stage::Flow,
         ("pneumatic-lag", "two-before") | ("resonance", "pressure") => Stage::Line,
-        ("activation-threshold", "rounded" | "opens" | "two-sided") | ("static-nonlinearity", "input-cubic" | "input-power") => {
+        ("activation-threshold", "rounded" | "opens" | "two-sided") | ("static-nonlinearity", "input-cubic" | "input-rational") => {
             Stage::Muscle
         }
         ("asymmetric-hysteresis", "bouc-wen" | "bouc-wen-going-on" | "dahl" | "dahl-going-on") => return None,

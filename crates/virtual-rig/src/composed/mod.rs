@@ -5,6 +5,8 @@
 //! form is chosen on a law that it is judged by. The other rigs share no law with this one.
 
 mod draw;
+mod eighth_laws;
+mod eighth_laws_of_time;
 mod fifth_laws;
 mod fifth_laws_of_time;
 mod fourth_laws;
@@ -16,6 +18,8 @@ mod reporting;
 mod second_laws;
 mod second_reporting;
 mod session;
+mod seventh_laws;
+mod seventh_laws_of_time;
 mod sixth_laws;
 mod smooth_laws;
 mod third_laws;
@@ -53,6 +57,12 @@ pub const FIRST_OF_TEXTBOOKS: u64 = 6000;
 /// First seed to tune on that draws one law of a ladder of them, where an effect has one.
 pub const FIRST_OF_LADDERS: u64 = 8000;
 
+/// First seed to tune on that draws one law of many, written by an outsider, for eleven effects.
+pub const FIRST_OF_SEVENTH: u64 = 8300;
+
+/// First of a hundred seeds to tune on that draw one of as many others.
+pub const FIRST_OF_EIGHTH: u64 = 8400;
+
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
     let span_bar = plant.random_range(1.5..2.9);
@@ -77,6 +87,10 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     for name in names {
         let drawn = match set {
             _ if name == "smooth-hysteresis" => smooth_laws::smooth_hysteresis(set, &mut draw),
+            Set::Tuning if (FIRST_OF_EIGHTH..FIRST_OF_EIGHTH + 100).contains(&config.seed) => {
+                eighth_laws::tuning(name, config.seed, &mut draw)
+            }
+            Set::Tuning if (FIRST_OF_SEVENTH..FIRST_OF_EIGHTH).contains(&config.seed) => seventh_laws::tuning(name, config.seed, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_LADDERS => sixth_laws::tuning(name, config.seed, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_TEXTBOOKS => fifth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),
@@ -170,4 +184,40 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
         continuous: muscle.carries,
     };
     Ok(Case { recordings, kept_out, truth })
+}
+
+#[cfg(test)]
+mod tests {
+    //! Every one of many laws stays finite and shows.
+
+    use super::{FIRST_OF_EIGHTH, FIRST_OF_SEVENTH, seventh_laws::COUNTS};
+    use crate::{Case, CaseConfig, Excitation, Generator, hide};
+
+    fn make(effects: Vec<String>, seed: u64) -> Case {
+        let (excitation, generator) = (Excitation::Rich, Generator::ComposedTuning);
+        hide(&CaseConfig { effects, seed, noise: 0.0, excitation, generator, ..CaseConfig::default() }).expect("a case")
+    }
+
+    #[test]
+    fn every_law_of_an_outsider_stays_finite_and_shows_on_some_recordings() {
+        for seed in [FIRST_OF_SEVENTH, FIRST_OF_EIGHTH].into_iter().flat_map(|first| first..first + 6) {
+            let plain = make(Vec::new(), seed);
+            let range = plain.recordings.iter().flat_map(|run| &run.output).fold(0.0_f64, |top, value| top.max(*value));
+            // As many seeds in a row as there are laws draw each of them.
+            for (name, _) in COUNTS.into_iter().filter(|(_, count)| seed % 100 < *count) {
+                let hidden = make(vec![name.to_owned()], seed);
+                let pairs = plain.recordings.iter().zip(&hidden.recordings);
+                let shares = pairs.map(|(before, after)| {
+                    assert!(after.output.iter().all(|value| value.is_finite() && value.abs() < 3.0 * range), "{seed}: {name}");
+                    let sum = before.output.iter().zip(&after.output).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
+                    (sum / before.output.len() as f64).sqrt() / range
+                });
+                let shares: Vec<f64> = shares.collect();
+                assert!(
+                    shares.iter().any(|share| (0.01..0.25).contains(share)),
+                    "{seed}: {name} changes the recordings by {shares:.3?} of range"
+                );
+            }
+        }
+    }
 }
