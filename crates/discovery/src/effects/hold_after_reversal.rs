@@ -70,7 +70,7 @@ impl Form for Held {
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
         let of = |[hold, trough, error]: [f64; 3]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough, error]);
         let for_a_time = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0, ANY_ERROR], [hold, 0.0, ANY_ERROR]]);
-        let for_a_way = ladder(0.06, 0.4, 6).into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
+        let for_a_way = ladder(0.04, 0.4, 72).into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
         let grid = for_a_time.chain(for_a_way).flat_map(of);
         let steps = Steps::new(session, residual, |run| run.input.clone());
         steps.best(grid, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
