@@ -70,10 +70,14 @@ impl Form for Held {
         let catching_up = [[0.02, ANY_RATE], [0.08, ANY_RATE], [AT_ONCE_S, 3.0], [AT_ONCE_S, 1.0]];
         let of = |[hold, trough, error]: [f64; 3]| catching_up.map(|[time, rate]| vec![hold, time, rate, trough, error]);
         let for_a_time = ladder(0.08, 1.5, 16).into_iter().flat_map(|hold| [[hold, 1.0, ANY_ERROR], [hold, 0.0, ANY_ERROR]]);
-        let for_a_way = ladder(0.04, 0.4, 72).into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
-        let grid = for_a_time.chain(for_a_way).flat_map(of);
+        // Without a time of its own, whether it begins anew makes no difference.
+        let ways = if self.anew { Vec::new() } else { ladder(0.04, 0.4, 72) };
+        let for_a_way = ways.into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
         let steps = Steps::new(session, residual, |run| run.input.clone());
-        steps.best(grid, |parameters, run, path| Regulator::new(parameters, self, run).run(path))
+        let best = |grid: Vec<[f64; 3]>| {
+            steps.best(grid.into_iter().flat_map(of), |parameters, run, path| Regulator::new(parameters, self, run).run(path))
+        };
+        [best(for_a_time.collect()), best(for_a_way.collect())].concat()
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));
 }
@@ -244,16 +248,24 @@ mod tests {
         let recording =
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
-        for (hold_s, trough) in [(0.2, 1.0), (0.2, 0.0), (0.6, 1.0), (0.6, 0.0)] {
+        let starts = |parameters: [f64; 5]| {
             let missed = |run: &Run| {
                 let mut path = run.input.clone();
-                ONCE.input(&[hold_s, 0.02, ANY_RATE, trough, ANY_ERROR], run, &mut path);
+                ONCE.input(&parameters, run, &mut path);
                 path.iter().zip(&run.input).map(|(held, command)| held - command).collect()
             };
             let residual: Vec<Vec<f64>> = session.runs.iter().map(missed).collect();
-            let starts = ONCE.starts(&session, &residual);
+            ONCE.starts(&session, &residual)
+        };
+        for (hold_s, trough) in [(0.2, 1.0), (0.2, 0.0), (0.6, 1.0), (0.6, 0.0)] {
+            let starts = starts([hold_s, 0.02, ANY_RATE, trough, ANY_ERROR]);
             // A tenth is half a step of the ladder.
             assert!((starts[0][0] / hold_s).ln().abs() < 0.11 && starts[0][3] == trough, "{hold_s} s, {trough}: {starts:?}");
+        }
+        for error in [0.1, 0.25] {
+            let starts = starts([FOR_EVER_S, 0.02, ANY_RATE, 1.0, error]);
+            let first = starts.iter().find(|start| start[4] < ANY_ERROR).expect("one of them");
+            assert!((first[4] / error).ln().abs() < 0.017, "{error}: {first:?}");
         }
     }
 
