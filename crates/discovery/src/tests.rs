@@ -440,7 +440,7 @@ fn a_power_of_the_pressure_is_no_threshold_beside_a_curve() {
     assert_eq!(names, ["static-nonlinearity"], "{finding:?}");
     assert_eq!(
         (finding.verdict, finding.effects[0].form.as_str()),
-        (Verdict::Named, "power of the input that may saturate: v = u^n (1 + h^n) / (u^n + h^n)")
+        (Verdict::Named, "power of the input that saturates or steepens: v = b u^n / (1 + (b - 1) u^n)")
     );
 }
 

@@ -179,7 +179,7 @@ mod tests {
         let case = rig::hide(&config).expect("a case");
         let session = Session::new(&case.recordings[..12], &[]).expect("a session");
         let bench = Bench { session: &session, forms: vec![supply_saturation::FORMS[0]], threads: 1, watch: &|_| {} };
-        let mut leak = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2]);
+        let mut leak = Model::baseline(InitialState::carrying(case.truth.continuous), false).with(leakage::FORMS[1], vec![10.0, 0.2, 0.0]);
         leak = forms::polish(&leak, &session, Scope::Fit, POLISH).model;
         let left = |order| {
             let mut pairs = Vec::new();
