@@ -1,6 +1,6 @@
 //! `leakage`: what is held trickles away: strokes pass, the level decays, `dv/dt = du/dt - v / T`, never below zero, or either way; or, with a regulator
 //! that slowly fills up again, decays towards a share of the command, `dv/dt = du/dt - (v - k u) / T`, and perhaps leaks
-//! above a pressure only, at which a seal lifts, `P`: then `v` in the leak is `max(v - P, 0)`; or through a hole in which the flow
+//! above a pressure only, at which a lip lifts, `P`: then `v` in the leak is `max(v - P, 0)`; or through a hole in which the flow
 //! is turbulent, `dv/dt = du/dt - v^n / T`: `n` is one for laminar flow and one half for a wide hole. Where the valve goes on filling through
 //! a restriction, `T dv/dt = u - v - L sqrt(v)`; a laminar leak there is nothing but a shorter lag and a smaller gain.
 
@@ -48,7 +48,7 @@ fn lowest(run: &Run) -> f64 {
     if run.input.iter().all(|&value| value >= -0.05) { 0.0 } else { f64::MIN }
 }
 
-/// Lets `path` decay towards `kept` times itself, not below `floor`; what a seal holds that lifts at a pressure does not leak below it.
+/// Lets `path` decay towards `kept` times itself, not below `floor`; what a lip holds that lifts at a pressure does not leak below it.
 fn leak(path: &mut [f64], time_s: f64, [kept, lifts]: [f64; 2], period_s: f64, floor: f64) {
     let keeps = [(-period_s / time_s).exp(), (-period_s * kept / time_s).exp()];
     let mut state = path[0];

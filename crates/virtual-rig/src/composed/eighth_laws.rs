@@ -9,7 +9,8 @@ use rand::RngExt;
 use super::draw::{Draw, STEP_S};
 use super::eighth_laws_of_time as of_time;
 use super::laws::{self, Drawn, first_order, stage};
-use super::seventh_laws::{Speed, Stroke, law_of, nears};
+use super::motion::{Speed, Stroke, nears};
+use super::seventh_laws::law_of;
 
 /// Draws the law of the effect `name` that belongs to `seed`.
 pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {

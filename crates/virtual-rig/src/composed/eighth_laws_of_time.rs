@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::draw::{Draw, STEP_S};
 use super::laws::{Drawn, stage};
-use super::seventh_laws::{Stroke, nears};
+use super::motion::{Stroke, nears};
 use super::seventh_laws_of_time::told;
 
 /// Laws of a muscle whose first strokes are other ones.

@@ -13,6 +13,7 @@ mod fourth_laws;
 mod fourth_laws_of_time;
 mod ladders_of_time;
 mod laws;
+mod motion;
 mod muscle;
 mod reporting;
 mod second_laws;

@@ -6,6 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::draw::{Draw, STEP_S};
 use super::laws::{self, Drawn, Turn, first_order, stage};
+use super::motion::{Speed, Stroke, nears};
 use super::seventh_laws_of_time as of_time;
 
 /// How many laws each effect has, here and in `eighth_laws`.
@@ -45,53 +46,6 @@ pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
 /// Number of the law of the effect `name` that belongs to `seed`.
 pub(super) fn law_of(name: &str, seed: u64) -> u64 {
     COUNTS.iter().find(|(known, _)| *known == name).map_or(0, |(_, count)| seed % count)
-}
-
-/// How fast a signal moves, smoothed.
-#[derive(Default)]
-pub(super) struct Speed {
-    last: f64,
-    per_s: f64,
-}
-
-impl Speed {
-    /// Units per second after a step, with their sign.
-    pub(super) fn step(&mut self, value: f64, smooth_s: f64) -> f64 {
-        self.per_s += ((value - self.last) / STEP_S - self.per_s) * STEP_S / smooth_s;
-        self.last = value;
-        self.per_s
-    }
-}
-
-/// The stroke that a signal is on.
-#[derive(Default)]
-pub(super) struct Stroke {
-    /// Where it began.
-    pub(super) start: f64,
-    /// Whether it goes down.
-    pub(super) falls: bool,
-    farthest: f64,
-}
-
-impl Stroke {
-    /// How long the last stroke was, if the signal has just turned back by more than `margin`.
-    pub(super) fn turned(&mut self, value: f64, margin: f64) -> Option<f64> {
-        let ahead = if self.falls { self.farthest - value } else { value - self.farthest };
-        if ahead >= 0.0 {
-            self.farthest = value;
-        }
-        if ahead >= -margin {
-            return None;
-        }
-        let length = (self.farthest - self.start).abs();
-        *self = Self { start: self.farthest, falls: !self.falls, farthest: value };
-        Some(length)
-    }
-}
-
-/// Nears `aim` exponentially over the way `onset`, whatever the size of the steps.
-pub(super) fn nears(state: f64, aim: f64, way: f64, onset: f64) -> f64 {
-    aim + (state - aim) * (-way.abs() / onset).exp()
 }
 
 /// Laws of a loop whose width goes with the speed.
@@ -183,12 +137,12 @@ fn stick_slip(law: u64, draw: &mut Draw<'_>) -> Drawn {
             let (mut blocks, mut sliding) = ([0.0_f64; 2], [false; 2]);
             Drawn::Behind(stage(move |value: f64, _| {
                 let between = stiffness * (blocks[0] - blocks[1]);
-                let pulls = [value - blocks[0] - between, between];
+                let forces = [value - blocks[0] - between, between];
                 for block in 0..2 {
-                    let (pull, hold) = (pulls[block], holds[block]);
-                    sliding[block] = pull.abs() > if sliding[block] { kinetic * hold } else { hold };
+                    let (force, hold) = (forces[block], holds[block]);
+                    sliding[block] = force.abs() > if sliding[block] { kinetic * hold } else { hold };
                     if sliding[block] {
-                        blocks[block] += (pull - 0.8 * kinetic * hold * pull.signum()) * STEP_S / 0.008;
+                        blocks[block] += (force - 0.8 * kinetic * hold * force.signum()) * STEP_S / 0.008;
                     }
                 }
                 blocks[1]
@@ -258,7 +212,7 @@ fn valve(law: u64, draw: &mut Draw<'_>) -> Drawn {
             state += if error > 0.0 || open { error * STEP_S / flow_s } else { 0.0 };
             state
         })),
-        // The pressure presses the seal onto the spool: what it takes to open grows with it, as for every contact seal.
+        // The pressure presses the packing onto the spool: what it takes to open grows with it.
         _ => Drawn::Before(stage(move |value: f64, _| {
             let error = value - state;
             let own = band * (0.4 + 1.5 * (state / span).clamp(0.0, 1.0));
@@ -314,7 +268,7 @@ fn leakage(law: u64, draw: &mut Draw<'_>) -> Drawn {
     let span = draw.span_bar;
     let (mut lost, mut last, mut speed) = (0.0_f64, 0.0, Speed::default());
     match law {
-        // A fitting whose seal lifts above a pressure; the regulator's integral makes it good by and by: lip seals that blow by.
+        // A fitting whose lip lifts above a pressure; the regulator's integral makes it good by and by.
         0 => {
             let (lifts, leak_s, refill_s) = (span * draw.even(0.25, 0.45), draw.log(3.0, 8.0), draw.log(2.0, 6.0));
             Drawn::Before(stage(move |value: f64, _| {

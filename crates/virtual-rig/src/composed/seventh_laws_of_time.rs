@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::draw::{Draw, STEP_S};
 use super::laws::{Drawn, stage};
-use super::seventh_laws::{Speed, Stroke};
+use super::motion::{Speed, Stroke};
 
 /// Laws of a muscle whose first strokes are other ones.
 pub(super) fn softening(law: u64, draw: &mut Draw<'_>) -> Drawn {
