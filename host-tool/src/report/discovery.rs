@@ -15,7 +15,7 @@ pub fn headline(discovery: &Discovery) -> String {
     let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
     match discovery.verdict {
         Verdict::None if discovery.errs_kept_out_only => {
-            "Nothing is missing in the recordings that were worked with; in those that were kept out something is.".to_owned()
+            "Nothing is missing in the recordings that were worked with, but the model does not follow those that were kept out.".to_owned()
         }
         Verdict::None if discovery.stands_out() => {
             "Nothing is missing: what the model leaves above the noise is no more than its grid of play operators may leave.".to_owned()

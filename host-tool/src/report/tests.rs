@@ -282,7 +282,7 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     let found = &mut finding.discovery;
     (found.verdict, found.errs_kept_out_only, found.beyond_range) = (discover::Verdict::None, true, vec!["far.csv".to_owned()]);
     (found.rmse_after, found.noise_floor) = (0.3, 0.1);
-    assert!(discovery::headline(found).contains("in those that were kept out something is"), "{}", discovery::headline(found));
+    assert!(discovery::headline(found).contains("does not follow those that were kept out"), "{}", discovery::headline(found));
     assert_eq!(
         discovery::warning(found).as_deref(),
         Some(

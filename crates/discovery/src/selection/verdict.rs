@@ -318,6 +318,10 @@ fn kept_out_of(run: &Run) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use recording::{Recording, Signal};
+
     use super::*;
 
     /// A dead time and what jumps, both believed, and noise of 0.1.
@@ -373,6 +377,21 @@ mod tests {
             confirm(&mut discovery, after, after, span, None);
             assert_eq!((discovery.errs_kept_out_only, discovery.verdict), (expected, verdict));
         }
+    }
+
+    #[test]
+    fn kept_out_recordings_that_go_beyond_all_others_are_told() {
+        let of = |name: &str, peak: f64| {
+            let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
+            let input: Vec<f64> = time_s.iter().map(|time| 0.5 * peak * (1.0 - (2.0 * time).cos())).collect();
+            let signals = (Signal::pressure_bar(), Signal::displacement_mm());
+            Recording::new(Path::new(name), signals.0, signals.1, time_s, input.clone(), input).expect("a recording")
+        };
+        let worked: Vec<Recording> = (0..8).map(|number| of(&format!("worked_{number}.csv"), 2.0 - 0.1 * f64::from(number))).collect();
+        // Two hundredths of the span are what nobody cares about.
+        let (mut session, test) = Session::split(&worked, &[of("far.csv", 2.4), of("near.csv", 2.04)]).expect("a session");
+        test.reveal(&mut session);
+        assert_eq!(beyond_range(&session), ["far.csv"]);
     }
 
     #[test]
