@@ -8,28 +8,24 @@ use rand::RngExt;
 
 use super::draw::{Draw, STEP_S};
 use super::eighth_laws_of_time as of_time;
-use super::laws::{self, Drawn, first_order, stage};
+use super::laws::{Drawn, first_order, stage};
 use super::motion::{Speed, Stroke, nears};
-use super::seventh_laws::law_of;
+use super::seventh_laws::Laws;
 
-/// Draws the law of the effect `name` that belongs to `seed`.
-pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
-    let law = law_of(name, seed);
-    match name {
-        "first-cycle-softening" => of_time::softening(law, draw),
-        "resonance" => of_time::resonance(law, draw),
-        "creep" => of_time::creep(law, draw),
-        "rate-dependent-hysteresis" => rate_dependent_hysteresis(law, draw),
-        "stick-slip" => stick_slip(law, draw),
-        "valve-dead-band" => valve(law, draw),
-        "hold-after-reversal" => hold(law, draw),
-        "leakage" => leakage(law, draw),
-        "pneumatic-lag" => lag(law, draw),
-        "fill-vent-asymmetry" => fill_vent_asymmetry(law, draw),
-        "asymmetric-hysteresis" => asymmetric_hysteresis(law, draw),
-        other => laws::tuning(other, draw),
-    }
-}
+/// The laws of this file and `eighth_laws_of_time`.
+pub(super) const LAWS: Laws = [
+    of_time::softening,
+    of_time::resonance,
+    of_time::creep,
+    rate_dependent_hysteresis,
+    stick_slip,
+    valve,
+    hold,
+    leakage,
+    lag,
+    fill_vent_asymmetry,
+    asymmetric_hysteresis,
+];
 
 /// Laws of a loop whose width goes with the speed.
 fn rate_dependent_hysteresis(law: u64, draw: &mut Draw<'_>) -> Drawn {

@@ -89,9 +89,11 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
         let drawn = match set {
             _ if name == "smooth-hysteresis" => smooth_laws::smooth_hysteresis(set, &mut draw),
             Set::Tuning if (FIRST_OF_EIGHTH..FIRST_OF_EIGHTH + 100).contains(&config.seed) => {
-                eighth_laws::tuning(name, config.seed, &mut draw)
+                seventh_laws::tuning(&eighth_laws::LAWS, name, config.seed, &mut draw)
             }
-            Set::Tuning if (FIRST_OF_SEVENTH..FIRST_OF_EIGHTH).contains(&config.seed) => seventh_laws::tuning(name, config.seed, &mut draw),
+            Set::Tuning if (FIRST_OF_SEVENTH..FIRST_OF_EIGHTH).contains(&config.seed) => {
+                seventh_laws::tuning(&seventh_laws::LAWS, name, config.seed, &mut draw)
+            }
             Set::Tuning if config.seed >= FIRST_OF_LADDERS => sixth_laws::tuning(name, config.seed, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_TEXTBOOKS => fifth_laws::tuning(name, config.seed % 2, &mut draw),
             Set::Tuning if config.seed >= FIRST_OF_STRANGERS => fourth_laws::tuning(name, config.seed % 2, &mut draw),

@@ -24,28 +24,30 @@ pub(super) const COUNTS: [(&str, u64); 11] = [
     ("asymmetric-hysteresis", 3),
 ];
 
-/// Draws the law of the effect `name` that belongs to `seed`.
-pub(super) fn tuning(name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
-    let law = law_of(name, seed);
-    match name {
-        "first-cycle-softening" => of_time::softening(law, draw),
-        "resonance" => of_time::resonance(law, draw),
-        "creep" => of_time::creep(law, draw),
-        "rate-dependent-hysteresis" => rate_dependent_hysteresis(law, draw),
-        "stick-slip" => stick_slip(law, draw),
-        "valve-dead-band" => valve(law, draw),
-        "hold-after-reversal" => hold(law, draw),
-        "leakage" => leakage(law, draw),
-        "pneumatic-lag" => lag(law, draw),
-        "fill-vent-asymmetry" => fill_vent_asymmetry(law, draw),
-        "asymmetric-hysteresis" => asymmetric_hysteresis(law, draw),
-        other => laws::tuning(other, draw),
-    }
-}
+/// The laws of each effect, in the same order.
+pub(super) type Laws = [fn(u64, &mut Draw<'_>) -> Drawn; COUNTS.len()];
 
-/// Number of the law of the effect `name` that belongs to `seed`.
-pub(super) fn law_of(name: &str, seed: u64) -> u64 {
-    COUNTS.iter().find(|(known, _)| *known == name).map_or(0, |(_, count)| seed % count)
+/// Those of this file and `seventh_laws_of_time`.
+pub(super) const LAWS: Laws = [
+    of_time::softening,
+    of_time::resonance,
+    of_time::creep,
+    rate_dependent_hysteresis,
+    stick_slip,
+    valve,
+    hold,
+    leakage,
+    lag,
+    fill_vent_asymmetry,
+    asymmetric_hysteresis,
+];
+
+/// Draws the law of the effect `name` that belongs to `seed`.
+pub(super) fn tuning(laws: &Laws, name: &str, seed: u64, draw: &mut Draw<'_>) -> Drawn {
+    match COUNTS.iter().position(|(known, _)| *known == name) {
+        Some(at) => laws[at](seed % COUNTS[at].1, draw),
+        None => laws::tuning(name, draw),
+    }
 }
 
 /// Laws of a loop whose width goes with the speed.
