@@ -178,8 +178,8 @@ impl<const LAW: usize> Filter<3> for Following<LAW> {
             DRIVE => {
                 let level = state.clamp(0.0, 1.0);
                 let drive = if fills { 1.0 - level } else { level };
-                // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
                 let shut = ((target - *state).abs() / self.full).max(1.0);
+                // With all of the drive the time constant is its own, with none of it the flow is less by the fading.
                 lag_coefficients(time_s * shut / (1.0 - self.third * (1.0 - drive)), self.period_s)
             }
             POWER_LAW => lag_coefficients(through_orifice_s(time_s, target - *state, self.third), self.period_s),
