@@ -305,20 +305,27 @@ impl Comparison {
         Some((second, self.set.iter().all(|member| member.index != second.index)))
     }
 
-    /// Probability that an effect is part of the explanation: the share of draws of recordings, with replacement, by which the cheapest model within
-    /// the margin of the best has it.
+    /// Probability that an effect is part of the explanation: the share of draws of recordings, with replacement, by which the cheapest model that no
+    /// other one is better than by the margin has it. Two are compared as for the set.
     pub fn probability(&self, name: &str) -> f64 {
         let mut generator = ChaCha8Rng::seed_from_u64(self.seed);
         let recordings = self.scored[0].densities.len();
+        let ranks = |one: &Scored| -> Vec<Vec<f64>> {
+            let others = self.scored.iter().filter(|other| other.index != one.index);
+            others.map(|other| signed_ranks(&other.densities, &one.densities, self.margin)).collect()
+        };
+        let beaten_by: Vec<Vec<Vec<f64>>> = self.scored.iter().map(ranks).collect();
         let has_it = |_: &usize| {
             let drawn: Vec<usize> = (0..recordings).map(|_| generator.random_range(0..recordings)).collect();
-            let of = |one: &Scored| drawn.iter().map(|&at| one.densities[at]).sum::<f64>() / recordings as f64;
-            let means: Vec<f64> = self.scored.iter().map(of).collect();
-            let enough = means.iter().copied().fold(f64::MIN, f64::max) - self.margin;
-            let cheapest = (0..means.len())
-                .filter(|&at| means[at] >= enough)
-                .min_by(|&x, &y| self.scored[x].cost.cmp(&self.scored[y].cost).then(means[y].total_cmp(&means[x])));
-            cheapest.is_some_and(|at| self.scored[at].names.contains(&name))
+            let sum = |values: &Vec<f64>| drawn.iter().map(|&at| values[at]).sum::<f64>();
+            let beaten = |at: usize| beaten_by[at].iter().map(sum).fold(0.0, f64::max);
+            let key = |at: usize| (beaten(at), self.scored[at].cost, -sum(&self.scored[at].densities));
+            let keys: Vec<(f64, usize, f64)> = (0..self.scored.len()).map(key).collect();
+            let best = (0..keys.len()).min_by(|&x, &y| {
+                let (x, y) = (keys[x], keys[y]);
+                x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)).then(x.2.total_cmp(&y.2))
+            });
+            best.is_some_and(|at| self.scored[at].names.contains(&name))
         };
         (0..RESAMPLES).filter(has_it).count() as f64 / RESAMPLES as f64
     }

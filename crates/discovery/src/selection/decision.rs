@@ -9,7 +9,7 @@ use crate::selection::criterion::Comparison;
 use crate::selection::found::Outcome;
 use crate::selection::leaves::{Left, worked};
 use crate::selection::rounds::POLISH;
-use crate::selection::settings::{HALF, MOST_COMPARED, UNEXPLAINED};
+use crate::selection::settings::{GRID_ERROR, HALF, MOST_COMPARED, UNEXPLAINED};
 
 /// What was decided.
 pub struct Decision {
@@ -64,8 +64,8 @@ fn jumps(model: &Model) -> bool {
 }
 
 /// The models that can be the answer: without those that close too little beside the best, and without those that have an effect more than another one
-/// needs. What that one leaves is no more than a form's error may be then, and the further effect explains too little of it. What mends a form is no
-/// effect by itself: a true one explains what is left without it, as a first one must what there is.
+/// needs. What that one leaves is no more than a form's error may be then, and the further effect explains too little of it, or it is the grid's. What mends
+/// a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
 fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
     let missed = |model: &Model| {
         let mut fine = model.regrown();
@@ -73,8 +73,10 @@ fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
         fine.residuals(session)
     };
     let missed: Vec<Option<Vec<Vec<f64>>>> = models.iter().map(|model| (!jumps(model)).then(|| missed(model))).collect();
-    let floor = missed.iter().flatten().map(|missed| noise::floor(session, missed).powi(2)).fold(f64::MAX, f64::min);
     let squares: Vec<Option<f64>> = missed.iter().map(|missed| Some(worked(session, missed.as_ref()?, false))).collect();
+    // The noise is no more than what the best of them leaves.
+    let noises = missed.iter().flatten().map(|missed| noise::floor(session, missed).powi(2));
+    let floor = noises.chain(squares.iter().copied().flatten()).fold(f64::MAX, f64::min);
     // What one leaves of what another missed, where neither jumps.
     let left = |is: usize, was: usize| Some(Left::new(squares[was]?, squares[is]?, floor));
     let is_part = |part: usize, whole: usize| {
@@ -82,15 +84,17 @@ fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
         part > 0 && models[part].slots.len() < models[whole].slots.len() && models[part].names().all(has)
     };
     let suffices = |part: usize, whole: usize| {
-        let little = left(whole, part).is_some_and(|left| left.share > UNEXPLAINED[0]);
-        left(part, 0).is_some_and(|left| !left.stands_out || !left.is_too_much() && little)
+        let excess = |model: usize| squares[model].map(|square| (square - floor).max(0.0));
+        let (Some(of_part), Some(of_whole)) = (excess(part), excess(whole)) else { return false };
+        let is_enough = left(part, 0).is_some_and(|left| !left.is_too_much());
+        is_enough && (of_part <= GRID_ERROR * GRID_ERROR || of_whole > UNEXPLAINED[1] * of_part)
     };
     // What closes less than half of what another one closes is no rival of it, however much the criterion lets pass for slow error.
     let closes = |model: usize| left(model, 0).map(|left| 1.0 - left.share);
     let most = (1..models.len()).filter_map(closes).fold(0.0, f64::max);
     let is_rival = |model: usize| model == 0 || closes(model).is_none_or(|share| share >= HALF * most);
     let stays = |whole: &usize| {
-        let mends = |part| is_part(part, *whole) && squares[*whole].is_some() && suffices(part, *whole);
+        let mends = |part| is_part(part, *whole) && suffices(part, *whole);
         is_rival(*whole) && !(0..models.len()).any(mends)
     };
     (0..models.len()).filter(stays).map(|at| models[at].clone()).collect()
@@ -125,7 +129,7 @@ fn by_loss(session: &Session, model: &Model, owned: &[&str]) -> Vec<&'static str
 
 #[cfg(test)]
 mod tests {
-    use virtual_rig::{self as rig, CaseConfig, Generator};
+    use virtual_rig::{self as rig, CaseConfig, Excitation, Generator};
 
     use super::*;
     use crate::effects::{dead_time, pneumatic_lag, supply_saturation};
@@ -152,6 +156,23 @@ mod tests {
         assert!(alone.contains(&"dead-time".into()) && alone.iter().all(|names| !names.contains('+')), "{alone:?}");
         let both = staying(&["dead-time", "supply-saturation"]);
         assert!(both.contains(&"supply-saturation+dead-time".into()), "{both:?}");
+    }
+
+    #[test]
+    fn an_effect_that_hides_in_what_passes_for_noise_is_named_beside_another() {
+        // The edges of what a held command does pass for noise, more of it than the hysteresis that follows the rate leaves.
+        let config = CaseConfig {
+            effects: ["rate-dependent-hysteresis", "sample-and-hold"].map(str::to_owned).into(),
+            seed: 3453,
+            generator: Generator::ComposedTuning,
+            excitation: Excitation::Rich,
+            ..CaseConfig::default()
+        };
+        let case = rig::hide(&config).expect("a case");
+        let discovery = crate::discover(&case.recordings, &case.kept_out, &crate::DiscoverConfig::default()).expect("a finding").discovery;
+        let mut names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["rate-dependent-hysteresis", "sample-and-hold"], "{discovery:?}");
     }
 
     #[test]

@@ -50,7 +50,8 @@ fn is_confounded(session: &Session, slot: &Slot) -> bool {
 const AT_A_LIMIT: f64 = 1e-3;
 
 /// How far an effect can be believed by what is known of its parameters: 1 when all are known exactly, and no more than [`HALF`] when
-/// one could lie anywhere in its range. One at a limit of the search could lie anywhere beyond; where the law is a simpler one, none is missed.
+/// one could lie anywhere in its range; between these by the share of the variance of the one known least that is left. One at a limit of the search
+/// could lie anywhere beyond; where the law is a simpler one, none is missed.
 fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
     if slot.form.spec().discrete {
         return 1.0;
@@ -66,7 +67,7 @@ fn determined(slot: &Slot, half_widths: &[f64]) -> f64 {
         }
     };
     let widest = slot.form.parameters().iter().enumerate().zip(slot.parameters.iter().zip(half_widths)).map(of).fold(0.0, f64::max);
-    1.0 - (1.0 - HALF) * widest
+    1.0 - (1.0 - HALF) * widest * widest
 }
 
 /// Share of the mean square above the noise that a model closes on test recordings, 0 to 1; nothing where there was no gap.
