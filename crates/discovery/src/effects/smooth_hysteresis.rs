@@ -25,6 +25,11 @@ pub const LEANING: &str = "asymmetric-hysteresis";
 /// How much wider the bound is in one direction than in the mean of both.
 const LEAN: Parameter = Parameter { name: "lean", quantity: Quantity::Ratio, low: -0.9, high: 0.9, logarithmic: false };
 
+/// The law that is alike in both directions in the place of one that leans, whose lean is its second parameter.
+fn without_lean(leans: bool, alike: &'static dyn Form, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    if leans { vec![(alike, [&parameters[..1], &parameters[2..]].concat())] } else { Vec::new() }
+}
+
 /// Friction by a differential equation that saturates (Bouc 1967, Wen 1976), where it leans at another level in each direction, beside the operators:
 /// `A z' = x' (1 - |z|^n (c + L sign(x')))` of the displacement `x`, with the onset `A`, the lean `L`, the exponent `n` and `c` one where `x' z > 0`,
 /// else the turning `T`.
@@ -119,6 +124,9 @@ impl Form for BoucWen {
             ..shared(NAME, told)
         }
     }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        without_lean(self.leans, FORMS[usize::from(self.remembers)], parameters)
+    }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         let law = match *parameters {
             [_, lean, turning, exponent] => [lean, turning, exponent],
@@ -182,6 +190,9 @@ impl Form for Dahl {
             ("dahl", "Dahl friction")
         };
         Spec { parameters: &[BOUND, SHARE], starts: || grid(&[0.05, 0.15, 0.4], &[0.7]), ..Spec::new(NAME, told, Place::Muscle) }
+    }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        without_lean(self.leans, FORMS[2 + usize::from(self.remembers)], parameters)
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let (bound, lean, share) = match *parameters {

@@ -3,7 +3,7 @@
 use crate::data::session::Session;
 use crate::model::least_squares::Gram;
 use crate::model::structure::{Model, Scope};
-use crate::model::workspace::Workspace;
+use crate::model::workspace::{Sums, Workspace};
 
 impl Model {
     /// Fits the weights, with passes where an effect acts on the model's own output; mean squares of fitted and selecting samples.
@@ -16,22 +16,47 @@ impl Model {
 
     /// As [`Self::fit`].
     pub(crate) fn fit_in(&mut self, workspace: &mut Workspace<'_>, scope: Scope) -> (f64, f64) {
-        let mut sums = workspace.sums(self, scope);
+        let (sums, weights) = self.settle(|model| workspace.sums(model, scope));
+        (sums.fit.mean_square(&weights), sums.select.mean_square(&weights))
+    }
+
+    /// Fits the weights to the samples that `sums_of` makes the first of its sums of; the weights, and the sums of columns made
+    /// with them.
+    ///
+    /// Where an effect acts on the model's own output its columns hang on the weights. Each pass goes to the weights that the columns of the last ones
+    /// ask for, or half as far where that leaves more: a friction that is strong turns its own sum about, and passes in full would miss each other.
+    fn settle(&mut self, mut sums_of: impl FnMut(&Self) -> Sums) -> (Sums, Vec<f64>) {
+        let mut sums = sums_of(self);
         if self.fixed_weights {
-            let weights = self.weigh_jumps(&sums.fit);
-            return (sums.fit.mean_square(&weights), sums.select.mean_square(&weights));
+            self.weigh_jumps(&sums.fit);
+            return (sums, self.weights());
         }
         let mut weights = sums.fit.solve(&sums.free, &self.weights());
         self.take(&weights);
-        if self.needs_sum() {
-            for _ in 0..PASSES {
-                sums = workspace.sums(self, scope);
-                weights = sums.fit.solve(&sums.free, &weights);
-                self.take(&weights);
-            }
-            sums = workspace.sums(self, scope);
+        if !self.needs_sum() {
+            return (sums, weights);
         }
-        (sums.fit.mean_square(&weights), sums.select.mean_square(&weights))
+        sums = sums_of(self);
+        let mut square = sums.fit.mean_square(&weights);
+        let mut share = 1.0;
+        for _ in 0..PASSES {
+            let aim = sums.fit.solve(&sums.free, &weights);
+            let trial: Vec<f64> = weights.iter().zip(&aim).map(|(from, to)| from + share * (to - from)).collect();
+            self.take(&trial);
+            let sums_there = sums_of(self);
+            let there = sums_there.fit.mean_square(&trial);
+            if there < square {
+                let has_settled = there > SETTLED * square;
+                (weights, sums, square, share) = (trial, sums_there, there, f64::min(2.0 * share, 1.0));
+                if has_settled {
+                    break;
+                }
+            } else {
+                share *= 0.5;
+            }
+        }
+        self.take(&weights);
+        (sums, weights)
     }
 
     /// One pass of a fit to the fitted samples, by what effects make of the weights so far.
@@ -41,31 +66,29 @@ impl Model {
         self.take(&weights);
     }
 
-    /// Fits the weight of what jumps beside all others as they are; the weights then.
-    fn weigh_jumps(&mut self, sums: &Gram) -> Vec<f64> {
-        let Some(slot) = self.slots.iter().position(|slot| slot.form.jumps().is_some()) else { return self.weights() };
+    /// Fits the weight of what jumps beside all others as they are.
+    fn weigh_jumps(&mut self, sums: &Gram) {
+        let Some(slot) = self.slots.iter().position(|slot| slot.form.jumps().is_some()) else { return };
         let before = self.slots[..slot].iter().map(|slot| slot.weights.len()).sum::<usize>();
         self.slots[slot].weights = vec![0.0];
         let others = self.weights();
         self.slots[slot].weights = vec![sums.weight_beside(self.base.len() + before, &others).max(0.0)];
-        self.weights()
     }
 
     /// Fits the weights to fitted and selecting samples together.
     pub fn fit_all(&mut self, session: &Session) -> f64 {
-        let passes = if self.needs_sum() && !self.fixed_weights { 1 + PASSES } else { 1 };
         let mut workspace = Workspace::new(session);
-        let mut result = f64::MAX;
-        for _ in 0..passes {
-            let mut sums = workspace.sums(self, Scope::Both);
+        let (sums, weights) = self.settle(|model| {
+            let mut sums = workspace.sums(model, Scope::Both);
             sums.fit.add(&sums.select);
-            let weights = if self.fixed_weights { self.weigh_jumps(&sums.fit) } else { sums.fit.solve(&sums.free, &self.weights()) };
-            result = sums.fit.mean_square(&weights);
-            self.take(&weights);
-        }
-        result
+            sums
+        });
+        sums.fit.mean_square(&weights)
     }
 }
 
-/// Passes after the first where an effect acts on the model's own output.
-const PASSES: usize = 2;
+/// Most passes after the first where an effect acts on the model's own output.
+const PASSES: usize = 6;
+
+/// What a pass leaves of the mean square where another one is not worth its time.
+const SETTLED: f64 = 0.998;

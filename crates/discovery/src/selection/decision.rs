@@ -2,7 +2,7 @@
 
 use crate::data::noise;
 use crate::data::session::Session;
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Scope, Slot};
 use crate::result::RunnerUp;
 use crate::search::forms;
 use crate::selection::criterion::Comparison;
@@ -27,24 +27,32 @@ pub struct Decision {
 
 /// Decides between the model before the search (`base`), the one that was `found`, its parts, and what the search has met beside it.
 pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model, seed: u64, threads: usize) -> Decision {
-    // What some of the effects leave when their own parameters are all that is fitted.
-    let alone = |part: Model| if part.slots.is_empty() || jumps(&part) { part } else { refitted(session, &part) };
-    let slots = found.slots.len();
-    let without =
-        |left_out: u32| (0..slots).rev().filter(|slot| left_out >> slot & 1 == 1).fold(found.clone(), |model, slot| model.without(slot));
-    let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
-    let parts = (1..(1 << slots) - 1).map(without).filter(keeps_base).map(alone);
-    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried).cloned();
-    let mut models = vec![base.clone()];
     // All are compared behind the longest start-up: a model that reads half of a recording before it says anything is no simulation of it.
     let shortest_s = session.worked().map(|run| run.input.len() as f64 * run.period_s).fold(f64::MAX, f64::min);
-    for model in std::iter::once(found.clone()).chain(parts).chain(others).filter(|model| model.start_up_s() < 0.5 * shortest_s) {
-        if models.len() < MOST_COMPARED && keeps_base(&model) && models.iter().all(|other| other.forms() != model.forms()) {
-            models.push(model);
+    let keeps_base = |model: &Model| base.names().all(|name| model.names().any(|other| other == name));
+    let mut known: Vec<Vec<(&str, &str)>> = vec![base.forms()];
+    let mut is_wanted = |model: &Model| {
+        let is_new = model.start_up_s() < 0.5 * shortest_s && keeps_base(model) && !known.contains(&model.forms());
+        if is_new {
+            known.push(model.forms());
         }
+        is_new
+    };
+    let mut models = vec![base.clone()];
+    models.extend(Some(found.clone()).filter(&mut is_wanted));
+    models.extend(simpler(found).into_iter().filter(&mut is_wanted).map(|model| alone(session, model)));
+    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried);
+    let places = MOST_COMPARED.saturating_sub(models.len());
+    models.extend(others.filter(|model| is_wanted(model)).take(places).cloned());
+    let mut models = rivals_of(session, models);
+    let mut compared = Comparison::new(session, &models, seed, threads);
+    // A rival may be simpler than the search has it, too.
+    let of_rivals = compared.set.iter().flat_map(|member| simpler(&models[member.index])).filter(is_wanted);
+    let of_rivals: Vec<Model> = of_rivals.map(|model| alone(session, model)).collect();
+    if !of_rivals.is_empty() {
+        models = rivals_of(session, [models, of_rivals].concat());
+        compared = Comparison::new(session, &models, seed, threads);
     }
-    let models = rivals_of(session, models);
-    let compared = Comparison::new(session, &models, seed, threads);
     let best = compared.best();
     let model = if models[best].forms() == found.forms() { found.clone() } else { refitted(session, &models[best]) };
     let owned: Vec<&str> = base.names().collect();
@@ -56,6 +64,27 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
     });
     let second = second.map(|(second, _)| refitted(session, &models[second.index]));
     Decision { model, order, second, runner_up, compared }
+}
+
+/// What is simpler than a model: its parts, and the laws that it or they have come near.
+fn simpler(model: &Model) -> Vec<Model> {
+    let slots = model.slots.len();
+    let without =
+        |left_out: u32| (0..slots).rev().filter(|slot| left_out >> slot & 1 == 1).fold(model.clone(), |model, slot| model.without(slot));
+    let wholes: Vec<Model> = (0..(1 << slots) - 1).map(without).collect();
+    let nested = |whole: &Model| -> Vec<Model> {
+        let of = |(at, slot): (usize, &Slot)| {
+            let limits = slot.form.nested_limits(&slot.parameters).into_iter();
+            limits.map(move |(form, parameters)| whole.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
+        };
+        whole.slots.iter().enumerate().flat_map(of).collect()
+    };
+    wholes.iter().skip(1).cloned().chain(wholes.iter().flat_map(nested)).collect()
+}
+
+/// What some of the effects leave when their own parameters are all that is fitted.
+fn alone(session: &Session, part: Model) -> Model {
+    if part.slots.is_empty() || jumps(&part) { part } else { refitted(session, &part) }
 }
 
 /// Whether anything in a model jumps.
