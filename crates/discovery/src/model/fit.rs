@@ -92,3 +92,42 @@ const PASSES: usize = 6;
 
 /// What a pass leaves of the mean square where another one is not worth its time.
 const SETTLED: f64 = 0.998;
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use recording::{Recording, Signal};
+
+    use super::*;
+    use crate::effects::smooth_hysteresis;
+    use crate::model::initial_state::InitialState;
+
+    /// Root mean square that a model leaves of the only recording.
+    fn left(model: &Model, session: &Session) -> f64 {
+        let squares = model.predict(&session.runs[0]).iter().zip(&session.runs[0].output).map(|(p, y)| (y - p).powi(2)).sum::<f64>();
+        (squares / session.runs[0].output.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn shorter_steps_leave_no_more_than_full_ones_and_far_less_where_full_ones_miss_each_other() {
+        let time_s: Vec<f64> = (0..1500).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 1.0 + (0.9 * time).sin() * (0.11 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        for friction in [-0.15, -0.08, 0.1, 0.2] {
+            let bare = Model::baseline(InitialState::Fresh, false).with(smooth_hysteresis::FORMS[0], vec![0.2, -0.3, 1.5]);
+            let mut rig = bare.clone();
+            rig.base = (0..bare.base.len()).map(|weight| if weight == 0 { 0.1 } else { 0.6 / (weight * weight) as f64 }).collect();
+            rig.slots[0].weights = vec![friction];
+            session.runs[0].output = rig.predict(&session.runs[0]);
+            let mut fitted = bare.clone();
+            fitted.fit_all(&session);
+            let mut in_full = bare.clone();
+            (0..3).for_each(|_| in_full.fit_once(&session, Scope::Both));
+            let [shorter, full] = [fitted, in_full].map(|model| left(&model, &session));
+            assert!(shorter <= full && (friction < 0.0 || shorter < 0.5 * full), "friction {friction}: {shorter}, in full {full}");
+        }
+    }
+}
