@@ -158,15 +158,16 @@ fn scored(index: usize, model: &Model, sums: &Sums) -> Scored {
     Scored { index, names: names(model), cost: model.cost(), densities, p_value: 1.0 }
 }
 
-/// Those that stay in the race: not who is behind the best in every recording so far by more than anybody could care about, and in so many that chance does
-/// not do that to one of all at [`LEVEL`]. The model without effects and the best one that has an effect which the very best has not are wanted in any case.
-fn in_the_race(scored: &[Scored]) -> Vec<usize> {
+/// Those that stay in the race: not who is behind the best in every one of the recordings so far by more than anybody could care about, where these are so
+/// many that chance does not do that to one of all at [`LEVEL`]; stretches of one recording are no recordings more. The model without effects and the best
+/// one that has an effect which the very best has not are wanted in any case.
+fn in_the_race(scored: &[Scored], recordings: usize) -> Vec<usize> {
     let by_mean = |x: &&Scored, y: &&Scored| x.mean().total_cmp(&y.mean());
     let Some(best) = scored.iter().max_by(by_mean) else { return Vec::new() };
     let other = |one: &&Scored| one.names.iter().any(|name| !best.names.contains(name));
     let second = scored.iter().filter(other).max_by(by_mean).map(|one| one.index);
     let is_behind = |one: &Scored| best.densities.iter().zip(&one.densities).all(|(best, own)| best - own > MATERIAL[1]);
-    let chance = scored.len() as f64 * 0.5_f64.powi(best.densities.len() as i32);
+    let chance = scored.len() as f64 * 0.5_f64.powi(recordings as i32);
     let stays = |one: &&Scored| one.index == 0 || Some(one.index) == second || chance >= LEVEL || !is_behind(one);
     scored.iter().filter(stays).map(|one| one.index).collect()
 }
@@ -258,7 +259,9 @@ impl Comparison {
                 (*index, sums)
             });
             let so_far: Vec<Scored> = racing.iter().map(|(index, sums)| scored(*index, &models[*index], sums)).collect();
-            let stay = in_the_race(&so_far);
+            let mut recordings: Vec<usize> = racing[0].1.keys().map(|(source, _)| *source).collect();
+            recordings.dedup();
+            let stay = in_the_race(&so_far, recordings.len());
             racing.retain(|(index, _)| stay.contains(index));
         }
         Self::of(racing.iter().map(|(index, sums)| scored(*index, &models[*index], sums)).collect(), seed)
@@ -455,7 +458,7 @@ mod tests {
             let all = of.into_iter().chain([(vec!["slew-limit"], ahead_in_one), (vec!["creep", "leakage"], minus(0.005))]);
             let all: Vec<Scored> =
                 all.enumerate().map(|(index, (names, densities))| Scored { index, ..scored(&names, densities) }).collect();
-            in_the_race(&all)
+            in_the_race(&all, recordings)
         };
         assert_eq!(race(10), [0, 1, 4, 5]);
         assert_eq!(race(4), [0, 1, 2, 3, 4, 5], "four recordings may all speak for one by chance");
