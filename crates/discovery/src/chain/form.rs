@@ -85,13 +85,18 @@ pub struct OperatorLaw {
     pub rate_scale_per_s: f64,
     /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
     pub rate_memory_s: f64,
-    /// Operators follow their bounds with this time constant, s.
+    /// Operators follow their bounds with this time constant, s: the one whose threshold is [`VISCOUS_AT`].
     pub viscous_s: f64,
+    /// Power of the threshold that the time constants of the others go with.
+    pub viscous_power: f64,
     /// Distance from its bound at which an operator is twice as fast as in proportion; zero when it stays in proportion.
     pub stiffening: f64,
     /// A law of the thresholds that somebody else has written, with its parameters.
     pub law: Option<(&'static dyn ThresholdLaw, [f64; LAW_PARAMETERS])>,
 }
+
+/// Threshold, in spans, of the operator that a viscous law's time constant is of.
+const VISCOUS_AT: f64 = 0.1;
 
 /// Most parameters of a [`ThresholdLaw`].
 pub const LAW_PARAMETERS: usize = 4;
@@ -118,6 +123,12 @@ impl OperatorLaw {
             self.stiffening,
         ];
         self.law.is_none() && own.iter().chain(&self.envelopes).all(|value| *value == 0.0)
+    }
+
+    /// What an operator of this threshold goes of the way to its bound in so many seconds.
+    #[must_use]
+    pub fn followed(&self, threshold: f64, seconds: f64) -> f64 {
+        -(-seconds / (self.viscous_s * (threshold / VISCOUS_AT).powf(self.viscous_power))).exp_m1()
     }
 
     /// What growth goes with at a rate: the rate itself, or Eyring's inverse hyperbolic sine of it.

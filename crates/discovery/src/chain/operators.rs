@@ -47,7 +47,18 @@ pub fn write(thresholds: &[f64], lead: &Lead<'_>, rows: &mut Rows) {
     padded[AHEAD..AHEAD + thresholds.len()].copy_from_slice(thresholds);
     let mut begun = vec![0.0; rows.stride];
     begun[AHEAD..AHEAD + states.len()].copy_from_slice(states);
-    Arch::new().dispatch(Writing { thresholds: &padded, begun: &begun, history, lead, turns: &turns, before: &before, now: &now, rows });
+    let followed: Vec<f64> = padded.iter().map(|threshold| lead.operator_law.followed(*threshold, lead.period_s)).collect();
+    Arch::new().dispatch(Writing {
+        thresholds: &padded,
+        followed: &followed,
+        begun: &begun,
+        history,
+        lead,
+        turns: &turns,
+        before: &before,
+        now: &now,
+        rows,
+    });
 }
 
 /// States of operators from one recording to the next.
@@ -98,6 +109,8 @@ impl<'a> States<'a> {
 /// Writes a bank; the thresholds are as many as there are places in a row.
 struct Writing<'a> {
     thresholds: &'a [f64],
+    /// What each goes of the way to its bound in a sample, where they follow late.
+    followed: &'a [f64],
     /// States before the turning points of `history`.
     begun: &'a [f64],
     history: &'a [f64],
@@ -139,7 +152,9 @@ impl Writing<'_> {
         let Lead { path, operator_law, .. } = *self.lead;
         let (thresholds, _) = S::as_simd_f64s(self.thresholds);
         let (begun, _) = S::as_simd_f64s(self.begun);
-        let side = Side { simd, lead: self.lead, thresholds: std::array::from_fn::<_, N, _>(|at| thresholds[first + at]) };
+        let (followed, _) = S::as_simd_f64s(self.followed);
+        let of_these = |values: &[S::f64s]| std::array::from_fn::<_, N, _>(|at| values[first + at]);
+        let side = Side { simd, lead: self.lead, thresholds: of_these(thresholds), followed: of_these(followed) };
         let mut state: [S::f64s; N] = std::array::from_fn(|at| begun[first + at]);
         for (at, &value) in self.history.iter().enumerate() {
             side.play(&mut state, value, self.before.get(at));
@@ -177,6 +192,7 @@ struct Side<'a, S: Simd, const N: usize> {
     simd: S,
     lead: &'a Lead<'a>,
     thresholds: [S::f64s; N],
+    followed: [S::f64s; N],
 }
 
 impl<S: Simd, const N: usize> Side<'_, S, N> {
@@ -205,17 +221,16 @@ impl<S: Simd, const N: usize> Side<'_, S, N> {
     /// One sample of operators that follow their bounds late.
     #[inline(always)]
     fn follow_late(&self, state: &mut [S::f64s; N], sample: usize, gap: Option<&Gap>) {
-        let Lead { path, operator_law, period_s, .. } = *self.lead;
+        let Lead { path, operator_law, .. } = *self.lead;
         let simd = self.simd;
         if sample == 0 {
             self.play(state, path[0], gap);
         } else if operator_law.stiffening > 0.0 {
             self.stiffening(state, [path[sample - 1], path[sample]], gap);
         } else {
-            let share = simd.splat_f64s(1.0 - (-period_s / operator_law.viscous_s).exp());
             let mut bound = *state;
             self.play(&mut bound, path[sample], gap);
-            for (state, bound) in state.iter_mut().zip(bound) {
+            for ((state, bound), share) in state.iter_mut().zip(bound).zip(self.followed) {
                 *state = simd.add_f64s(*state, simd.mul_f64s(share, simd.sub_f64s(bound, *state)));
             }
         }

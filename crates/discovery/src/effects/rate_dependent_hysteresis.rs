@@ -47,7 +47,7 @@ const GROWTH: Parameter = Parameter { name: "growth", quantity: Quantity::Ratio,
 /// Time constant of Maxwell's element; as short as a sample it is none.
 const FADING: Parameter = Parameter { name: "fading_time", quantity: Quantity::Time, low: 5e-3, high: 0.5, logarithmic: true };
 
-const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 1.0, logarithmic: true };
+const RELAXATION: Parameter = Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 2e-3, high: 10.0, logarithmic: true };
 
 const NAME: &str = "rate-dependent-hysteresis";
 
@@ -102,17 +102,22 @@ static PROPORTIONAL: OfOperators = {
     own
 };
 
-static VISCOUS: OfOperators = OfOperators::new(
-    (NAME, ("viscous", "operators follow their bounds late")),
-    &[RELAXATION],
-    || row(&ladder(0.01, 0.4, 6)),
-    |parameters, law| law.viscous_s = parameters[0],
-);
+/// The time constant is that of an operator whose threshold is a tenth of the span; one of several times that is slower by a power of it.
+static VISCOUS: OfOperators = {
+    let mut own = OfOperators::new(
+        (NAME, ("viscous", "operators follow their bounds late")),
+        &[RELAXATION, Parameter { name: "power_of_the_threshold", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false }],
+        || grid(&ladder(0.01, 2.0, 8), &[0.0, 0.6]),
+        |of, law| [law.viscous_s, law.viscous_power] = [of[0], of[1]],
+    );
+    own.spec.simpler_at = &[(1, 0.0)];
+    own
+};
 
 static STIFFENING: OfOperators = OfOperators::new(
     (NAME, ("viscous-stiffening", "operators follow their bounds late, far ones faster than in proportion")),
     &[
-        Parameter { low: 5e-3, high: 10.0, ..RELAXATION },
+        Parameter { low: 5e-3, ..RELAXATION },
         Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
     ],
     || grid(&[0.05, 0.2, 0.8], &[0.01, 0.03, 0.1]),
@@ -190,7 +195,9 @@ fn rates(input: &[f64], period_s: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chain::columns::{AHEAD, Rows, SIDE};
     use crate::chain::form::OperatorLaw;
+    use crate::chain::operators::{self, Begin, Lead};
     use recording::{Recording, Signal};
     use std::path::Path;
 
@@ -220,6 +227,35 @@ mod tests {
         // A parameter that was not there yet: no memory.
         let law = law("share-asinh", &[0.02, 0.1]);
         assert_eq!((law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
+    }
+
+    #[test]
+    fn operators_that_follow_late_are_slower_by_a_power_of_their_thresholds() {
+        const PERIOD_S: f64 = 0.002;
+        let path: Vec<f64> = (0..4000).map(|sample| 0.5 - 0.5 * (1.3 * f64::from(sample) * PERIOD_S).cos()).collect();
+        let thresholds = [0.02, 0.1, 0.3];
+        for (power, times_s) in [(0.0, [0.2; 3]), (0.5, [0.2 * 0.2_f64.sqrt(), 0.2, 0.2 * 3.0_f64.sqrt()]), (1.0, [0.04, 0.2, 0.6])] {
+            let mut law = OperatorLaw::default();
+            VISCOUS.operator_law(&[0.2, power], &mut law);
+            let mut rows = Rows::default();
+            let count = AHEAD + thresholds.len();
+            rows.shape(path.len(), count, count.next_multiple_of(SIDE));
+            let lead = Lead { begin: Begin::After(&[]), path: &path, operator_law: &law, period_s: PERIOD_S };
+            operators::write(&thresholds, &lead, &mut rows);
+            for (at, (threshold, time_s)) in thresholds.iter().zip(times_s).enumerate() {
+                // A dashpot by Euler's method at a fiftieth of a sample, from where the first sample finds it.
+                let mut state = 0.0;
+                for (sample, pair) in path.windows(2).enumerate() {
+                    for step in 0..50 {
+                        let input = pair[0] + (pair[1] - pair[0]) * f64::from(step) / 50.0;
+                        let bound = f64::clamp(state, input - threshold, input + threshold);
+                        state += (bound - state) * PERIOD_S / 50.0 / time_s;
+                    }
+                    let got = rows.values[(sample + 1) * rows.stride + AHEAD + at];
+                    assert!((got - state).abs() < 2e-3, "power {power}, threshold {threshold}, sample {sample}: {got}, not {state}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -62,8 +62,7 @@ impl Model {
     /// One pass of a fit to the fitted samples, by what effects make of the weights so far.
     pub(crate) fn fit_once(&mut self, session: &Session, scope: Scope) {
         let sums = Workspace::new(session).sums(self, scope);
-        let weights = sums.fit.solve(&sums.free, &self.weights());
-        self.take(&weights);
+        self.take(&sums.fit.solve(&sums.free, &self.weights()));
     }
 
     /// Fits the weight of what jumps beside all others as they are.
@@ -76,14 +75,13 @@ impl Model {
     }
 
     /// Fits the weights to fitted and selecting samples together.
-    pub fn fit_all(&mut self, session: &Session) -> f64 {
+    pub fn fit_all(&mut self, session: &Session) {
         let mut workspace = Workspace::new(session);
-        let (sums, weights) = self.settle(|model| {
+        self.settle(|model| {
             let mut sums = workspace.sums(model, Scope::Both);
             sums.fit.add(&sums.select);
             sums
         });
-        sums.fit.mean_square(&weights)
     }
 }
 

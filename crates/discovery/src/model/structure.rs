@@ -133,9 +133,11 @@ impl Model {
         model
     }
 
-    /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators.
+    /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators. Parameters are brought into
+    /// their ranges.
     #[must_use]
-    pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+    pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, mut parameters: Vec<f64>) -> Self {
+        parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
         let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
         if side(self.slots[slot].form) != side(form) {
             return self.without(slot).with(form, parameters);

@@ -11,7 +11,7 @@
 //! A *margin* is what nobody cares about. A dearer member that is not better than a cheaper one by the margin leaves too. The first of those that
 //! stay is the explanation; where the model without effects stays, there is none.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -259,8 +259,7 @@ impl Comparison {
                 (*index, sums)
             });
             let so_far: Vec<Scored> = racing.iter().map(|(index, sums)| scored(*index, &models[*index], sums)).collect();
-            let mut recordings: Vec<usize> = racing[0].1.keys().map(|(source, _)| *source).collect();
-            recordings.dedup();
+            let recordings: BTreeSet<usize> = racing[0].1.keys().map(|(source, _)| *source).collect();
             let stay = in_the_race(&so_far, recordings.len());
             racing.retain(|(index, _)| stay.contains(index));
         }

@@ -161,7 +161,8 @@ mod tests {
     use virtual_rig::{self as rig, CaseConfig, Excitation, Generator};
 
     use super::*;
-    use crate::effects::{dead_time, pneumatic_lag, supply_saturation};
+    use crate::chain::form::Parameter;
+    use crate::effects::{catalogue, dead_time, pneumatic_lag, supply_saturation};
     use crate::model::initial_state::InitialState;
 
     #[test]
@@ -185,6 +186,26 @@ mod tests {
         assert!(alone.contains(&"dead-time".into()) && alone.iter().all(|names| !names.contains('+')), "{alone:?}");
         let both = staying(&["dead-time", "supply-saturation"]);
         assert!(both.contains(&"supply-saturation+dead-time".into()), "{both:?}");
+    }
+
+    #[test]
+    fn what_is_simpler_lies_where_a_model_file_may_have_it() {
+        let mut simplified = 0;
+        for form in catalogue::forms() {
+            // All parameters at a limit, near it, and halfway.
+            for share in [0.0, 0.01, 0.5, 1.0] {
+                let of = |parameter: &Parameter| parameter.low + share * (parameter.high - parameter.low);
+                let model = Model::baseline(InitialState::Fresh, false).with(form, form.parameters().iter().map(of).collect());
+                for slot in simpler(&model).iter().flat_map(|simple| &simple.slots) {
+                    simplified += 1;
+                    for (value, range) in slot.parameters.iter().zip(slot.form.parameters()) {
+                        let (low, high) = (range.low, range.high);
+                        assert!((low..=high).contains(value), "{:?} from {:?}: {} is {value}", slot.form.key(), form.key(), range.name);
+                    }
+                }
+            }
+        }
+        assert!(simplified > 10, "{simplified}");
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something, a third; and what leaves again.
 
-use crate::chain::form::Form;
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
 use crate::effects::catalogue;
 use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
-use crate::model::structure::{Model, Scope, Slot};
+use crate::model::structure::{Model, Scope};
 use crate::result::{Candidate, DiscoverConfig};
 use crate::search::parallel::{Progress, Watch};
 use crate::search::simplex::PENALTY;
@@ -54,8 +53,7 @@ pub fn effects(session: &Session, model: Model, pressure_path: Option<&[String]>
 
 /// Adds effects to `model` as long as they pay; those that it has already stay.
 pub fn find(bench: &Bench<'_>, model: Model, most_effects: usize) -> Outcome {
-    let first = First::new(bench, model, most_effects > 0);
-    first.and_further(bench, most_effects)
+    First::new(bench, model, most_effects > 0).and_further(bench, most_effects)
 }
 
 /// What the search knows when every effect has been tried alone.
@@ -173,7 +171,6 @@ impl First {
                 standing = without_idle(bench, best, &owned);
             }
         }
-        standing = with_simpler(bench, standing, &owned);
         let second = second_best(&standing, &rivals);
         // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
         if standing.model.names().any(|name| name == CREEP) {
@@ -232,26 +229,6 @@ fn without_idle(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judg
             break;
         }
         standing = fewer;
-    }
-    standing
-}
-
-/// The model with the simpler effect in the place of one that has come near it, where that does as well: beside another effect only a few
-/// seconds are searched, and a dearer form may have been the first of them.
-fn with_simpler(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judged {
-    if standing.model.slots.len() < owned.len() + 2 {
-        return standing;
-    }
-    let model = &standing.model;
-    let of = |(at, slot): (usize, &Slot)| {
-        let is_new = |form: &dyn Form| model.names().all(|name| name != form.name());
-        let simpler = slot.form.nested_limits(&slot.parameters).into_iter().filter(|(form, _)| is_new(*form));
-        simpler.map(|(form, parameters)| model.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
-    };
-    let free = model.slots.iter().enumerate().filter(|(_, slot)| !owned.contains(&slot.form.name()));
-    let simpler: Vec<Model> = free.flat_map(of).collect();
-    if let Some(simpler) = bench.polished(&simpler, POLISH).into_iter().next().filter(|one| one.penalised() < standing.penalised()) {
-        standing = simpler;
     }
     standing
 }

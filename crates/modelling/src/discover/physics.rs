@@ -222,6 +222,9 @@ impl<'a> Forming<'a> {
         if law.law.is_some() {
             return Err(": its law is not known there".to_owned());
         }
+        if law.viscous_power != 0.0 {
+            return Err(": its operators have one time constant there".to_owned());
+        }
         let [slope, bend, cubic] = law.envelopes;
         let [linear, square, cube] = [slope + bend + cubic, -bend - 3.0 * cubic, 2.0 * cubic];
         let has_rate = law.growth_per_rate != 0.0 || law.extra_per_rate != 0.0;

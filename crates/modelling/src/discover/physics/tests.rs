@@ -216,6 +216,8 @@ fn what_keeps_a_model_off_the_microcontroller_is_named() {
     assert_eq!(refused(vec![lag, supply], false), "supply-saturation (rounded): it acts in another order there");
     let grows = entry("asymmetric-hysteresis", "thresholds-grow", &[1.5], &[]);
     assert_eq!(refused(vec![grows], true), "asymmetric-hysteresis (thresholds-grow) of stop operators");
+    let slower = entry("rate-dependent-hysteresis", "viscous", &[0.05, 0.5], &[]);
+    assert!(refused(vec![slower], false).contains("its operators have one time constant there"));
     let long = entry("dead-time", "constant", &[0.7], &[]);
     assert!(refused(vec![long], false).contains("dead time of 35"));
 }
