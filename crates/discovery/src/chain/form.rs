@@ -85,7 +85,7 @@ pub struct OperatorLaw {
     pub rate_scale_per_s: f64,
     /// Time constant with which what the rate does builds up and fades, s; zero when it follows at once.
     pub rate_memory_s: f64,
-    /// Operators follow their bounds with this time constant, s: the one whose threshold is [`VISCOUS_AT`].
+    /// Operators follow their bounds with this time constant, s: the one whose threshold is a tenth of the span.
     pub viscous_s: f64,
     /// Power of the threshold that the time constants of the others go with.
     pub viscous_power: f64,
