@@ -448,8 +448,8 @@ mod tests {
 
     #[test]
     fn who_is_behind_in_every_recording_leaves_the_race_and_who_is_ahead_in_one_or_second_does_not() {
-        let race = |recordings: usize| {
-            let level = scatter(4, 0.5, recordings);
+        let race = |densities: usize, recordings: usize| {
+            let level = scatter(4, 0.5, densities);
             let minus = |by: f64| level.iter().map(|value| value - by).collect::<Vec<f64>>();
             let mut ahead_in_one = minus(0.9);
             ahead_in_one[2] += 1.0;
@@ -459,8 +459,9 @@ mod tests {
                 all.enumerate().map(|(index, (names, densities))| Scored { index, ..scored(&names, densities) }).collect();
             in_the_race(&all, recordings)
         };
-        assert_eq!(race(10), [0, 1, 4, 5]);
-        assert_eq!(race(4), [0, 1, 2, 3, 4, 5], "four recordings may all speak for one by chance");
+        assert_eq!(race(10, 10), [0, 1, 4, 5]);
+        assert_eq!(race(4, 4), [0, 1, 2, 3, 4, 5], "four recordings may all speak for one by chance");
+        assert_eq!(race(10, 1), [0, 1, 2, 3, 4, 5], "stretches of one recording are no more than it");
     }
 
     #[test]
