@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use identification::nnls;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::SIDE;
@@ -152,6 +153,21 @@ impl<'a> Steps<'a> {
         };
         [0, 1].map(best).concat()
     }
+
+    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output.
+    pub fn explaining(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
+        let of = |point: Vec<f64>| {
+            let of = |one: &OfRun<'_>| {
+                let mut path = one.signal.clone();
+                change(&point, one.run, &mut path);
+                agreement(&path, one.run)
+            };
+            (self.runs.iter().map(of).sum(), point)
+        };
+        let mut scored: Vec<(f64, Vec<f64>)> = grid.map(of).collect();
+        scored.sort_by(|x, y| y.0.total_cmp(&x.0));
+        scored.into_iter().take(MATCHED / 2).map(|one| one.1).collect()
+    }
 }
 
 /// The score of several recordings together.
@@ -160,15 +176,76 @@ pub fn over(products: impl Iterator<Item = (f64, f64)>) -> f64 {
     cross / energy.sqrt()
 }
 
-/// How well the steps of a path over two samples go with those of the measured output, as far as that is seen.
-pub fn agreement(path: &[f64], run: &Run) -> f64 {
-    let (mut cross, mut energy) = (0.0, 1e-30);
-    for sample in (1..path.len().saturating_sub(1)).filter(|&sample| run.keep[sample - 1] && run.keep[sample + 1]) {
-        let (x, y) = (path[sample + 1] - path[sample - 1], run.output[sample + 1] - run.output[sample - 1]);
-        cross += x * y;
-        energy += x * x;
+/// Thresholds, spans, of a few play operators. The first of them remember what went before the recording.
+const FEW: [f64; SIDE] = [0.05, 0.12, 0.25, 0.45, 0.0, 0.08, 0.2, 0.4];
+
+/// How many of them remember.
+const REMEMBERING: usize = 4;
+
+/// Time constant, s, by which what is slow is taken from the operators and from the measured output.
+const SLOWLY_S: f64 = 1.0;
+
+/// Products of what a few operators of a path make faster than [`SLOWLY_S`] with each other and with the measured output, and the square of the latter.
+struct Fast<'a> {
+    path: &'a [f64],
+    run: &'a Run,
+    states: [f64; SIDE],
+    keep: f64,
+}
+
+impl WithSimd for Fast<'_> {
+    type Output = ([[f64; SIDE]; SIDE], [f64; SIDE], f64);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Self::Output {
+        let Self { path, run, mut states, keep } = self;
+        let (mut products, mut target, mut energy) = ([[0.0; SIDE]; SIDE], [0.0; SIDE], 0.0);
+        let lead = |states: &mut [f64; SIDE], value: f64| {
+            for (state, threshold) in states.iter_mut().zip(FEW) {
+                let (low, high) = (value - threshold, value + threshold);
+                let raised = if *state > low { *state } else { low };
+                *state = if raised < high { raised } else { high };
+            }
+        };
+        let mut slow: Option<([f64; SIDE], f64)> = None;
+        for ((value, output), seen) in path.iter().zip(&run.output).zip(&run.keep) {
+            lead(&mut states, *value);
+            if !seen {
+                continue;
+            }
+            let (slow, slow_output) = slow.get_or_insert((states, *output));
+            let mut fast = [0.0; SIDE];
+            for at in 0..SIDE {
+                fast[at] = states[at] - slow[at];
+                slow[at] = states[at] - keep * fast[at];
+            }
+            let fast_output = output - *slow_output;
+            *slow_output = output - keep * fast_output;
+            energy += fast_output * fast_output;
+            for at in 0..SIDE {
+                target[at] += fast[at] * fast_output;
+                (at / 4 * 4..SIDE).for_each(|other| products[at][other] += fast[at] * fast[other]);
+            }
+        }
+        (4..SIDE).for_each(|at| (0..4).for_each(|other| products[at][other] = products[other][at]));
+        (products, target, energy)
     }
-    cross / energy.sqrt()
+}
+
+/// How little of the measured output's fast motion, as far as that is seen, a few play operators of a path leave, their weights not negative: minus the
+/// sum of squares.
+pub fn agreement(path: &[f64], run: &Run) -> f64 {
+    let mut states = [0.0; SIDE];
+    for value in &run.history {
+        (0..REMEMBERING).for_each(|at| states[at] = f64::clamp(states[at], value - FEW[at], value + FEW[at]));
+    }
+    let keep = (-run.period_s / SLOWLY_S).exp();
+    let (mut products, target, energy) = Arch::new().dispatch(Fast { path, run, states, keep });
+    (0..SIDE).for_each(|at| products[at][at] += 1e-9 * (products[at][at] + 1.0));
+    let (gram, bounded) = (products.as_flattened(), [true; SIDE]);
+    let weights = nnls::solve_definite(gram, &target, &bounded, &bounded).unwrap_or_else(|| nnls::solve(gram, &target, &bounded));
+    // At the optimum the weights take away what they have in common with the output.
+    dot(&weights, &target) - energy
 }
 
 /// The best of some places, the first of equal ones, made three times as fine so often.

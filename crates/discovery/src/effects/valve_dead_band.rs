@@ -93,14 +93,20 @@ impl Form for Follow {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let steps = Steps::new(session, residual, |run| run.input.clone());
-        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), |parameters, run, path| self.input_from(parameters, run, path, 2, 0));
+        let change = |parameters: &[f64], run: &Run, path: &mut [f64]| self.input_from(parameters, run, path, 1, 0);
+        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), change);
         // A valve that closes with no error left is a fast one.
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
         let travels = best(ladder(0.008, 0.2, 150).into_iter().flat_map(of).collect());
         // Band and travel decide when it jumps, the flow how.
         let of = |start: Vec<f64>| [0.004, 0.02, 0.06].map(|flow_s| vec![start[0], start[1], flow_s]);
-        best(travels.into_iter().flat_map(of).collect())
+        let mut starts = best(travels.into_iter().flat_map(of).collect());
+        // What a wide band holds back the operators have taken for hysteresis of their own: it shows in what they leave with it, not without.
+        let flows = |band: f64, travel: f64| ladder(0.006, 0.08, 7).into_iter().map(move |flow_s| vec![band, travel, flow_s]);
+        let of = |travel: f64| [1.03, 1.15, 1.35, 1.7].into_iter().flat_map(move |wider| flows(travel * wider, travel));
+        starts.extend(steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), change));
+        starts
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);
@@ -191,6 +197,7 @@ impl Filter<2> for Edge {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::closed_form::deviates;
     use recording::{Recording, Signal};
     use std::path::Path;
 
@@ -216,6 +223,50 @@ mod tests {
             let [of_all, of_the_rest] = [&starts[..12], &starts[12..]].map(|half| half.iter().any(near));
             assert!(of_all == by_all && of_the_rest, "{share}: {starts:?}");
         }
+    }
+
+    /// Decaying sines of a muscle that remembers, behind a valve whose pressure begins at the command.
+    fn behind_a_valve([band, closing, flow_s]: [f64; 3], count: usize) -> Vec<Recording> {
+        const STEPS: u32 = 100;
+        let mut noise = deviates(0x51_7CC1);
+        let mut plays = [(0.03, 0.4, 0.0), (0.1, 0.3, 0.0), (0.28, 0.3, 0.0), (0.42, 0.2, 0.0)];
+        let mut record = |index: usize| {
+            let (frequency_hz, top) = ([0.15, 0.3, 0.45, 0.6][index % 4], [1.0, 0.8, 0.9, 0.7, 0.6][index % 5]);
+            let command = |time_s: f64| 0.5 * top * (1.0 - (std::f64::consts::TAU * frequency_hz * time_s).cos()) * (-0.1 * time_s).exp();
+            let (mut pressure, mut open) = (0.0, false);
+            let (mut times, mut inputs, mut outputs) = (Vec::new(), Vec::new(), Vec::new());
+            for step in 0..600 * STEPS {
+                let time_s = 0.02 * f64::from(step) / f64::from(STEPS);
+                let error = command(time_s) - pressure;
+                open = if open { error.abs() > closing } else { error.abs() > band };
+                pressure += if open { error * 0.02 / f64::from(STEPS) / flow_s } else { 0.0 };
+                plays
+                    .iter_mut()
+                    .for_each(|(threshold, _, state)| *state = f64::clamp(*state, pressure - *threshold, pressure + *threshold));
+                if step % STEPS == 0 {
+                    let place: f64 = plays.iter().map(|(_, weight, state)| weight * *state).sum();
+                    times.push(time_s);
+                    inputs.push(command(time_s));
+                    outputs.push(place + 0.005 * noise());
+                }
+            }
+            let path = format!("run{index:02}.csv");
+            Recording::new(Path::new(&path), Signal::pressure_bar(), Signal::displacement_mm(), times, inputs, outputs)
+                .expect("a recording")
+        };
+        (0..count).map(&mut record).collect()
+    }
+
+    #[test]
+    fn a_plain_valve_with_a_wide_band_is_simulated_on_decaying_sines() {
+        let recordings = behind_a_valve([0.15, 0.015, 0.03], 16);
+        let (fitted, kept) = recordings.split_at(12);
+        let discovery = crate::discover(fitted, kept, &crate::DiscoverConfig::default()).expect("a finding").discovery;
+        let names: Vec<&str> = discovery.effects.iter().map(|effect| effect.name.as_str()).collect();
+        assert_eq!(names, ["valve-dead-band"], "{discovery:?}");
+        assert!(discovery.effects[0].confidence > 0.9 && discovery.gap_closed > 0.9, "{discovery:?}");
+        let band = discovery.effects[0].parameters["band_bar"];
+        assert!((band / 0.15 - 1.0).abs() < 0.03, "{band}");
     }
 
     #[test]

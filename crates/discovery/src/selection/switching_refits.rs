@@ -5,7 +5,12 @@ use crate::data::session::Session;
 use crate::effects::sticking::inferred_quasi_static;
 use crate::effects::{pneumatic_lag, sticking};
 use crate::model::structure::{Model, Scope};
+use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
+use crate::search::forms;
+use crate::search::forms::Started;
+use crate::search::simplex::objective;
+use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
 
 /// What moves follows with a lag of one pole: the form that leads the operators by it.
@@ -145,6 +150,38 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
         nearer.base[above + 1] += share * weight;
     }
     nearer
+}
+
+/// A valve of this law as a simulation, beside the smooth effects of `beside`. The law of a staircase lies in a valley that a search from afar misses; the
+/// observer, which sees every jump from where the pressure stands, says where.
+pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law: &SlipLaw) -> Model {
+    let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
+    let mut workspace = Workspace::new(session);
+    let mut judge = |model: Model| Started { square: objective(&model, &mut workspace, Scope::Fit), model, form };
+    // Band, how soon it closes and flow are moved apart: the observer tells the first a tenth too small.
+    let at = |places: [i32; 3]| {
+        let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
+        let travel = law.break_away * band * (1.0 - law.closing) * closes;
+        let mut parameters = vec![law.break_away * band, travel, law.flow_s * flow];
+        parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
+        coarse.with(form, parameters)
+    };
+    let places = || -3..=3;
+    let grid = places().flat_map(|band| places().flat_map(move |closes| places().map(move |flow| [band, closes, flow])));
+    let mut best = judge(at([0; 3]));
+    for places in grid {
+        best = Some(judge(at(places))).filter(|one| one.square < best.square).unwrap_or(best);
+    }
+    loop {
+        let again = judge(forms::refine_form(&best, session).model);
+        if again.square >= best.square {
+            break;
+        }
+        best = again;
+    }
+    let mut model = forms::polish(&best.model, session, Scope::Fit, 2 * POLISH).model.refined();
+    model.fit(session, Scope::Both);
+    model.pruned()
 }
 
 /// How often weights are fitted again beside the jumps, and how their law is found again.

@@ -20,7 +20,7 @@ use crate::selection::rounds;
 use crate::selection::rounds::Bench;
 use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
-use crate::selection::switching_refits::{FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
+use crate::selection::switching_refits::{self, FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 
 /// Jumps on a quasi-static response, with the log-likelihood for them.
 struct Judged {
@@ -315,6 +315,10 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     );
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
+    if let Some(form) = simulated_valve.filter(|_| name == VALVE) {
+        // Before those that the search has met: of several models of the same forms the first is compared.
+        outcome.met.insert(0, switching_refits::simulated(session, beside, *form, &one.law));
+    }
     // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
     let explains_more = one.quasi_static == 0 && found.as_ref().is_some_and(|found| found.mean() < one.log_likelihood.mean());
     let above_noise = |square: f64| (square - noise * noise).max(0.0);
