@@ -1,6 +1,6 @@
 //! Naming what jumps: a sticking tip or a valve with a dead band, alone or beside something smooth.
 //!
-//! All are judged by the same measure, the likelihood of each sample after those before it ([`super::jumps`]), on recordings that took no
+//! All are judged by the same measure, the likelihood of each sample after those before it ([`crate::observers::jumps`]), on recordings that took no
 //! part in fitting: every smooth explanation that the search has met, alone and as the quasi-static response of jumps of either kind. A smooth observer may
 //! read slow errors from the output just as a jump observer may read stick positions, so jumps win by holding still and leaping alone. What is smooth
 //! must then pay beside the jumps, for jumps alone may look like an effect of the muscle.
