@@ -174,10 +174,11 @@ pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law
     }
     loop {
         let again = judge(forms::refine_form(&best, session).model);
-        if again.square >= best.square {
+        let gain = 1.0 - again.square / best.square;
+        best = if gain > 0.0 { again } else { best };
+        if gain < 0.01 {
             break;
         }
-        best = again;
     }
     let mut model = forms::polish(&best.model, session, Scope::Fit, 2 * POLISH).model.refined();
     model.fit(session, Scope::Both);

@@ -316,8 +316,12 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
     if let Some(form) = simulated_valve.filter(|_| name == VALVE) {
-        // Before those that the search has met: of several models of the same forms the first is compared.
-        outcome.met.insert(0, switching_refits::simulated(session, beside, *form, &one.law));
+        // Of several models of the same forms the first is compared: the one that leaves less.
+        let simulation = switching_refits::simulated(session, beside, *form, &one.law);
+        let left = |model: &Model| model.clone().fit(session, Scope::Both).1;
+        if outcome.met.iter().find(|met| met.forms() == simulation.forms()).is_none_or(|met| left(&simulation) < left(met)) {
+            outcome.met.insert(0, simulation);
+        }
     }
     // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
     let explains_more = one.quasi_static == 0 && found.as_ref().is_some_and(|found| found.mean() < one.log_likelihood.mean());
