@@ -154,7 +154,7 @@ impl<'a> Steps<'a> {
         [0, 1].map(best).concat()
     }
 
-    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output.
+    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output. For recordings in one piece.
     pub fn explaining(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
         let of = |point: Vec<f64>| {
             let of = |one: &OfRun<'_>| {

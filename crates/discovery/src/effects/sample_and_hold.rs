@@ -242,7 +242,7 @@ fn first_looks(samples: f64) -> impl Iterator<Item = f64> {
     (0..count as usize).map(move |place| place as f64 / count)
 }
 
-/// The first look, over the period, after which the steps of what is held go best with those of the measured output. Where there is no measured output
+/// The first look, over the period, after which a few operators of what is held leave least of the measured output. Where there is no measured output
 /// (a simulation) it is the first sample.
 fn shown_look(held: &[f64], look_s: f64, run: &Run) -> f64 {
     if run.output.iter().all(|value| *value == 0.0) {

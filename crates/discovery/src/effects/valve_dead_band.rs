@@ -101,12 +101,11 @@ impl Form for Follow {
         let travels = best(ladder(0.008, 0.2, 150).into_iter().flat_map(of).collect());
         // Band and travel decide when it jumps, the flow how.
         let of = |start: Vec<f64>| [0.004, 0.02, 0.06].map(|flow_s| vec![start[0], start[1], flow_s]);
-        let mut starts = best(travels.into_iter().flat_map(of).collect());
+        let near = best(travels.into_iter().flat_map(of).collect());
         // What a wide band holds back the operators have taken for hysteresis of their own: it shows in what they leave with it, not without.
         let flows = |band: f64, travel: f64| ladder(0.006, 0.08, 7).into_iter().map(move |flow_s| vec![band, travel, flow_s]);
         let of = |travel: f64| [1.03, 1.15, 1.35, 1.7].into_iter().flat_map(move |wider| flows(travel * wider, travel));
-        starts.extend(steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), change));
-        starts
+        [near, steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), change)].concat()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         self.input_from(parameters, run, path, 6, 2);
@@ -127,7 +126,7 @@ fn law(parameters: &[f64]) -> [f64; 3] {
 }
 
 /// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
-/// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place whose jumps go best with those of the measured output. Where
+/// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place at which a few operators behind the valve leave least. Where
 /// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
 /// and finer ones about the best.
 fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> f64 {

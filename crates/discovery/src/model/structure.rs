@@ -62,6 +62,12 @@ pub enum Scope {
     Both,
 }
 
+/// Parameters of a form brought into their ranges.
+pub fn in_ranges(form: &dyn Form, mut parameters: Vec<f64>) -> Vec<f64> {
+    parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
+    parameters
+}
+
 impl Model {
     /// The Prandtl-Ishlinskii model alone, on the coarse grid.
     #[must_use]
@@ -136,8 +142,8 @@ impl Model {
     /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators. Parameters are brought into
     /// their ranges.
     #[must_use]
-    pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, mut parameters: Vec<f64>) -> Self {
-        parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
+    pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
+        let parameters = in_ranges(form, parameters);
         let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
         if side(self.slots[slot].form) != side(form) {
             return self.without(slot).with(form, parameters);

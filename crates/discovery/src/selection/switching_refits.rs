@@ -4,11 +4,10 @@ use crate::chain::form::{Drive, Form};
 use crate::data::session::Session;
 use crate::effects::sticking::inferred_quasi_static;
 use crate::effects::{pneumatic_lag, sticking};
-use crate::model::structure::{Model, Scope};
+use crate::model::structure::{Model, Scope, in_ranges};
 use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
-use crate::search::forms;
-use crate::search::forms::Started;
+use crate::search::forms::{self, Started};
 use crate::search::simplex::objective;
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
@@ -158,13 +157,11 @@ pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
     let mut workspace = Workspace::new(session);
     let mut judge = |model: Model| Started { square: objective(&model, &mut workspace, Scope::Fit), model, form };
-    // Band, how soon it closes and flow are moved apart: the observer tells the first a tenth too small.
+    // Band, how soon it closes and flow are moved apart: an observer's band may be a tenth too small.
     let at = |places: [i32; 3]| {
         let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
         let travel = law.break_away * band * (1.0 - law.closing) * closes;
-        let mut parameters = vec![law.break_away * band, travel, law.flow_s * flow];
-        parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
-        coarse.with(form, parameters)
+        coarse.with(form, in_ranges(form, vec![law.break_away * band, travel, law.flow_s * flow]))
     };
     let places = || -3..=3;
     let grid = places().flat_map(|band| places().flat_map(move |closes| places().map(move |flow| [band, closes, flow])));
