@@ -6,7 +6,7 @@ use identification::nnls;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::SIDE;
-use crate::chain::filters::lag;
+use crate::chain::filters::{best_starts, lag};
 use crate::data::session::{Role, Run, Session};
 
 /// Time constants, s, of lags and limits of the rate, spans per s, whose work is not for steps to explain: whatever is late looks like steps, and what
@@ -30,6 +30,9 @@ struct OfRun<'a> {
     signal: Vec<f64>,
     /// What the model misses; the same without what is merely slow; then what is slow, orthogonal and of length one. Zeros fill up the last lanes.
     directions: Vec<Vec<f64>>,
+    /// Products of a jump by one at each sample, and of the signal itself, with these and with the signal's steps.
+    of_jumps: Vec<[f64; PRODUCTS]>,
+    of_signal: [f64; PRODUCTS],
 }
 
 fn dot(one: &[f64], other: &[f64]) -> f64 {
@@ -52,6 +55,9 @@ fn without(mut one: Vec<f64>, slow: &[Vec<f64>]) -> Vec<f64> {
 
 /// Most directions that steps are multiplied with.
 const DIRECTIONS: usize = 2 + SLOW.len();
+
+/// The same and the signal's own steps.
+const PRODUCTS: usize = DIRECTIONS + 1;
 
 /// Products of the steps that become of a signal with all directions, and the sum of their squares.
 struct Products<'a> {
@@ -107,7 +113,17 @@ impl<'a> Steps<'a> {
             let missed: Vec<f64> = residual[run.index][range.clone()].windows(3).map(|now| now[2] - now[0]).collect();
             let mut directions: Vec<_> = [missed.clone(), without(missed, &slow)].into_iter().chain(slow).collect();
             directions.iter_mut().for_each(|one| one.resize(one.len().next_multiple_of(SIDE), 0.0));
-            OfRun { run, begun_s: range.start as f64 * run.period_s, signal, directions }
+            let own: Vec<f64> = signal.windows(3).map(|now| now[2] - now[0]).collect();
+            let (mut of_jumps, mut of_signal) = (vec![[0.0; PRODUCTS]; signal.len()], [0.0; PRODUCTS]);
+            for (at, one) in directions.iter().enumerate().chain([(DIRECTIONS, &own)]) {
+                of_signal[at] = dot(&own, one);
+                // A jump is in two of the steps that go over two samples.
+                for (step, value) in one.iter().take(own.len()).enumerate() {
+                    of_jumps[step + 1][at] += value;
+                    of_jumps[step + 2][at] += value;
+                }
+            }
+            OfRun { run, begun_s: range.start as f64 * run.period_s, signal, directions, of_jumps, of_signal }
         };
         let ranges = |run: &'a Run| {
             let (length, count) = (run.input.len(), (run.input.len() / samples).max(1));
@@ -133,17 +149,39 @@ impl<'a> Steps<'a> {
         let of = &self.runs[at];
         let mut path = of.signal.clone();
         change(of.run, &mut path);
-        let ([whole, rest, slow @ ..], squares) = Arch::new().dispatch(Products { after: &path, of });
-        let energy = squares + 1e-30;
-        [(whole, energy), (rest, (energy - slow.iter().map(|share| share * share).sum::<f64>()).max(1e-9 * energy))]
+        let (products, squares) = Arch::new().dispatch(Products { after: &path, of });
+        both(products, squares)
+    }
+
+    /// As [`Self::matched`], by what is not merely slow, where `staircase` makes jumps of the signal, samples and values in order, three samples apart at least.
+    pub fn matched_jumps(&self, at: usize, staircase: impl FnOnce(&Run, &[f64], &mut dyn FnMut(usize, f64))) -> (f64, f64) {
+        let of = &self.runs[at];
+        let mut products = of.of_signal.map(|product| -product);
+        let (mut squares, mut last) = (of.of_signal[DIRECTIONS], None);
+        staircase(of.run, &of.signal, &mut |sample, value| {
+            let jump = last.map_or(0.0, |last| value - last);
+            last = Some(value);
+            squares += 2.0 * jump * jump;
+            products.iter_mut().zip(&of.of_jumps[sample]).for_each(|(sum, product)| *sum += jump * product);
+        });
+        // The steps of the difference: those of the jumps, less those of the signal.
+        squares -= 2.0 * (products[DIRECTIONS] + of.of_signal[DIRECTIONS]);
+        let [products @ .., _] = products;
+        both(products, squares)[1]
     }
 
     /// Points of a grid that go best with what is missed: the best by all that `change` makes of the signals, and as many by what of it is not
-    /// merely slow, which may be lost in the former.
-    pub fn best(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
+    /// merely slow, which may be lost in the former. Each recording begins in the one of some `ways` that goes best.
+    pub fn best(
+        &self,
+        grid: impl Iterator<Item = Vec<f64>>,
+        ways: &[f64],
+        change: impl Fn(&[f64], f64, &Run, &mut [f64]),
+    ) -> Vec<Vec<f64>> {
         let of = |point: Vec<f64>| {
-            let matched: Vec<_> = (0..self.runs.len()).map(|at| self.matched(at, |run, path| change(&point, run, path))).collect();
-            ([0, 1].map(|by: usize| over(matched.iter().map(|of| of[by]))), point)
+            let of = |at: usize, way: f64| self.matched(at, |run, path| change(&point, way, run, path));
+            let matched: Vec<_> = (0..self.runs.len()).map(|at| ways.iter().map(|way| of(at, *way)).collect::<Vec<_>>()).collect();
+            ([0, 1].map(|by: usize| over(matched.iter().map(|ways| best_of(ways.iter().map(|of| of[by]))))), point)
         };
         let mut scored: Vec<([f64; 2], Vec<f64>)> = grid.map(of).collect();
         let best = |by: usize| {
@@ -154,20 +192,35 @@ impl<'a> Steps<'a> {
         [0, 1].map(best).concat()
     }
 
-    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output. For recordings in one piece.
-    pub fn explaining(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
-        let of = |point: Vec<f64>| {
-            let of = |one: &OfRun<'_>| {
+    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output, as in [`Self::best`]. For recordings in
+    /// one piece.
+    pub fn explaining(
+        &self,
+        grid: impl Iterator<Item = Vec<f64>>,
+        ways: &[f64],
+        change: impl Fn(&[f64], f64, &Run, &mut [f64]),
+    ) -> Vec<Vec<f64>> {
+        let of = |point: &Vec<f64>| {
+            let of = |one: &OfRun<'_>, way: f64| {
                 let mut path = one.signal.clone();
-                change(&point, one.run, &mut path);
+                change(point, way, one.run, &mut path);
                 agreement(&path, one.run)
             };
-            (self.runs.iter().map(of).sum(), point)
+            self.runs.iter().map(|one| ways.iter().map(|way| of(one, *way)).fold(f64::MIN, f64::max)).sum()
         };
-        let mut scored: Vec<(f64, Vec<f64>)> = grid.map(of).collect();
-        scored.sort_by(|x, y| y.0.total_cmp(&x.0));
-        scored.into_iter().take(MATCHED / 2).map(|one| one.1).collect()
+        best_starts(grid, of, MATCHED / 2)
     }
+}
+
+/// Products with what is missed and squares, of all, and of what is not merely slow.
+fn both([whole, rest, slow @ ..]: [f64; DIRECTIONS], squares: f64) -> [(f64, f64); 2] {
+    let energy = squares + 1e-30;
+    [(whole, energy), (rest, (energy - slow.iter().map(|share| share * share).sum::<f64>()).max(1e-9 * energy))]
+}
+
+/// The products of the way that goes best.
+pub fn best_of(ways: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+    ways.max_by(|one, other| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()))).unwrap_or((0.0, 1e-30))
 }
 
 /// The score of several recordings together.

@@ -1,10 +1,12 @@
 //! `sample-and-hold`: the command is looked at once in a period and held until the next look, `v(t) = u(t_k)` with `t_k = (k + a) P <= t`,
 //! and followed at once or like a volume behind a restriction; or so is the output, by a camera.
 
+use std::ops::Range;
+
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{best_starts, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
-use crate::chain::steps::{Steps, agreement, best_place, over};
+use crate::chain::steps::{Steps, agreement, best_of, best_place, over};
 use crate::data::phasors::{spacing_hz, spacing_over_hz};
 use crate::data::session::{Run, Session};
 
@@ -142,20 +144,20 @@ impl Form for Held {
         let stretch = LEAST_SAMPLES.max((LEAST_PERIODS * LONGEST_S / sample_s) as usize);
         let steps = Steps::in_stretches(session, residual, held, stretch);
         let is_cut = steps.runs().any(|(.., begun_s)| begun_s > 0.0);
-        let change = |look_s: f64, first: f64| move |run: &Run, path: &mut [f64]| hold(path, look_s, first, FOLLOWS.low, run.period_s);
+        let staircase = |look_s: f64, first: f64| {
+            move |run: &Run, signal: &[f64], jump: &mut dyn FnMut(usize, f64)| {
+                held_values(signal, look_s / run.period_s, first, |held, value| jump(held.start, value));
+            }
+        };
         let of = |(at, run, begun_s): (usize, &Run, f64), start: &[f64]| {
             let first = (self.first_look(start, run, &[]) - begun_s / start[0]).rem_euclid(1.0);
-            steps.matched(at, change(start[0], first))[1]
+            steps.matched_jumps(at, staircase(start[0], first))
         };
         let score = |every: usize, start: &Vec<f64>| over(steps.runs().step_by(every).map(|one| of(one, start)));
         let first_looks = |period_s: f64| first_looks(period_s / sample_s);
         // Over several recordings or stretches of a clock that runs on, a period that is nearly right has the looks of each elsewhere.
         let best_looks = |every: usize, start: &Vec<f64>| {
-            let best = |at: usize| {
-                let of = first_looks(start[0]).map(|first| steps.matched(at, change(start[0], first))[1]);
-                let better = |one: &(f64, f64), other: &(f64, f64)| (one.0 / one.1.sqrt()).total_cmp(&(other.0 / other.1.sqrt()));
-                of.max_by(better).unwrap_or((0.0, 1e-30))
-            };
+            let best = |at: usize| best_of(first_looks(start[0]).map(|first| steps.matched_jumps(at, staircase(start[0], first))));
             over(steps.runs().step_by(every).map(|(at, ..)| best(at)))
         };
         let of_recordings = spacing_hz(session);
@@ -265,35 +267,41 @@ const REFINEMENTS: usize = 2;
 fn hold(path: &mut [f64], look_s: f64, first: f64, follows_s: f64, period_s: f64) {
     let samples = look_s / period_s;
     let before = path.to_vec();
-    let place = |sample: usize| last_look(sample as f64, samples, first).clamp(0.0, sample as f64);
-    let looked_at = |sample: usize, place: f64| {
-        let below = place as usize;
-        before[below] + (place - below as f64) * (before[(below + 1).min(sample)] - before[below])
-    };
     if follows_s <= FOLLOWS.low {
-        let (mut from, mut look) = (0, (1e-9 - first).floor());
-        while from < path.len() {
-            let value = looked_at(from, ((look + first) * samples).clamp(0.0, from as f64));
-            let next = |look: f64| (look + 1.0 + first - 1e-9) * samples;
-            let until = (next(look).ceil() as usize).clamp(from + 1, path.len());
-            path[from..until].fill(value);
-            from = until;
-            while next(look) <= from as f64 {
-                look += 1.0;
-            }
-        }
+        held_values(&before, samples, first, |held, value| path[held].fill(value));
         return;
     }
+    let place = |sample: usize| last_look(sample as f64, samples, first).clamp(0.0, sample as f64);
     let keep = |samples: f64| (-samples * period_s / follows_s).exp();
     let (mut held, mut state) = (before[0], before[0]);
     for (sample, value) in path.iter_mut().enumerate() {
         let (place, last) = (place(sample), held);
-        held = looked_at(sample, place);
+        held = looked_at(&before, sample, place);
         // The last look is some time ago, and until then the one before it counted.
         let since = (sample as f64 - place).min(1.0);
         state = last + (state - last) * keep(1.0 - since);
         state = held + (state - held) * keep(since);
         *value = state;
+    }
+}
+
+/// What a signal was at a place, in samples, up to now.
+fn looked_at(signal: &[f64], now: usize, place: f64) -> f64 {
+    let below = place as usize;
+    signal[below] + (place - below as f64) * (signal[(below + 1).min(now)] - signal[below])
+}
+
+/// Samples for which a value is held, and that value, one look after the other.
+fn held_values(signal: &[f64], samples: f64, first: f64, mut holds: impl FnMut(Range<usize>, f64)) {
+    let (mut from, mut look) = (0, (1e-9 - first).floor());
+    while from < signal.len() {
+        let next = |look: f64| (look + 1.0 + first - 1e-9) * samples;
+        let until = (next(look).ceil() as usize).clamp(from + 1, signal.len());
+        holds(from..until, looked_at(signal, from, ((look + first) * samples).clamp(0.0, from as f64)));
+        from = until;
+        while next(look) <= from as f64 {
+            look += 1.0;
+        }
     }
 }
 

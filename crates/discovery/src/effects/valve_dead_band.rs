@@ -93,8 +93,11 @@ impl Form for Follow {
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let steps = Steps::new(session, residual, |run| run.input.clone());
-        let change = |parameters: &[f64], run: &Run, path: &mut [f64]| self.input_from(parameters, run, path, 1, 0);
-        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), change);
+        let from = |parameters: &[f64], share: f64, run: &Run, path: &mut [f64]| {
+            follow(path, share * parameters[0], law(parameters), run.period_s);
+        };
+        let ways = [0.0, 0.999, -0.999];
+        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), &ways, from);
         // A valve that closes with no error left is a fast one.
         let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
         let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
@@ -105,18 +108,11 @@ impl Form for Follow {
         // What a wide band holds back the operators have taken for hysteresis of their own: it shows in what they leave with it, not without.
         let flows = |band: f64, travel: f64| ladder(0.006, 0.08, 7).into_iter().map(move |flow_s| vec![band, travel, flow_s]);
         let of = |travel: f64| [1.03, 1.15, 1.35, 1.7].into_iter().flat_map(move |wider| flows(travel * wider, travel));
-        [near, steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), change)].concat()
+        [near, steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), &ways, from)].concat()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        self.input_from(parameters, run, path, 6, 2);
-    }
-}
-
-impl Follow {
-    /// The command after the valve; where it begins is searched at so many places and refined so often.
-    fn input_from(&self, parameters: &[f64], run: &Run, path: &mut [f64], places: i32, refinements: usize) {
         let law = law(parameters);
-        follow(path, begin(law, run, path, places, refinements), law, run.period_s);
+        follow(path, begin(law, run, path), law, run.period_s);
     }
 }
 
@@ -125,11 +121,13 @@ fn law(parameters: &[f64]) -> [f64; 3] {
     [parameters[0], (parameters[0] - parameters[1]).max(0.005 * parameters[0]), parameters[2]]
 }
 
+/// Places on either side of the command at which the pressure is tried first, and then twice finer ones about the best.
+const PLACES: i32 = 6;
+
 /// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
 /// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place at which a few operators behind the valve leave least. Where
-/// there is no measured output (a simulation) the pressure begins at the command. So many `places` on either side of the command are tried,
-/// and finer ones about the best.
-fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize) -> f64 {
+/// there is no measured output (a simulation) the pressure begins at the command.
+fn begin(law: [f64; 3], run: &Run, path: &[f64]) -> f64 {
     if run.output.iter().all(|value| *value == 0.0) {
         return 0.0;
     }
@@ -139,9 +137,9 @@ fn begin(law: [f64; 3], run: &Run, path: &[f64], places: i32, refinements: usize
         follow(&mut scratch, begin_at, law, run.period_s);
         agreement(&scratch, run)
     };
-    let spacing = law[0] / f64::from(places);
-    let away = (-places..=places).filter(|place| *place != 0).map(|place| spacing * f64::from(place) * 0.999);
-    best_place(std::iter::once(0.0).chain(away), spacing, refinements, agreement)
+    let spacing = law[0] / f64::from(PLACES);
+    let away = (-PLACES..=PLACES).filter(|place| *place != 0).map(|place| spacing * f64::from(place) * 0.999);
+    best_place(std::iter::once(0.0).chain(away), spacing, 2, agreement)
 }
 
 impl Form for Overlap {
