@@ -41,7 +41,7 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
     let mut models = vec![base.clone()];
     models.extend(Some(found.clone()).filter(&mut is_wanted));
     models.extend(simpler(found).into_iter().filter(&mut is_wanted).map(|model| alone(session, model)));
-    let others = outcome.second.iter().chain(&outcome.met).chain(&outcome.tried);
+    let others = outcome.met.iter().chain(&outcome.tried);
     let places = MOST_COMPARED.saturating_sub(models.len());
     models.extend(others.filter(|model| is_wanted(model)).take(places).cloned());
     let mut models = rivals_of(session, models);

@@ -78,16 +78,12 @@ impl First {
         let bare = bench.judge(&base);
         (bench.watch)(Progress::Stage("every effect"));
         let tried = bench.round(&base, PENALTY);
-        let mut candidates: Vec<Candidate> = Vec::new();
-        for one in &tried {
-            if !candidates.iter().any(|candidate| candidate.name == one.form.name()) {
-                candidates.push(Candidate {
-                    name: one.form.name().to_owned(),
-                    score: 1.0 - one.fitted.select / bare.select,
-                    p_value: tail(one.deviations),
-                });
-            }
-        }
+        let of = |one: &Tried| Candidate {
+            name: one.form.name().to_owned(),
+            score: 1.0 - one.fitted.select / bare.select,
+            p_value: tail(one.deviations),
+        };
+        let candidates = best_of_each(tried.iter()).map(of).collect();
         let mut firsts = bench.polished(&leaders(&tried), POLISH);
         // What the best effect leaves may be for another of its own forms to take away, before it is for a second effect.
         if let Some(best) = firsts.first().filter(|best| leaves(bench.session, best)) {
@@ -118,9 +114,8 @@ impl First {
     fn outcome(&self) -> Outcome {
         let owned: Vec<&'static str> = self.base.names().collect();
         let found = Found { order: new_names(&self.standing().model, &owned), candidates: self.candidates.clone(), ..Found::default() };
-        let second = second_best(self.standing(), if self.pays { &self.firsts } else { &[] });
         let met = self.firsts.iter().map(|one| one.fine.pruned()).collect();
-        Outcome { model: self.standing().fine.pruned(), second, found, met, tried: best_of_each(&self.tried) }
+        Outcome { model: self.standing().fine.pruned(), found, met, tried: not_by_chance(&self.tried) }
     }
 
     /// Adds further effects as long as they pay.
@@ -171,7 +166,6 @@ impl First {
                 standing = without_idle(bench, best, &owned);
             }
         }
-        let second = second_best(&standing, &rivals);
         // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
         if standing.model.names().any(|name| name == CREEP) {
             for slot in standing.model.slots.iter_mut().chain(&mut standing.fine.slots).filter(|slot| gives_zeros(slot.form)) {
@@ -187,19 +181,23 @@ impl First {
             }
         }
         let met = rivals.iter().chain(&firsts).map(|one| one.fine.pruned()).collect();
-        Outcome { model, second, found, met, tried: best_of_each(&tried) }
+        Outcome { model, found, met, tried: not_by_chance(&tried) }
     }
 }
 
-/// Every effect in its best form, where chance does not explain it.
-fn best_of_each(tried: &[Tried]) -> Vec<Model> {
-    let mut best: Vec<&Tried> = Vec::new();
-    for one in tried.iter().filter(|one| one.deviations > LIKELY) {
-        if best.iter().all(|other| other.form.name() != one.form.name()) {
-            best.push(one);
-        }
-    }
-    best.into_iter().map(|one| one.fitted.model.clone()).collect()
+/// Every effect in its best form.
+fn best_of_each<'a>(tried: impl Iterator<Item = &'a Tried>) -> impl Iterator<Item = &'a Tried> {
+    let mut names: Vec<&str> = Vec::new();
+    tried.filter(move |one| {
+        let is_new = !names.contains(&one.form.name());
+        names.push(one.form.name());
+        is_new
+    })
+}
+
+/// Every effect in its best form that chance does not explain.
+fn not_by_chance(tried: &[Tried]) -> Vec<Model> {
+    best_of_each(tried.iter().filter(|one| one.deviations > LIKELY)).map(|one| one.fitted.model.clone()).collect()
 }
 
 /// Whether something above the noise is left on the selecting samples.
@@ -236,13 +234,6 @@ fn without_idle(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judg
 /// Names of a model's effects without those `owned`.
 fn new_names(model: &Model, owned: &[&str]) -> Vec<&'static str> {
     model.names().filter(|name| !owned.contains(name)).collect()
-}
-
-/// The best of `rivals` that names something else than `standing` does.
-fn second_best(standing: &Judged, rivals: &[Judged]) -> Option<Model> {
-    let names: Vec<&str> = standing.model.names().collect();
-    let other = |rival: &&Judged| rival.model.names().any(|name| !names.contains(&name));
-    rivals.iter().find(other).map(|second| second.fine.pruned())
 }
 
 #[cfg(test)]

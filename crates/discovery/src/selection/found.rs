@@ -19,8 +19,6 @@ pub struct Found {
 pub struct Outcome {
     /// The model with the effects, on the operators of the fine grid that have a weight.
     pub model: Model,
-    /// The model of the second best explanation.
-    pub second: Option<Model>,
     /// What goes to the verdict.
     pub found: Found,
     /// The best explanations that the search has met, on the fine grid: those that something which jumps may stand beside.
@@ -35,6 +33,6 @@ impl Outcome {
     pub fn of(session: &Session, model: &Model) -> Self {
         let mut fine = model.refined();
         fine.fit_all(session);
-        Self { model: fine.pruned(), second: None, found: Found::default(), met: Vec::new(), tried: Vec::new() }
+        Self { model: fine.pruned(), found: Found::default(), met: Vec::new(), tried: Vec::new() }
     }
 }

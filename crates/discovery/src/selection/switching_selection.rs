@@ -18,7 +18,7 @@ use crate::selection::found::Outcome;
 use crate::selection::leaves::Left;
 use crate::selection::rounds;
 use crate::selection::rounds::Bench;
-use crate::selection::settings::{BESIDE_JUMPS, FEW, HALF, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
+use crate::selection::settings::{BESIDE_JUMPS, FEW, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{self, FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
 
@@ -294,21 +294,8 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let (model, select) = with_jumps(one, is_polished);
     let name = one.form.name();
     let beside = &explanations[one.quasi_static];
-    // What comes second is the other kind of jumps, or as many other smooth effects beside the same kind.
-    let unlike = |other: &&Judged| {
-        let of = &explanations[other.quasi_static];
-        other.form.name() == name && of.slots.len() == beside.slots.len() && of.names().any(|name| beside.names().all(|ours| ours != name))
-    };
-    // Whoever has no zeros of its own is compared with others that have none.
-    let own = are_its_own(zeros, one);
-    let with_none =
-        |other: &&Judged| own && other.form.name() != name && explanations[other.quasi_static].slots.len() == beside.slots.len();
-    let of_the_other_kind =
-        best.iter().copied().filter(|other| other.form.name() != name && !(own && has_zeros(&explanations[other.quasi_static])));
-    let others = of_the_other_kind.chain(judged.iter().flatten().filter(with_none)).chain(judged.iter().flatten().filter(unlike));
-    if let Some(other) = others.max_by(|x, y| x.log_likelihood.mean().total_cmp(&y.log_likelihood.mean())) {
-        outcome.second = Some(with_jumps(other, false).0);
-    }
+    // The other kinds of jumps are compared with these.
+    outcome.met.splice(0..0, best.iter().filter(|other| other.form.name() != name).map(|other| with_jumps(other, false).0));
     outcome.found.jump_scatter = Some(
         QuasiStatic::new(session, &with_lag(&one.model, one.law.drive, one.law.lag_s), noise, one.form.spec().feels_sensor)
             .scatter(&one.law),
@@ -323,17 +310,12 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
             outcome.met.insert(0, simulation);
         }
     }
-    // A simulation gives way to an observer of the same valve that explains more with nothing else beside it, or leaves far less.
-    let explains_more = one.quasi_static == 0 && found.as_ref().is_some_and(|found| found.mean() < one.log_likelihood.mean());
-    let above_noise = |square: f64| (square - noise * noise).max(0.0);
-    let gives_way = simulated
-        && name == VALVE
-        && (explains_more || above_noise(select) < HALF * above_noise(outcome.model.clone().fit(session, Scope::Both).1));
-    if !simulated || gives_way {
-        let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
-        order.push(name);
-        outcome.found.order = order;
-        outcome.model = model;
+    let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
+    order.push(name);
+    outcome.found.order = order;
+    let simulation = std::mem::replace(&mut outcome.model, model);
+    if simulated {
+        outcome.met.insert(0, simulation);
     }
     outcome
 }
