@@ -7,9 +7,9 @@ use crate::effects::catalogue;
 use crate::effects::offset_drift::{LEFT_BY_CREEP, gives_zeros};
 use crate::model::structure::{Model, Scope};
 use crate::result::{Candidate, DiscoverConfig};
+use crate::search::forms;
 use crate::search::parallel::{Progress, Watch};
 use crate::search::simplex::PENALTY;
-use crate::search::{forms, parallel};
 use crate::selection::found::{Found, Outcome};
 use crate::selection::rounds::{Bench, Judged, POLISH, Tried, leaders};
 use crate::selection::settings::{LIKELY, MATERIAL_SHARE, STANDS_OUT};
@@ -131,25 +131,17 @@ impl First {
             (bench.watch)(Progress::Stage("a second effect"));
             let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair));
             if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &standing, pair)) {
-                // A form in a narrow valley may have found its place with the other's help, and now do without it.
-                let is_narrow = pair.model.slots.iter().any(|slot| parallel::is_narrow(slot.form));
-                standing = if is_narrow { without_idle(bench, pair.clone(), &owned) } else { pair.clone() };
+                standing = pair.clone();
                 rivals = pairs;
             }
         }
         if !rivals.is_empty() {
-            let mut count = standing.model.slots.len() - owned.len();
-            while count > 1 && count < most_effects && leaves(session, &standing) {
+            while (2..most_effects).contains(&(standing.model.slots.len() - owned.len())) && leaves(session, &standing) {
                 (bench.watch)(Progress::Stage("a third effect"));
                 let least = least_further(session, &standing);
                 let further = bench.polished(&leaders(&bench.round(&standing.model, least)), POLISH);
                 let Some(best) = further.into_iter().next().filter(|best| best.pays(&standing, least)) else { break };
-                standing = without_idle(bench, best, &owned);
-                let now = standing.model.slots.len() - owned.len();
-                if now <= count {
-                    break;
-                }
-                count = now;
+                standing = best;
             }
         }
         // A slow rhythm is at rest too, and passes for noise until it is told.
@@ -163,7 +155,7 @@ impl First {
             let least = least_further(session, &standing);
             let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
             if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &standing, best)) {
-                standing = without_idle(bench, best, &owned);
+                standing = best;
             }
         }
         // Creep slower than the session, or through pauses that nobody recorded, leaves a zero in each recording, and no drift need be missing.
@@ -215,20 +207,6 @@ fn least_further(session: &Session, standing: &Judged) -> f64 {
 /// Whether one effect more pays beside those that are there already.
 fn pays_beside(bench: &Bench<'_>, standing: &Judged, further: &Judged) -> bool {
     further.pays(standing, least_further(bench.session, standing))
-}
-
-/// The model without the effects that no longer pay beside the others.
-fn without_idle(bench: &Bench<'_>, mut standing: Judged, owned: &[&str]) -> Judged {
-    while standing.model.slots.len() > owned.len() + 1 {
-        let free = (0..standing.model.slots.len()).filter(|&slot| !owned.contains(&standing.model.slots[slot].form.name()));
-        let fewer: Vec<Model> = free.map(|slot| standing.model.without(slot)).collect();
-        let Some(fewer) = bench.polished(&fewer, POLISH).into_iter().next() else { break };
-        if pays_beside(bench, &fewer, &standing) {
-            break;
-        }
-        standing = fewer;
-    }
-    standing
 }
 
 /// Names of a model's effects without those `owned`.
