@@ -8,7 +8,7 @@ use crate::data::session::{Role, Run, Session};
 use crate::model::structure::{Model, Order, Scope};
 use crate::search::forms;
 use crate::search::forms::Started;
-use crate::search::parallel::{Progress, Watch, in_parallel_by, is_narrow, labour, labour_of_all};
+use crate::search::parallel::{Progress, Watch, in_parallel_by, labour, labour_of_all};
 use crate::search::simplex::{Fitted, PENALTY, penalised};
 use crate::selection::settings::{BREADTH, GRID_ERROR, LIKELY};
 
@@ -116,8 +116,8 @@ impl Bench<'_> {
             &started,
             |started| labour(started.form),
             |started| {
-                let hopeful = is_narrow(started.form) || gain(started) > worth;
-                let fitted = if hopeful { forms::refine_form(started, self.session) } else { forms::settle_form(started, self.session) };
+                let refine = if gain(started) > worth { forms::refine_form } else { forms::settle_form };
+                let fitted = refine(started, self.session);
                 let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
                 Tried { fitted, form: started.form, deviations }
             },
