@@ -161,7 +161,8 @@ impl<'a> Steps<'a> {
         staircase(of.run, &of.signal, &mut |sample, value| {
             let jump = last.map_or(0.0, |last| value - last);
             last = Some(value);
-            squares += 2.0 * jump * jump;
+            // At an end one step goes over it, elsewhere two.
+            squares += sample.min(of.signal.len() - sample).min(2) as f64 * jump * jump;
             products.iter_mut().zip(&of.of_jumps[sample]).for_each(|(sum, product)| *sum += jump * product);
         });
         // The steps of the difference: those of the jumps, less those of the signal.
@@ -317,4 +318,35 @@ pub fn best_place(places: impl Iterator<Item = f64>, mut spacing: f64, refinemen
         [centre - spacing, centre + spacing].into_iter().for_each(|at| offer(at, &mut best));
     }
     best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use recording::{Recording, Signal};
+
+    use super::*;
+    use crate::data::closed_form::deviates;
+
+    #[test]
+    fn jumps_and_the_path_that_they_make_have_the_same_products() {
+        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (1.7 * time).cos()).collect();
+        let signals = (Signal::pressure_bar(), Signal::displacement_mm());
+        let recording = Recording::new(Path::new("run.csv"), signals.0, signals.1, time_s, input.clone(), input).expect("a recording");
+        let session = Session::new(&[recording], &[]).expect("a session");
+        let mut deviate = deviates(0x57E9);
+        let residual = vec![(0..400).map(|_| deviate()).collect::<Vec<f64>>()];
+        let steps = Steps::new(&session, &residual, |run| run.input.clone());
+        // Three samples are the fewest that a value is held for.
+        for held in [3, 7, 40] {
+            let [_, (product, square)] = steps.matched(0, |_, path| path.chunks_mut(held).for_each(|held| held.fill(held[0])));
+            let (of_jumps, square_of_jumps) = steps.matched_jumps(0, |_, signal, jump| {
+                signal.chunks(held).enumerate().for_each(|(at, value)| jump(at * held, value[0]));
+            });
+            assert!((product - of_jumps).abs() < 1e-9 * square.sqrt(), "{held}: {product} and {of_jumps}");
+            assert!((square_of_jumps / square - 1.0).abs() < 1e-9, "{held}: {square} and {square_of_jumps}");
+        }
+    }
 }

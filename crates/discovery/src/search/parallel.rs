@@ -22,7 +22,7 @@ pub enum Progress<'a> {
 /// Hears how far a discovery is, from any of its threads.
 pub type Watch<'a> = &'a (dyn Fn(Progress<'_>) + Sync);
 
-/// Forms that search in smaller steps than this lie in valleys narrower than their grids: those say nothing about them.
+/// Forms that search in smaller steps than this lie in valleys narrower than their grids: those say little about them.
 const NARROW: f64 = 0.05;
 
 /// Whether a form lies in a valley narrower than its grid.

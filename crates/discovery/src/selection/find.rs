@@ -1,4 +1,5 @@
-//! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something, a third; and what leaves again.
+//! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something; and a third. Which of them stay is
+//! decided where all explanations are compared.
 
 use crate::data::noise;
 use crate::data::session::Session;

@@ -302,6 +302,10 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     );
     outcome.found.candidates.retain(|candidate| candidate.name != name);
     outcome.found.candidates.insert(0, Candidate { name: name.to_owned(), score: 1.0 - select / first_select, p_value: tail(deviations) });
+    let simulation = std::mem::replace(&mut outcome.model, model);
+    if simulated {
+        outcome.met.insert(0, simulation);
+    }
     if let Some(form) = simulated_valve.filter(|_| name == VALVE) {
         // Of several models of the same forms the first is compared: the one that leaves less.
         let simulation = switching_refits::simulated(session, beside, *form, &one.law);
@@ -313,10 +317,6 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let mut order: Vec<&'static str> = beside.names().filter(|name| base.names().all(|owned| owned != *name)).collect();
     order.push(name);
     outcome.found.order = order;
-    let simulation = std::mem::replace(&mut outcome.model, model);
-    if simulated {
-        outcome.met.insert(0, simulation);
-    }
     outcome
 }
 
