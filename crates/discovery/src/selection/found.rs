@@ -21,7 +21,8 @@ pub struct Outcome {
     pub model: Model,
     /// What goes to the verdict.
     pub found: Found,
-    /// The best explanations that the search has met, on the fine grid: those that something which jumps may stand beside.
+    /// The best explanations that the search has met, on the fine grid: those that something which jumps may stand beside, and before them other
+    /// kinds of jumps and a valve's simulations, where something was found to jump.
     pub met: Vec<Model>,
     /// Every effect alone, in its best form, on the coarse grid, best first.
     pub tried: Vec<Model>,
