@@ -380,11 +380,10 @@ fn every_name_of_the_vocabulary_has_a_form_or_is_the_mask() {
     }
     for form in &forms {
         assert!(catalogue::NAMES.contains(&form.name()), "{} is not in the vocabulary", form.name());
-        let twins = forms.iter().filter(|other| other.name() == form.name() && other.is_called(form.key())).count();
+        let twins = forms.iter().filter(|other| other.name() == form.name() && other.key() == form.key()).count();
         assert_eq!(twins, 1, "{} has two forms called {}", form.name(), form.key());
         let is_of_a_key = |letter: char| letter.is_ascii_lowercase() || letter == '-';
         assert!(form.key().chars().all(is_of_a_key), "{:?} is no key", form.key());
-        assert!(form.is_called(form.form()), "files of earlier versions have descriptions");
     }
 }
 

@@ -199,11 +199,8 @@ pub struct Spec {
     pub starts: fn() -> Vec<Vec<f64>>,
     /// First step of the search around a start for each parameter (the last one for all further), in the logarithm or in a quarter of the range.
     pub steps: &'static [f64],
-    /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free. A file that
-    /// was written before there was such a parameter, one of the last, means this value.
+    /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free.
     pub simpler_at: &'static [(usize, f64)],
-    /// Its parameters by the form and parameters of earlier files that it has taken the place of.
-    pub of_earlier: fn(&str, &[f64]) -> Option<Vec<f64>>,
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -244,7 +241,6 @@ impl Spec {
             starts: || vec![Vec::new()],
             steps: &[0.15],
             simpler_at: &[],
-            of_earlier: |_, _| None,
             weights: 0,
             cost: None,
             across: None,
@@ -348,11 +344,6 @@ impl dyn Form + '_ {
     pub fn key(&self) -> &'static str {
         self.spec().form.0
     }
-    /// Whether a file means this form: by its key, or by its description as files of earlier versions do.
-    pub fn is_called(&self, form: &str) -> bool {
-        let (key, description) = self.spec().form;
-        form == key || form == description
-    }
     /// What distinguishes this form.
     pub fn form(&self) -> &'static str {
         self.spec().form.1
@@ -378,15 +369,6 @@ impl dyn Form + '_ {
             let [low, high, simple] = [between[0], between[1], simple].map(|value| self.parameters()[parameter].share(value));
             low - NEARLY < simple && simple < high + NEARLY
         })
-    }
-    /// Its parameters by those that a file has, whatever form it had then; nothing where they do not fit.
-    pub fn of_a_file(&self, form: &str, parameters: &[f64]) -> Option<Vec<f64>> {
-        if !self.is_called(form) {
-            return (self.spec().of_earlier)(form, parameters);
-        }
-        let simple = |at: usize| self.spec().simpler_at.iter().find(|simpler| simpler.0 == at).map(|simpler| simpler.1);
-        let added = (parameters.len()..self.parameters().len()).map(simple);
-        parameters.iter().copied().map(Some).chain(added).collect()
     }
     /// First step of the search for one parameter.
     pub fn step(&self, parameter: usize) -> f64 {

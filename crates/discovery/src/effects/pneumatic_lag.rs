@@ -1,5 +1,7 @@
 //! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row or beside each other, behind a
 //! converter that holds the command between samples, through a tube in which the denser air flows more easily, or through an orifice.
+//!
+//! The time constant is the mean lag at half the span in every form, by which a slow ramp is late there: forms of one rig can be compared.
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::elementary;
@@ -22,8 +24,8 @@ struct Restriction {
 
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 2e-3, high: 2.0, logarithmic: true };
 
-/// A spool before the volume, or a volume behind a volume: the second is the faster one.
-const SECOND: Parameter = Parameter { name: "second_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.5, logarithmic: true };
+/// A spool before the volume, or a volume behind a volume: share of their lag that is the faster one's.
+const FASTER: Parameter = Parameter { name: "faster_share", quantity: Quantity::Ratio, low: 5e-3, high: 0.5, logarithmic: true };
 
 const fn lags(form: Told, place: Place, parameters: &'static [Parameter], held: bool) -> Restriction {
     Restriction { form, place, parameters, held }
@@ -41,8 +43,16 @@ static HELD: Restriction = Restriction {
 
 static BEHIND: Restriction = lags(("behind", "behind the hysteresis"), Place::Tip, &[TIME], false);
 
-static TWO_POLES: Restriction = lags(("two-before", "two in a row before the hysteresis"), Place::Flow, &[TIME, SECOND], false);
-static TWO_POLES_BEHIND: Restriction = lags(("two-behind", "two in a row behind the hysteresis"), Place::Tip, &[TIME, SECOND], false);
+static TWO_POLES: Restriction = lags(("two-before", "two in a row before the hysteresis"), Place::Flow, &[TIME, FASTER], false);
+static TWO_POLES_BEHIND: Restriction = lags(("two-behind", "two in a row behind the hysteresis"), Place::Tip, &[TIME, FASTER], false);
+
+impl Restriction {
+    /// Time constants of its lags, s.
+    fn times_s(parameters: &[f64]) -> impl Iterator<Item = f64> {
+        let faster = parameters.get(1).map_or(0.0, |share| share * parameters[0]);
+        [parameters[0] - faster, faster].into_iter().take(parameters.len())
+    }
+}
 
 impl Form for Restriction {
     fn spec(&self) -> Spec {
@@ -54,7 +64,7 @@ impl Form for Restriction {
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let two = || ladder(0.03, 0.6, 5).into_iter().flat_map(|slow| [vec![slow, 0.05 * slow], vec![slow, 0.3 * slow]]).collect();
+        let two = || grid(&ladder(0.03, 0.7, 5), &[0.05, 0.23]);
         if self.parameters.len() == 1 { row(&ladder(0.02, 1.0, 7)) } else { two() }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
@@ -64,12 +74,12 @@ impl Form for Restriction {
         if self.held {
             lag_of_held(path, parameters[0], run.period_s);
         } else {
-            parameters.iter().for_each(|&time_s| lag(path, time_s, run.period_s));
+            Self::times_s(parameters).for_each(|time_s| lag(path, time_s, run.period_s));
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         if self.place > Place::Operators {
-            parameters.iter().for_each(|&time_s| columns.filter(&Lag::new(time_s, run.period_s)));
+            Self::times_s(parameters).for_each(|time_s| columns.filter(&Lag::new(time_s, run.period_s)));
         }
     }
 }
@@ -79,14 +89,19 @@ struct Beside;
 
 impl Form for Beside {
     fn spec(&self) -> Spec {
-        const SHARE: Parameter = Parameter { name: "second_share", quantity: Quantity::Ratio, low: 0.05, high: 0.95, logarithmic: false };
+        const RATIO: Parameter = Parameter { name: "faster_ratio", high: 1.0, ..FASTER };
+        const SHARE: Parameter = Parameter { name: "faster_part", low: 0.05, high: 0.95, logarithmic: false, ..FASTER };
         Spec {
-            parameters: &[TIME, SECOND, SHARE],
-            starts: || ladder(0.1, 1.0, 4).into_iter().map(|slow| vec![slow, 0.15 * slow, 0.5]).collect(),
+            parameters: &[TIME, RATIO, SHARE],
+            starts: || ladder(0.06, 0.6, 4).into_iter().map(|mean| vec![mean, 0.15, 0.5]).collect(),
             ..Spec::new("pneumatic-lag", ("two-beside", "two beside each other before the hysteresis"), Place::Flow)
         }
     }
-    leads_input!(|self, parameters, run| Both { lags: [0, 1].map(|at| Lag::new(parameters[at], run.period_s)), share: parameters[2] });
+    leads_input!(|self, parameters, run| {
+        let [mean_s, ratio, share] = [parameters[0], parameters[1], parameters[2]];
+        let slow_s = mean_s / (1.0 - share + share * ratio);
+        Both { lags: [slow_s, ratio * slow_s].map(|time_s| Lag::new(time_s, run.period_s)), share }
+    });
 }
 
 /// What [`Beside`] does to the input.
@@ -114,7 +129,7 @@ impl Filter<3> for Both {
     }
 }
 
-/// A lag whose time constant changes with the pressure: `T k(v) dv/dt = u - v`.
+/// A lag whose time constant changes with the pressure: `T k(v) / k(1/2) dv/dt = u - v`.
 struct Changing {
     form: Told,
     parameters: &'static [Parameter],
@@ -123,14 +138,14 @@ struct Changing {
 }
 
 /// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
-/// room's pressure `P`, so that a tube under pressure is a faster one. `T dv/dt = (u - v)(1 + c (u + v) / 2)`, and `c` is `1 / P`.
+/// room's pressure `P`, so that a tube under pressure is a faster one: `k = 1 / (1 + c (u + v) / 2)`, and `c` is `1 / P`.
 static DENSE: Changing = Changing {
     form: ("faster-under-pressure", "before the hysteresis, faster under pressure"),
     parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
     slows: false,
 };
 
-/// A muscle that grows as it fills takes the longer to fill, the fuller it is: `T (1 + c v) dv/dt = u - v`.
+/// A muscle that grows as it fills takes the longer to fill, the fuller it is: `k = 1 + c v`.
 static GROWING: Changing = Changing {
     form: ("slower-under-pressure", "before the hysteresis, slower under pressure"),
     parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
@@ -142,7 +157,7 @@ impl Form for Changing {
         Spec { parameters: self.parameters, steps: &[0.15, 0.4], ..Spec::new("pneumatic-lag", self.form, Place::Flow) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(0.04, 1.0, 5), &[if self.slows { 0.5 } else { 2.0 }])
+        grid(&ladder(0.03, 0.8, 5), &[if self.slows { 0.5 } else { 2.0 }])
     }
     leads_input!(|self, parameters, run| self.filter(parameters, run));
 }
@@ -150,9 +165,13 @@ impl Form for Changing {
 impl Changing {
     fn filter(&self, parameters: &[f64], run: &Run) -> Condensing {
         let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
-        Condensing { time_s: parameters[0], faster, slower, step_s: run.period_s / LOOKS as f64 }
+        let time_s = parameters[0] * (1.0 + HALF * faster) / (1.0 + HALF * slower);
+        Condensing { time_s, faster, slower, step_s: run.period_s / LOOKS as f64 }
     }
 }
+
+/// Where the time constant is that of its parameter.
+const HALF: f64 = 0.5;
 
 /// What [`Changing`] does to the input.
 #[derive(PartialEq)]
@@ -269,11 +288,32 @@ mod tests {
     }
 
     #[test]
+    fn every_form_follows_a_slow_ramp_by_its_time_constant_later_at_half_the_span() {
+        const TIME_S: f64 = 0.3;
+        let run = run((0..20_001).map(|sample| f64::from(sample) / 20_000.0).collect());
+        let slope_per_s = 1.0 / 400.0;
+        let linear: [(&dyn Form, &[f64]); 6] = [
+            (&BEFORE, &[TIME_S]),
+            (&TWO_POLES, &[TIME_S, 0.2]),
+            (&Beside, &[TIME_S, 0.15, 0.4]),
+            (&DENSE, &[TIME_S, 3.0]),
+            (&GROWING, &[TIME_S, 2.0]),
+            (&ORIFICE, &[TIME_S, 1.0]),
+        ];
+        for (form, parameters) in linear {
+            let mut path = run.input.clone();
+            form.input(parameters, &run, &mut path);
+            let late_s = (run.input[10_000] - path[10_000]) / slope_per_s;
+            assert!((late_s / TIME_S - 1.0).abs() < 5e-3, "{}: {late_s} s", form.form());
+        }
+    }
+
+    #[test]
     fn a_muscle_that_grows_slows_its_own_filling() {
         let (time_s, slower) = (0.15, 0.8);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        GROWING.input(&[time_s, slower], &run, &mut path);
+        GROWING.input(&[time_s * (1.0 + 0.5 * slower), slower], &run, &mut path);
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {
             for look in 0..2000 {
@@ -307,7 +347,7 @@ mod tests {
         let (time_s, faster) = (0.2, 3.0);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        DENSE.input(&[time_s, faster], &run, &mut path);
+        DENSE.input(&[time_s / (1.0 + 0.5 * faster), faster], &run, &mut path);
         // T v' = c / 2 ((u + 1/c)^2 - (v + 1/c)^2), in small steps of Euler's.
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {

@@ -65,10 +65,6 @@ static ADDITIVE: OfOperators = {
         |of, law| [law.extra_per_rate, law.rate_scale_per_s] = [of[0], of[1]],
     );
     own.spec.simpler_at = &[(1, LINEAR)];
-    own.spec.of_earlier = |form, of| {
-        let is_linear = ["overstress-linear", "every threshold grows by the same, in proportion to the rate"].contains(&form);
-        of.first().filter(|_| is_linear).map(|growth| vec![growth * LINEAR, LINEAR])
-    };
     own
 };
 
@@ -93,12 +89,6 @@ static PROPORTIONAL: OfOperators = {
         |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], of[2] * f64::from(of[2] > FADING.low)],
     );
     own.spec.simpler_at = &[(1, LINEAR), (2, FADING.low)];
-    own.spec.of_earlier = |form, of| {
-        let rest = form.strip_prefix("share").or_else(|| form.strip_prefix("every threshold grows by a share of itself"))?;
-        let is_known = ["-linear", "-fading"].contains(&rest) || rest.starts_with(", in proportion to the rate");
-        let fading_s = of.get(1).copied().unwrap_or(FADING.low);
-        of.first().filter(|_| is_known).map(|growth| vec![growth * LINEAR, LINEAR, fading_s])
-    };
     own
 };
 
@@ -200,34 +190,6 @@ mod tests {
     use crate::chain::operators::{self, Begin, Lead};
     use recording::{Recording, Signal};
     use std::path::Path;
-
-    #[test]
-    fn forms_of_earlier_files_are_read_as_the_same_law() {
-        let law = |form: &str, parameters: &[f64]| {
-            let (own, parameters) = FORMS.iter().find_map(|own| Some((own, own.of_a_file(form, parameters)?))).expect("a form");
-            assert!(own.parameters().len() == parameters.len(), "{form}: {parameters:?}");
-            let mut law = OperatorLaw::default();
-            own.operator_law(&parameters, &mut law);
-            law
-        };
-        let growths = |law: &OperatorLaw, rate: f64| [law.extra_per_rate, law.growth_per_rate].map(|growth| growth * law.saturated(rate));
-        for (form, parameters, wanted, memory_s) in [
-            ("overstress-linear", &[0.05][..], [0.05, 0.0], 0.0),
-            ("every threshold grows by a share of itself, in proportion to the rate", &[0.4], [0.0, 0.4], 0.0),
-            ("share-fading", &[0.4, 0.03], [0.0, 0.4], 0.03),
-        ] {
-            let law = law(form, parameters);
-            assert_eq!(law.rate_memory_s, memory_s, "{form}");
-            for rate in [0.1, 3.0] {
-                let found = growths(&law, rate);
-                let near = |(found, wanted): (&f64, f64)| (found - wanted * rate).abs() < 1e-4 * rate;
-                assert!(found.iter().zip(wanted).all(near), "{form} at {rate}: {found:?}");
-            }
-        }
-        // A parameter that was not there yet: no memory.
-        let law = law("share-asinh", &[0.02, 0.1]);
-        assert_eq!((law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s), (0.02, 0.1, 0.0));
-    }
 
     #[test]
     fn operators_that_follow_late_are_slower_by_a_power_of_their_thresholds() {

@@ -51,9 +51,6 @@ impl Form for Pressure {
             ],
             is_static: true,
             simpler_at: &[(2, 0.0)],
-            of_earlier: |form, of| {
-                (form == "curve of the input: v = u + a u (1 - u) + b u (1 - u) (1 - 2 u)").then(|| [of, &[0.0]].concat())
-            },
             starts: || [-0.4, -0.15, 0.15, 0.4].into_iter().flat_map(|a| [vec![a, -0.08, 0.0], vec![a, 0.08, 0.0]]).collect(),
             ..Spec::new(
                 "static-nonlinearity",
@@ -82,11 +79,6 @@ impl Form for Power {
             ],
             is_static: true,
             simpler_at: &[(1, 1.0)],
-            of_earlier: |form, of| match form {
-                "power of the input: v = u^n" => Some([of, &[1.0]].concat()),
-                "input-power" => Some(vec![of[0], 1.0 + of[1].powf(-of[0])]),
-                _ => None,
-            },
             starts: || [grid(&[0.6, 0.85, 1.2, 1.6], &[1.0]), grid(&[1.2, 2.2], &[2.0, 5.0]), grid(&[1.0, 2.0], &[0.4])].concat(),
             ..Spec::new(
                 "static-nonlinearity",
@@ -200,7 +192,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_power_saturates_or_steepens_or_is_a_plain_one_and_earlier_files_mean_the_same() {
+    fn a_power_saturates_or_steepens_or_is_a_plain_one() {
         let input: Vec<f64> = (0..1000).map(|sample| f64::from(sample) / 999.0).collect();
         let time_s = input.iter().map(|value| 20.0 * value).collect();
         let recording =
@@ -219,8 +211,5 @@ mod tests {
         // Hill's curve, half of it at half of the span, and its inverse.
         assert!(is(&[2.0, 5.0], [0.25, 0.625, 1.0, -0.625]));
         assert!(is(&[1.0, 0.2], [0.0625, 1.0 / 6.0, 1.0, -1.0 / 6.0]));
-        let of = |form: &str, parameters: &[f64]| FORMS[1].of_a_file(form, parameters).expect("its form");
-        assert!(is(&of("input-power", &[2.0, 0.5]), [0.25, 0.625, 1.0, -0.625]));
-        assert!(is(&of("power of the input: v = u^n", &[2.0]), [0.0625, 0.25, 1.0, -0.25]));
     }
 }

@@ -26,7 +26,7 @@ use crate::model::structure::{Model, Slot};
 pub const KIND: &str = "discovered";
 
 /// Version of the file.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// One effect in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,7 +34,7 @@ pub const VERSION: u32 = 1;
 pub struct EffectEntry {
     /// Name from the vocabulary.
     pub name: String,
-    /// Key of the effect's form; files of earlier versions have its description.
+    /// Key of the effect's form.
     pub form: String,
     /// What it does, where it comes from a file of effects.
     #[serde(default)]
@@ -224,7 +224,10 @@ impl DiscoveredModel {
         let invalid = |problem: String| FileError::Invalid { path: path.into(), problem };
         let model: Self = toml::from_str(&text).map_err(|error| invalid(error.to_string()))?;
         if model.kind != KIND || model.version != VERSION {
-            return Err(invalid(format!("its kind is {:?}, version {}, expected {KIND:?}, version {VERSION}", model.kind, model.version)));
+            let (kind, version) = (model.kind, model.version);
+            let problem =
+                format!("its kind is {kind:?}, version {version}, expected {KIND:?}, version {VERSION}: find it again with discover");
+            return Err(invalid(problem));
         }
         if model.thresholds.len() != model.weights.len() || model.thresholds.is_empty() {
             return Err(invalid(format!("{} thresholds but {} weights", model.thresholds.len(), model.weights.len())));
@@ -261,19 +264,17 @@ impl DiscoveredModel {
         let forms = [&catalogue::forms()[..], &other_input::FORMS].concat();
         let mut slots = Vec::new();
         for entry in &self.effects {
-            let (form, parameters) = match &entry.definition {
-                Some(definition) => (definition.form().map_err(|error| error.to_string())?, entry.normalised.clone()),
-                None => forms
+            let form = match &entry.definition {
+                Some(definition) => definition.form().map_err(|error| error.to_string())?,
+                None => *forms
                     .iter()
-                    .copied()
-                    .filter(|form| form.name() == entry.name)
-                    .find_map(|form| Some((form, form.of_a_file(&entry.form, &entry.normalised)?)))
+                    .find(|form| form.name() == entry.name && form.key() == entry.form)
                     .ok_or_else(|| format!("no effect {:?} of the form {:?} is known", entry.name, entry.form))?,
             };
-            if form.parameters().len() != parameters.len() || form.spec().weights != entry.weights.len() {
+            if form.parameters().len() != entry.normalised.len() || form.spec().weights != entry.weights.len() {
                 return Err(format!("the effect {:?} has another number of parameters or weights than its form", entry.name));
             }
-            for (parameter, &value) in form.parameters().iter().zip(&parameters) {
+            for (parameter, &value) in form.parameters().iter().zip(&entry.normalised) {
                 if !(parameter.low..=parameter.high).contains(&value) {
                     return Err(format!(
                         "{} of {:?} is {value}, outside {} to {}",
@@ -281,7 +282,7 @@ impl DiscoveredModel {
                     ));
                 }
             }
-            slots.push(Slot { form, parameters, weights: entry.weights.clone() });
+            slots.push(Slot { form, parameters: entry.normalised.clone(), weights: entry.weights.clone() });
         }
         let base = std::iter::once(self.constant).chain(self.weights.iter().copied()).collect();
         Ok(Model {

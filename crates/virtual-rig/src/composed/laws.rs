@@ -45,8 +45,10 @@ pub(super) fn delay(delay_s: f64) -> Stage {
 pub(super) fn first_order(mut rate: impl FnMut(f64, f64) -> f64 + 'static) -> Stage {
     let mut state = 0.0;
     stage(move |value, _| {
+        // What stood when this input came: the step of Euler's is behind it, and a ramp is followed as late as in continuous time.
+        let stood = state;
         state += STEP_S * rate(value, state);
-        state
+        stood
     })
 }
 

@@ -14,8 +14,9 @@ pub(super) fn tuning(name: &str, draw: &mut Draw<'_>) -> Drawn {
             draw.tell("pneumatic-lag.time_constant_s", line_s + muscle_s);
             let mut line = 0.0;
             Drawn::Before(first_order(move |value, state| {
+                let flow = (line - state) / muscle_s;
                 line += STEP_S * (value - line) / line_s;
-                (line - state) / muscle_s
+                flow
             }))
         }
         "valve-dead-band" => {

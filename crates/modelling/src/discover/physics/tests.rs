@@ -79,21 +79,19 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
     let cases = [
         (vec![], false, 1e-9),
         (vec![], true, 1e-9),
-        (one("creep", "of the displacement", &[], &[0.05, 0.0, 0.04, 0.02]), false, 2e-2),
+        (one("creep", "of-the-displacement", &[], &[0.05, 0.0, 0.04, 0.02]), false, 2e-2),
         // Nothing of these moves on in a run of 20 s that ends a session of 100 s, but the drift by 20 s in 600 s.
-        (one("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08]), false, 1e-9),
-        (one("offset-drift", "a smooth curve of the session's time", &[600.0], &[0.02, 0.0, 0.0, 0.0]), false, 1e-2),
-        (one("gain-drift", "a smooth curve of the session's time", &[600.0], &[0.1, 0.0, 0.0, 0.0]), true, 5e-2),
+        (one("setup-change", "one-step", &[2.5], &[0.03, 0.08]), false, 1e-9),
+        (one("offset-drift", "smooth-curve", &[600.0], &[0.02, 0.0, 0.0, 0.0]), false, 1e-2),
+        (one("gain-drift", "smooth-curve", &[600.0], &[0.1, 0.0, 0.0, 0.0]), true, 5e-2),
         // A straight line instead of a cubic between samples: hundredths of 12 mm.
         (one("dead-time", "constant", &[0.137], &[]), false, 4e-2),
         (one("pneumatic-lag", "before", &[0.15], &[]), false, 2e-3),
-        // As files of earlier versions have it.
-        (one("pneumatic-lag", "before the hysteresis", &[0.15], &[]), false, 2e-3),
         (one("pneumatic-lag", "before-held", &[0.15], &[]), false, 2e-3),
-        (one("pneumatic-lag", "two-before", &[0.15, 0.008], &[]), false, 2e-3),
-        (one("pneumatic-lag", "two-before", &[0.15, 0.05], &[]), true, 2e-3),
+        (one("pneumatic-lag", "two-before", &[0.158, 0.05], &[]), false, 2e-3),
+        (one("pneumatic-lag", "two-before", &[0.2, 0.25], &[]), true, 2e-3),
         (one("pneumatic-lag", "behind", &[0.1], &[]), false, 1e-9),
-        (one("pneumatic-lag", "two-behind", &[0.1, 0.03], &[]), false, 1e-9),
+        (one("pneumatic-lag", "two-behind", &[0.13, 0.23], &[]), false, 1e-9),
         (one("resonance", "pressure", &[3.0, 0.2], &[]), false, 2e-3),
         (one("resonance", "tip", &[2.0, 0.05], &[]), false, 1e-9),
         (one("resonance", "shaken-tip", &[4.0, 0.1], &[]), false, 1e-9),
@@ -138,7 +136,7 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
                 entry("creep", "of-the-displacement", &[], &[0.05, 0.0, 0.04, 0.02]),
                 entry(curve, "output-cubic", &[], &[0.2, -0.1]),
                 entry("resonance", "tip", &[3.0, 0.1], &[]),
-                entry("setup-change", "zero and gain step between two recordings", &[2.5], &[0.03, 0.08]),
+                entry("setup-change", "one-step", &[2.5], &[0.03, 0.08]),
             ],
             false,
             1.2e-1,
@@ -192,7 +190,7 @@ fn what_the_session_left_in_the_muscle_is_no_matter_of_the_form() {
 
 #[test]
 fn a_model_from_a_file_keeps_its_memory_behind_a_lag() {
-    let lagging = || model(vec![entry("pneumatic-lag", "before the hysteresis", &[0.15], &[])], false);
+    let lagging = || model(vec![entry("pneumatic-lag", "before", &[0.15], &[])], false);
     let experienced = DiscoveredModel { memory: vec![0.0, 0.9, 0.4], ..lagging() };
     let first = |model: &DiscoveredModel| model.simulate(&[1.2; 50]).expect("a prediction")[0];
     // Of three operators the widest (0.3 of the span, weight 0.2) still stands where 0.9 of the span left it, half the span further
