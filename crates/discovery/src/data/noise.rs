@@ -12,18 +12,11 @@ use crate::data::worked::worked_with;
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
 /// correlation of neighbours (an AR(1) law). In a session that never rests, stretches in which the input hardly moves stand in for rest,
 /// the quietest first. Without either, or where something moves by itself there, the fast part has to do, which misses coloured noise. A pump
-/// too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A sensor that reads in steps wider than its
+/// too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A stretch far louder than the quiet quarter of them still moves. A sensor that reads in steps wider than its
 /// noise hides at rest what it adds in motion: a uniform error of the step's width.
 #[must_use]
 pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
-    let mut sum = 0.0;
-    let mut neighbours = 0.0;
-    let mut count = 0.0;
-    let mut freedom = 0.0;
-    let mut lengths = 0.0;
-    let mut count_of_stretches = 0.0;
-    let mut slow = SlowMotion::new(session.runs[0].period_s);
-    let mut lines = Lines::new();
+    let mut straightened: Vec<(f64, Vec<f64>)> = Vec::new();
     let quiet = stretches(session);
     for ((run, residual), quiet) in session.runs.iter().zip(residual).zip(&quiet) {
         for stretch in quiet {
@@ -37,16 +30,24 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
             let centre = 0.5 * (n - 1.0);
             let slope = values.iter().enumerate().map(|(at, value)| (at as f64 - centre) * value).sum::<f64>() / (n * (n * n - 1.0) / 12.0);
             let flat: Vec<f64> = values.iter().enumerate().map(|(at, value)| value - mean - slope * (at as f64 - centre)).collect();
-            sum += flat.iter().map(|value| value * value).sum::<f64>();
-            slow.add(&flat);
-            lines.add(&flat);
-            neighbours += flat.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
-            count += n;
-            freedom += n - 2.0;
-            lengths += n;
-            count_of_stretches += 1.0;
+            straightened.push((flat.iter().map(|value| value * value).sum::<f64>() / (n - 2.0), flat));
         }
     }
+    straightened.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let quietest = straightened.get(straightened.len() / 4).map_or(0.0, |stretch| stretch.0);
+    straightened.retain(|stretch| stretch.0 <= STILL_MOVES * quietest);
+    let (mut sum, mut neighbours, mut count) = (0.0, 0.0, 0.0);
+    let mut slow = SlowMotion::new(session.runs[0].period_s);
+    let mut lines = Lines::new();
+    for (_, flat) in &straightened {
+        sum += flat.iter().map(|value| value * value).sum::<f64>();
+        slow.add(flat);
+        lines.add(flat);
+        neighbours += flat.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
+        count += flat.len() as f64;
+    }
+    let count_of_stretches = straightened.len() as f64;
+    let freedom = count - 2.0 * count_of_stretches;
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
     let over_fast = (sum / count).sqrt() / fast_part(session, residual).max(1e-30);
@@ -56,7 +57,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let of_lines = lines.share();
     // A line's correlation is not the noise's.
     let correlation = if of_lines > 0.0 { 0.0 } else { (neighbours / sum.max(1e-30)).clamp(0.0, 0.9) };
-    let mean_length = lengths / count_of_stretches;
+    let mean_length = count / count_of_stretches;
     let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
     let white_lost = 2.0 / mean_length;
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample].is_worked_with());
@@ -86,6 +87,9 @@ fn fast_part(session: &Session, residual: &[Vec<f64>]) -> f64 {
     floors.sort_by(f64::total_cmp);
     floors[floors.len() / 2]
 }
+
+/// Mean square over the lower quartile of all stretches from which on something still moves in one: a step that comes late ends in the rest behind it.
+const STILL_MOVES: f64 = 4.0;
 
 /// Fewest samples of rest that tell the noise.
 const ENOUGH_REST: usize = 100;

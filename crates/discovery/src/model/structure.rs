@@ -63,7 +63,7 @@ pub enum Scope {
 }
 
 /// Parameters of a form brought into their ranges.
-pub fn in_ranges(form: &dyn Form, mut parameters: Vec<f64>) -> Vec<f64> {
+fn in_ranges(form: &dyn Form, mut parameters: Vec<f64>) -> Vec<f64> {
     parameters.iter_mut().zip(form.parameters()).for_each(|(value, range)| *value = value.clamp(range.low, range.high));
     parameters
 }
@@ -98,7 +98,8 @@ impl Model {
         self.with_in(Order::Usual, form, parameters)
     }
 
-    /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there.
+    /// This model with one more effect, in its place in the chain or, turned, on the other side of its neighbour there. Parameters are brought into
+    /// their ranges: no file holds others.
     #[must_use]
     pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
         let mut model = self.with_free_weights();
@@ -108,7 +109,7 @@ impl Model {
             Some(_) if order == Order::Turned => usual + 1,
             _ => usual,
         };
-        model.slots.insert(at, Slot { form, parameters, weights: Vec::new() });
+        model.slots.insert(at, Slot { form, parameters: in_ranges(form, parameters), weights: Vec::new() });
         model
     }
 
@@ -139,17 +140,15 @@ impl Model {
         model
     }
 
-    /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators. Parameters are brought into
-    /// their ranges.
+    /// This model with another effect in the place of one: where that stood, if both are on the same side of the operators.
     #[must_use]
     pub fn with_in_place_of(&self, slot: usize, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
-        let parameters = in_ranges(form, parameters);
         let side = |form: &'static dyn Form| form.place().cmp(&Place::Operators);
         if side(self.slots[slot].form) != side(form) {
             return self.without(slot).with(form, parameters);
         }
         let mut model = self.with_free_weights();
-        model.slots[slot] = Slot { form, parameters, weights: Vec::new() };
+        model.slots[slot] = Slot { form, parameters: in_ranges(form, parameters), weights: Vec::new() };
         model
     }
 

@@ -4,7 +4,7 @@ use crate::chain::form::{Drive, Form};
 use crate::data::session::Session;
 use crate::effects::sticking::inferred_quasi_static;
 use crate::effects::{pneumatic_lag, sticking};
-use crate::model::structure::{Model, Scope, in_ranges};
+use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
 use crate::search::forms::{self, Started};
@@ -161,7 +161,7 @@ pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law
     let at = |places: [i32; 3]| {
         let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
         let travel = law.break_away * band * (1.0 - law.closing) * closes;
-        coarse.with(form, in_ranges(form, vec![law.break_away * band, travel, law.flow_s * flow]))
+        coarse.with(form, vec![law.break_away * band, travel, law.flow_s * flow])
     };
     let places = || -3..=3;
     let grid = places().flat_map(|band| places().flat_map(move |closes| places().map(move |flow| [band, closes, flow])));
