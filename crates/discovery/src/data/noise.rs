@@ -46,8 +46,7 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
         neighbours += flat.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
         count += flat.len() as f64;
     }
-    let count_of_stretches = straightened.len() as f64;
-    let freedom = count - 2.0 * count_of_stretches;
+    let freedom = count - 2.0 * straightened.len() as f64;
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
     let over_fast = (sum / count).sqrt() / fast_part(session, residual).max(1e-30);
@@ -57,14 +56,13 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let of_lines = lines.share();
     // A line's correlation is not the noise's.
     let correlation = if of_lines > 0.0 { 0.0 } else { (neighbours / sum.max(1e-30)).clamp(0.0, 0.9) };
-    let mean_length = count / count_of_stretches;
+    let mean_length = count / straightened.len() as f64;
     let lost = (2.0 * (1.0 + correlation) / (1.0 - correlation) / mean_length).min(0.6);
-    let white_lost = 2.0 / mean_length;
     let whole = blocks(session, residual, |run, sample| session.runs[run].role[sample].is_worked_with());
     let whole = whole.iter().sum::<f64>() / whole.len().max(1) as f64;
     let most = (MOST_OVER_FAST * fast_part(session, residual)).powi(2);
     // Rest in recordings that the model does not fit may hold more than noise; the noise is never more than the whole residual.
-    with_step((sum / freedom * (1.0 - of_lines) * (1.0 - white_lost) / (1.0 - lost)).min(most)).min(whole).sqrt()
+    with_step((sum / freedom * (1.0 - of_lines) * (1.0 - 2.0 / mean_length) / (1.0 - lost)).min(most)).min(whole).sqrt()
 }
 
 /// Whether what counts as noise may hold a rhythm: it is louder than its fast part, as coloured noise is and as a slow rhythm makes it.

@@ -165,13 +165,10 @@ impl Form for Changing {
 impl Changing {
     fn filter(&self, parameters: &[f64], run: &Run) -> Condensing {
         let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
-        let time_s = parameters[0] * (1.0 + HALF * faster) / (1.0 + HALF * slower);
+        let time_s = parameters[0] * (1.0 + 0.5 * faster) / (1.0 + 0.5 * slower);
         Condensing { time_s, faster, slower, step_s: run.period_s / LOOKS as f64 }
     }
 }
-
-/// Where the time constant is that of its parameter.
-const HALF: f64 = 0.5;
 
 /// What [`Changing`] does to the input.
 #[derive(PartialEq)]

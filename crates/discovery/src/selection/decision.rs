@@ -1,13 +1,13 @@
 //! The decision: of all explanations that the search has met, the one that predicts recordings it was not fitted to best.
 
 use crate::data::noise;
-use crate::data::session::Session;
+use crate::data::session::{Role, Session};
 use crate::model::structure::{Model, Scope, Slot};
 use crate::result::RunnerUp;
 use crate::search::forms;
 use crate::selection::criterion::Comparison;
 use crate::selection::found::Outcome;
-use crate::selection::leaves::{Left, worked};
+use crate::selection::leaves::{Left, one_step_ahead, rmse, worked};
 use crate::selection::rounds::POLISH;
 use crate::selection::settings::{GRID_ERROR, HALF, MOST_COMPARED, UNEXPLAINED};
 
@@ -44,13 +44,13 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
     let others = outcome.met.iter().chain(&outcome.tried);
     let places = MOST_COMPARED.saturating_sub(models.len());
     models.extend(others.filter(|model| is_wanted(model)).take(places).cloned());
-    let mut models = rivals_of(session, models);
+    let mut models = rivals_of(session, models, threads);
     let mut compared = Comparison::new(session, &models, seed, threads);
     // A rival may be simpler than the search has it, too.
     let of_rivals = compared.set.iter().flat_map(|member| simpler(&models[member.index])).filter(is_wanted);
     let of_rivals: Vec<Model> = of_rivals.map(|model| alone(session, model)).collect();
     if !of_rivals.is_empty() {
-        models = rivals_of(session, [models, of_rivals].concat());
+        models = rivals_of(session, [models, of_rivals].concat(), threads);
         compared = Comparison::new(session, &models, seed, threads);
     }
     let best = compared.best();
@@ -94,8 +94,9 @@ fn jumps(model: &Model) -> bool {
 
 /// The models that can be the answer: without those that close too little beside the best, and without those that have an effect more than another one
 /// needs. What that one leaves is no more than a form's error may be then, and the further effect explains too little of it, or it is the grid's. What mends
-/// a form is no effect by itself: a true one explains what is left without it, as a first one must what there is.
-fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
+/// a form is no effect by itself: a true one explains what is left without it, as a first one must what there is. What jumps beside it has to explain
+/// more of what a smooth observer misses than may stay unexplained.
+fn rivals_of(session: &Session, models: Vec<Model>, threads: usize) -> Vec<Model> {
     let missed = |model: &Model| {
         let mut fine = model.regrown();
         fine.fit_all(session);
@@ -112,11 +113,22 @@ fn rivals_of(session: &Session, models: Vec<Model>) -> Vec<Model> {
         let has = |name: &str| models[whole].names().any(|own| own == name);
         part > 0 && models[part].slots.len() < models[whole].slots.len() && models[part].names().all(has)
     };
+    // One step ahead, where something jumps. All errors count: a smooth observer errs where it jumps, in few samples.
+    let observers_leave = |model: usize| {
+        let square = |missed: Vec<Vec<f64>>| rmse(session, &missed, Role::Select, &vec![false; session.runs.len()], false).powi(2);
+        let [smooth, jumps] = one_step_ahead(session, &models[model], threads)?.1.map(square);
+        Some(Left::new(smooth, jumps, floor).share)
+    };
     let suffices = |part: usize, whole: usize| {
+        if !left(part, 0).is_some_and(|left| !left.is_too_much()) {
+            return false;
+        }
+        if let Some(share) = observers_leave(whole) {
+            return share > 1.0 - UNEXPLAINED[0];
+        }
         let excess = |model: usize| squares[model].map(|square| (square - floor).max(0.0));
         let (Some(of_part), Some(of_whole)) = (excess(part), excess(whole)) else { return false };
-        let is_enough = left(part, 0).is_some_and(|left| !left.is_too_much());
-        is_enough && (of_part <= GRID_ERROR * GRID_ERROR || of_whole > UNEXPLAINED[1] * of_part)
+        of_part <= GRID_ERROR * GRID_ERROR || of_whole > UNEXPLAINED[1] * of_part
     };
     // What closes less than half of what another one closes is no rival of it, however much the criterion lets pass for slow error.
     let closes = |model: usize| left(model, 0).map(|left| 1.0 - left.share);
@@ -179,7 +191,7 @@ mod tests {
             let delayed = bare.with(late, vec![0.07]);
             let models = [delayed.clone(), limited(&bare), limited(&delayed), delayed.with(lag, vec![0.01])];
             let fitted = models.iter().map(|model| refitted(&session, model));
-            let stay = rivals_of(&session, std::iter::once(bare.clone()).chain(fitted).collect());
+            let stay = rivals_of(&session, std::iter::once(bare.clone()).chain(fitted).collect(), 1);
             stay.iter().map(|model| model.names().collect::<Vec<_>>().join("+")).collect::<Vec<_>>()
         };
         let alone = staying(&["dead-time"]);

@@ -1,9 +1,12 @@
 //! What a model leaves of what another missed.
 
 use crate::data::noise;
-use crate::data::session::Session;
+use crate::data::session::{Role, Session};
 use crate::model::structure::Model;
+use crate::observers::law::SlipLaw;
 use crate::selection::settings::{GRID_ERROR, STANDS_OUT, UNEXPLAINED};
+use crate::selection::switching_likelihood::QuasiStatic;
+use crate::selection::switching_refits::{with_lag, without_jumps};
 
 /// Share of samples with the largest errors that do not count: a step of the command between two samples leaves as much as the step itself in one
 /// sample, whatever the model. The criterion's noise model has as many anywhere in the range.
@@ -24,6 +27,36 @@ pub fn worked(session: &Session, residual: &[Vec<f64>], all: bool) -> f64 {
         squares.select_nth_unstable_by(kept, f64::total_cmp);
     }
     squares[..kept].iter().sum::<f64>() / (kept.max(1) as f64 * OF_A_NORMAL_DEVIATE)
+}
+
+/// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
+/// samples count if `all`.
+pub fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], all: bool) -> f64 {
+    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == of && !in_a_gap[run];
+    let any = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
+    let mut sum = 0.0;
+    let mut count = 0.0_f64;
+    for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
+        for (sample, value) in residual.iter().enumerate() {
+            let counts = if any { reports(index, sample) } else { run.role[sample].is_worked_with() };
+            if counts && (all || run.keep[sample]) {
+                sum += value * value;
+                count += 1.0;
+            }
+        }
+    }
+    (sum / count.max(1.0)).sqrt()
+}
+
+/// Where something jumps: the model without it, what the best smooth observer misses one step ahead, and what the one misses that knows the jumps.
+pub fn one_step_ahead(session: &Session, model: &Model, threads: usize) -> Option<(Model, [Vec<Vec<f64>>; 2])> {
+    let slot = model.slots.iter().find(|slot| slot.form.jumps().is_some())?;
+    let (law, _) = SlipLaw::of_parameters(slot.form.jumps()?, &slot.parameters);
+    let residual = model.residuals(session);
+    let smooth = with_lag(&without_jumps(model), law.drive, law.lag_s);
+    let floor = noise::floor(session, &residual);
+    let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
+    Some((smooth, [missed, residual]))
 }
 
 /// How much of the mean square above the noise stays unexplained, from the mean squares before, after and of the noise.

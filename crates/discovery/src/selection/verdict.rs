@@ -9,33 +9,11 @@ use crate::effects::catalogue;
 use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Slot};
-use crate::observers::law::SlipLaw;
 use crate::result::{Discovery, Effect, Verdict};
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
-use crate::selection::leaves::{Left, worked};
+use crate::selection::leaves::{Left, one_step_ahead, rmse, worked};
 use crate::selection::settings::{FEWEST_FOR_HALVES, GRID_ERROR, HALF, MATERIAL_SHARE, STANDS_OUT, UNEXPLAINED};
-use crate::selection::switching_likelihood::QuasiStatic;
-use crate::selection::switching_refits;
-
-/// Root mean square over the samples of a role in recordings that are not `in_a_gap`, or over all that are worked with when there are none; masked
-/// samples count if `all`.
-fn rmse(session: &Session, residual: &[Vec<f64>], of: Role, in_a_gap: &[bool], all: bool) -> f64 {
-    let reports = |run: usize, sample: usize| session.runs[run].role[sample] == of && !in_a_gap[run];
-    let any = (0..session.runs.len()).any(|run| (0..session.runs[run].role.len()).any(|sample| reports(run, sample)));
-    let mut sum = 0.0;
-    let mut count = 0.0_f64;
-    for (index, (run, residual)) in session.runs.iter().zip(residual).enumerate() {
-        for (sample, value) in residual.iter().enumerate() {
-            let counts = if any { reports(index, sample) } else { run.role[sample].is_worked_with() };
-            if counts && (all || run.keep[sample]) {
-                sum += value * value;
-                count += 1.0;
-            }
-        }
-    }
-    (sum / count.max(1.0)).sqrt()
-}
 
 /// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
 /// of its own in each.
@@ -119,14 +97,10 @@ impl Jumping {
     pub fn of(session: &Session, after: &Model, threads: usize) -> Option<Self> {
         let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
         let in_a_gap = in_a_gap(session, after);
-        let residual = after.residuals(session);
         let drive = slot.form.jumps()?;
-        let (law, _) = SlipLaw::of_parameters(drive, &slot.parameters);
-        let mut smooth = switching_refits::with_lag(&switching_refits::without_jumps(after), law.drive, law.lag_s);
-        let floor = noise::floor(session, &residual);
-        let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
         let error = |residual: &[Vec<f64>]| rmse(session, residual, Role::Test, &in_a_gap, false) * session.output_scale.abs();
-        let one_step = [error(&missed), error(&residual)];
+        let (mut smooth, missed) = one_step_ahead(session, after, threads)?;
+        let one_step = missed.map(|missed| error(&missed));
         smooth.fit_all(session);
         Some(Self { name: slot.form.name(), drive, smooth: error(&smooth.residuals(session)), one_step })
     }
