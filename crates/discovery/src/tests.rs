@@ -399,7 +399,7 @@ fn a_written_model_predicts_what_the_fitted_one_does() {
         .iter()
         .map(|slot| file::EffectEntry {
             name: slot.form.name().into(),
-            form: slot.form.form().into(),
+            form: slot.form.key().into(),
             definition: None,
             normalised: slot.parameters.clone(),
             weights: slot.weights.clone(),

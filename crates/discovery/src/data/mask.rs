@@ -224,6 +224,30 @@ mod tests {
     }
 
     #[test]
+    fn an_answer_to_a_short_pulse_is_no_outlier_though_the_model_expects_its_ends_a_sample_off() {
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
+        let pulse = |first: usize, last: usize| move |at: usize| f64::from(u8::from((first..last).contains(&at)));
+        // The input's pulse is answered; without one the same reading is wrong.
+        for (commanded, masked) in [(true, 0), (false, 7)] {
+            let input: Vec<f64> = (0..1000).map(|at| pulse(200, 230)(at) + f64::from(u8::from(commanded)) * pulse(599, 606)(at)).collect();
+            let mut draw = |_| 0.005 * rng.random_range(-1.0..1.0);
+            let mut residual: Vec<f64> = (0..1000).map(&mut draw).collect();
+            let output: Vec<f64> = (0..1000).map(|at| residual[at] + pulse(200, 230)(at) + 0.9 * pulse(600, 607)(at)).collect();
+            if commanded {
+                // Expected a sample early.
+                (residual[599], residual[606]) = (-0.6, 0.4);
+            } else {
+                residual[600..607].iter_mut().for_each(|value| *value += 0.9);
+            }
+            let recording =
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s.clone(), input, output);
+            let mut session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+            assert_eq!(outliers(&mut session, &[residual], Residual::OfModel), masked);
+        }
+    }
+
+    #[test]
     fn a_sensor_that_stops_reading_is_masked_and_one_that_holds_where_it_should_is_not() {
         let left = |session: &Session| -> Vec<Vec<f64>> {
             session.runs.iter().map(|run| run.output.iter().zip(&run.input).map(|(y, u)| y - u).collect()).collect()

@@ -310,6 +310,37 @@ mod tests {
     }
 
     #[test]
+    fn rest_into_which_a_step_comes_late_tells_no_noise() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let time_s: Vec<f64> = (0..1200).map(|sample| f64::from(sample) * 0.02).collect();
+        // A staircase; two of three of its steps come 0.4 s late, and the model knows nothing of that.
+        let input: Vec<f64> = time_s.iter().map(|time| (time / 2.0).floor() % 2.0).collect();
+        let mut of_noise = Vec::new();
+        let recordings: Vec<Recording> = (0..8)
+            .map(|_| {
+                let noise: Vec<f64> = noise(&mut rng, 0.0, 1200).iter().map(|value| 0.01 * value).collect();
+                let output: Vec<f64> =
+                    (0..1200).map(|at| noise[at] + input[if (at / 100) % 3 == 0 { at } else { at.saturating_sub(20) }]).collect();
+                of_noise.push(output.iter().zip(&input).map(|(output, input)| output - input).collect::<Vec<f64>>());
+                let recording = Recording::new(
+                    Path::new("run.csv"),
+                    Signal::pressure_bar(),
+                    Signal::displacement_mm(),
+                    time_s.clone(),
+                    input.clone(),
+                    output,
+                );
+                recording.expect("a recording")
+            })
+            .collect();
+        let session = Session::new(&recordings, &[]).expect("a session");
+        let residual: Vec<Vec<f64>> =
+            of_noise.iter().map(|values| values.iter().map(|value| value / session.output_scale.abs()).collect()).collect();
+        let found = floor(&session, &residual) * session.output_scale.abs();
+        assert!((found / 0.01 - 1.0).abs() < 0.1, "{found} instead of 0.01");
+    }
+
+    #[test]
     fn a_slow_rhythm_at_rest_is_suspected_and_white_noise_is_not() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();

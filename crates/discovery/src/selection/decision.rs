@@ -201,6 +201,18 @@ mod tests {
     }
 
     #[test]
+    fn an_effect_is_added_with_parameters_that_a_model_file_may_have() {
+        for form in catalogue::forms() {
+            for beyond in [-1e9, 1e9] {
+                let model = Model::baseline(InitialState::Fresh, false).with(form, vec![beyond; form.parameters().len()]);
+                let ranges = form.parameters().iter();
+                let outside = model.slots[0].parameters.iter().zip(ranges).find(|(value, range)| !(range.low..=range.high).contains(value));
+                assert!(outside.is_none(), "{}: {outside:?}", form.form());
+            }
+        }
+    }
+
+    #[test]
     fn what_is_simpler_lies_where_a_model_file_may_have_it() {
         let mut simplified = 0;
         for form in catalogue::forms() {
