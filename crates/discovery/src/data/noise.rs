@@ -10,10 +10,10 @@ use crate::data::worked::worked_with;
 /// Standard deviation of the noise, normalised, from the residuals of all recordings.
 ///
 /// Rest tells it with its colour: each stretch loses its mean, and what that takes away of correlated noise is given back by the
-/// correlation of neighbours (an AR(1) law). In a session that never rests, stretches in which the input hardly moves stand in for rest,
-/// the quietest first. Without either, or where something moves by itself there, the fast part has to do, which misses coloured noise. A pump
-/// too fast to be told by that shows as a line of the spectrum at rest, and lines are no noise. A stretch far louder than the quiet quarter of them still moves. A sensor that reads in steps wider than its
-/// noise hides at rest what it adds in motion: a uniform error of the step's width.
+/// correlation of neighbours (an AR(1) law). A stretch far louder than the quiet quarter of them still moves. In a session that never rests,
+/// stretches in which the input hardly moves stand in for rest, the quietest first. Without either, or where something moves by itself there,
+/// the fast part has to do, which misses coloured noise. A pump too fast to be told by that shows as a line of the spectrum at rest, and lines
+/// are no noise. A sensor that reads in steps wider than its noise hides at rest what it adds in motion: a uniform error of the step's width.
 #[must_use]
 pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let mut straightened: Vec<(f64, Vec<f64>)> = Vec::new();
