@@ -120,7 +120,7 @@ fn rivals_of(session: &Session, models: Vec<Model>, threads: usize) -> Vec<Model
         Some(Left::new(smooth, jumps, floor).share)
     };
     let suffices = |part: usize, whole: usize| {
-        if !left(part, 0).is_some_and(|left| !left.is_too_much()) {
+        if left(part, 0).is_none_or(|left| left.is_too_much()) {
             return false;
         }
         if let Some(share) = observers_leave(whole) {
