@@ -1,7 +1,8 @@
 //! `pneumatic-lag`: a volume fills through a restriction, `T dv/dt = u - v`; before the hysteresis or behind it, two in a row or beside each other, behind a
 //! converter that holds the command between samples, through a tube in which the denser air flows more easily, or through an orifice.
 //!
-//! The time constant is the mean lag at half the span in every form, by which a slow ramp is late there: forms of one rig can be compared.
+//! The time constant is the mean lag at half the span in every form, by which a slow ramp is late there, and that at a tenth of the span of an
+//! orifice: forms of one rig can be compared.
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::elementary;

@@ -120,12 +120,6 @@ fn rivals_of(session: &Session, models: Vec<Model>, threads: usize) -> Vec<Model
         Some(Left::new(smooth, jumps, floor).share)
     };
     let suffices = |part: usize, whole: usize| {
-        if left(part, 0).is_none_or(|left| left.is_too_much()) {
-            return false;
-        }
-        if let Some(share) = observers_leave(whole) {
-            return share > 1.0 - UNEXPLAINED[0];
-        }
         let excess = |model: usize| squares[model].map(|square| (square - floor).max(0.0));
         let (Some(of_part), Some(of_whole)) = (excess(part), excess(whole)) else { return false };
         of_part <= GRID_ERROR * GRID_ERROR || of_whole > UNEXPLAINED[1] * of_part
@@ -135,8 +129,14 @@ fn rivals_of(session: &Session, models: Vec<Model>, threads: usize) -> Vec<Model
     let most = (1..models.len()).filter_map(closes).fold(0.0, f64::max);
     let is_rival = |model: usize| model == 0 || closes(model).is_none_or(|share| share >= HALF * most);
     let stays = |whole: &usize| {
-        let mends = |part| is_part(part, *whole) && suffices(part, *whole);
-        is_rival(*whole) && !(0..models.len()).any(mends)
+        let is_enough = |part: &usize| is_part(*part, *whole) && left(*part, 0).is_some_and(|left| !left.is_too_much());
+        let mut parts = (0..models.len()).filter(is_enough);
+        is_rival(*whole)
+            && if jumps(&models[*whole]) {
+                parts.next().is_none() || observers_leave(*whole).is_none_or(|share| share <= 1.0 - UNEXPLAINED[0])
+            } else {
+                !parts.any(|part| suffices(part, *whole))
+            }
     };
     (0..models.len()).filter(stays).map(|at| models[at].clone()).collect()
 }
