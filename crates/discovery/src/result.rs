@@ -146,6 +146,8 @@ pub struct Discovery {
     pub pressure_path: Option<Vec<String>>,
     /// Strokes of the input in the recordings worked with.
     pub strokes: usize,
+    /// How many of them are unlike all before.
+    pub unlike_strokes: usize,
     /// Whether these are too few to tell what each of them has by chance from an effect.
     pub few_strokes: bool,
     /// Samples left out as outliers.

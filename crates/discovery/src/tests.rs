@@ -232,11 +232,12 @@ fn motion_during_rest_does_not_pass_for_noise() {
 }
 
 /// A triangle of so many strokes in 20 s, each followed by a rest if `rests`, and what becomes of the command; a play operator, and noise.
-fn strokes_behind(mut stage: impl FnMut(f64) -> f64, strokes: u32, rests: bool) -> Recording {
+fn strokes_behind(mut stage: impl FnMut(f64) -> f64, strokes: u32, rests: bool, falling: f64) -> Recording {
     let command = |time_s: f64| {
         let place = (time_s / 20.0 * f64::from(strokes)).max(0.0);
         let share = place.fract() * if rests { 2.0 } else { 1.0 };
-        if (place as u32).is_multiple_of(2) { share.min(1.0) } else { 1.0 - share.min(1.0) }
+        let peak = 1.0 - falling * f64::from(place as u32 / 2);
+        peak * if (place as u32).is_multiple_of(2) { share.min(1.0) } else { 1.0 - share.min(1.0) }
     };
     let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * 0.02).collect();
     let input = time_s.iter().map(|&time_s| command(time_s)).collect();
@@ -260,7 +261,7 @@ fn where_nothing_is_found_the_model_is_the_same_before_and_after() {
             value += (command - value).clamp(-most, most);
             value
         };
-        discover(&[strokes_behind(limited, strokes, false)], &[], &DiscoverConfig::default()).expect("a finding").discovery
+        discover(&[strokes_behind(limited, strokes, false, 0.0)], &[], &DiscoverConfig::default()).expect("a finding").discovery
     };
     let two = behind_a_limit(2);
     assert!(two.verdict == Verdict::Ambiguous && two.effects[0].name == "slew-limit" && two.effects[0].confidence <= 0.5, "{two:?}");
@@ -271,12 +272,13 @@ fn where_nothing_is_found_the_model_is_the_same_before_and_after() {
 
 #[test]
 fn a_few_strokes_confirm_nothing() {
-    for (strokes, rests) in [(2, false), (4, true), (12, false), (11, true)] {
-        let recording = strokes_behind(|command| command.min(0.75), strokes, rests);
+    // So many strokes, rests between them, how much lower each peak is than the one before, and how many of the strokes are unlike all before.
+    for (strokes, rests, falling, unlike) in [(2, false, 0.0, 2), (4, true, 0.04, 4), (12, false, 0.04, 12), (11, true, 0.04, 11), (12, true, 0.0, 2)] {
+        let recording = strokes_behind(|command| command.min(0.7), strokes, rests, falling);
         let discovery = discover(&[recording], &[], &DiscoverConfig::default()).expect("a finding").discovery;
         let sure = discovery.effects.iter().map(|effect| effect.confidence).fold(0.0, f64::max);
-        assert_eq!(discovery.strokes, strokes as usize);
-        assert_eq!(discovery.few_strokes, strokes < 6);
+        assert_eq!([discovery.strokes, discovery.unlike_strokes], [strokes as usize, unlike]);
+        assert_eq!(discovery.few_strokes, unlike < 6);
         assert!(discovery.effects.iter().any(|effect| effect.name == "supply-saturation"), "{discovery:?}");
         if discovery.few_strokes {
             assert!(sure <= 0.5 && discovery.verdict == Verdict::Ambiguous, "{strokes} strokes: {discovery:?}");

@@ -208,7 +208,9 @@ impl Columns {
                 column: column.to_owned(),
                 found: listed(&headers),
                 hint: if map.own {
-                    "say which columns to read, for example `--columns time=t_s,input=voltage_V,output=displacement_um`".to_owned()
+                    "say which columns to read, for example `--columns time=t_s,input=voltage_V,output=displacement_um`, with the unit behind a \
+                     colon where a name has none (`input=force:N`)"
+                        .to_owned()
                 } else {
                     "correct the name in --columns".to_owned()
                 },

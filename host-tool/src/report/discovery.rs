@@ -36,8 +36,9 @@ pub fn headline(discovery: &Discovery) -> String {
             percent(Some(discovery.unexplained))
         ),
         Verdict::Ambiguous if discovery.few_strokes => {
-            let strokes = if discovery.strokes == 1 { "stroke does" } else { "strokes do" };
-            format!("What is missing looks like {}, but {} {strokes} not confirm it: record more.", names.join(" and "), discovery.strokes)
+            let kinds = if discovery.unlike_strokes == 1 { "one stroke does" } else { "so few different strokes do" };
+            let (all, unlike) = (discovery.strokes, discovery.unlike_strokes);
+            format!("What is missing looks like {}, but {kinds} not confirm it ({all} in all, {unlike} different): record others.", names.join(" and "))
         }
         Verdict::Ambiguous if discovery.runner_up.as_ref().is_none_or(|second| second.separable) => {
             format!("What is missing looks like {}, but recordings that it has not seen do not confirm it.", names.join(" and "))

@@ -12,6 +12,7 @@ pub mod phasors;
 pub mod prepare;
 pub mod session;
 pub mod statistics;
+pub mod strokes;
 pub mod test_view;
 pub mod turning;
 pub mod worked;

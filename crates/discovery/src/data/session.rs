@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use recording::Signal;
 
-use crate::data::turning::{large_turns, remember};
+use crate::data::turning::remember;
 
 /// What a sample is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,9 +99,6 @@ pub struct Earlier {
     #[serde(default)]
     pub turns: Vec<f64>,
 }
-
-/// Least motion of the input that is a stroke, spans.
-const LEAST_STROKE: f64 = 0.02;
 
 /// Most further inputs.
 pub const MOST_OTHERS: usize = 3;
@@ -202,7 +199,7 @@ pub enum SessionError {
         problem: String,
     },
     /// Different sample periods.
-    #[error("{path} is sampled every {found_s} s, the others every {expected_s} s; resample it first")]
+    #[error("{path} is sampled every {found_s} s, the others every {expected_s} s; put all onto one clock with --resample")]
     Period {
         /// Which.
         path: String,
@@ -268,18 +265,6 @@ impl Session {
     /// Recordings that are fitted to or chosen by, at least in part.
     pub fn worked(&self) -> impl Iterator<Item = &Run> {
         self.runs.iter().filter(|run| run.is_worked_with())
-    }
-
-    /// Strokes of the input in recordings that are worked with, each from a turn or a rest to the next.
-    #[must_use]
-    pub fn strokes(&self) -> usize {
-        let of = |run: &Run| {
-            let ends = run.rest.iter().map(|rest| rest.start).chain([run.input.len() - 1]);
-            let begins = [0].into_iter().chain(run.rest.iter().map(|rest| rest.end - 1));
-            let moves = begins.zip(ends).filter(|(begin, end)| begin < end);
-            moves.map(|(begin, end)| large_turns(&run.input[begin..=end], LEAST_STROKE).len() - 1).sum::<usize>()
-        };
-        self.worked().map(of).sum()
     }
 
     /// Number of samples with this role that count.

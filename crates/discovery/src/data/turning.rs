@@ -158,15 +158,15 @@ fn farthest(left: [f64; 3], right: [f64; 3], sign: f64) -> f64 {
         .min(most)
 }
 
-/// Where a path begins, turns by more than `least`, and ends, oldest first.
+/// Samples at which a path begins, turns by more than `least`, and ends, oldest first.
 #[must_use]
-pub fn large_turns(path: &[f64], least: f64) -> Vec<f64> {
-    let mut turns: Vec<f64> = Vec::new();
-    for &value in path {
+pub fn large_turns(path: &[f64], least: f64) -> Vec<usize> {
+    let mut turns: Vec<usize> = Vec::new();
+    for (sample, &value) in path.iter().enumerate() {
         match turns[..] {
-            [.., from, to] if (to - from) * (value - to) >= 0.0 => *turns.last_mut().expect("two") = value,
-            [.., to] if (value - to).abs() <= least => {}
-            _ => turns.push(value),
+            [.., from, to] if (path[to] - path[from]) * (value - path[to]) >= 0.0 => *turns.last_mut().expect("two") = sample,
+            [.., to] if (value - path[to]).abs() <= least => {}
+            _ => turns.push(sample),
         }
     }
     turns
@@ -238,8 +238,9 @@ mod tests {
     #[test]
     fn small_turns_are_none_and_a_stroke_ends_where_it_was_farthest() {
         let path = [0.0, 0.3, 0.295, 0.5, 0.49, 0.2, 0.205, 0.1, 0.4];
-        assert_eq!(large_turns(&path, 0.02), [0.0, 0.5, 0.1, 0.4]);
-        assert_eq!(large_turns(&[0.7; 5], 0.02), [0.7]);
+        assert_eq!(large_turns(&path, 0.02), [0, 3, 7, 8]);
+        // What stays where it is has not begun a stroke.
+        assert_eq!(large_turns(&[0.7; 5], 0.02), [0]);
         assert!(large_turns(&[], 0.02).is_empty());
     }
 

@@ -88,9 +88,8 @@ const TURNS: f64 = 0.01;
 /// Where the input of the recording before this one turned last, oldest first.
 pub fn turns_before(run: &Run) -> Vec<f64> {
     let earlier = run.index.checked_sub(1).and_then(|before| run.session.get(before)).map_or(&[][..], |earlier| &earlier.input);
-    let mut turns = large_turns(earlier, TURNS);
-    turns.drain(..turns.len().saturating_sub(REMEMBERED));
-    turns
+    let turns = large_turns(earlier, TURNS);
+    turns[turns.len().saturating_sub(REMEMBERED)..].iter().map(|turn| earlier[*turn]).collect()
 }
 
 impl Form for BoucWen {

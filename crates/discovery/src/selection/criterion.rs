@@ -220,6 +220,24 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
     session.runs.iter().map(|run| smooth(run, times * floor, share * excess, time_s)).collect()
 }
 
+/// What one fitted model gains over another in the log predictive density, nats per sample: where it was found, and on test recordings, if there are any.
+pub fn gains(session: &Session, model: &Model, over: &Model) -> [f64; 2] {
+    let floor = [model, over].map(|model| noise::floor(session, &model.residuals(session)));
+    let [own, other] = [model, over].map(|model| densities(model, session, f64::min(floor[0], floor[1]), 0.0));
+    let gain = |counts: fn(Role) -> bool| {
+        let (mut sum, mut count) = (0.0, 0.0_f64);
+        for run in &session.runs {
+            for sample in (0..run.role.len()).filter(|&sample| run.keep[sample] && counts(run.role[sample])) {
+                sum += own[run.index][sample] - other[run.index][sample];
+                count += 1.0;
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    };
+    let worked = gain(Role::is_worked_with).unwrap_or(0.0);
+    [worked, gain(|role| role == Role::Test).unwrap_or(worked)]
+}
+
 /// What a model simulates of every recording, of which it sees the measured output of the start-up only.
 fn simulate(model: &Model, session: &Session, start_up_s: f64) -> Vec<Vec<f64>> {
     if !model.slots.iter().any(|slot| slot.form.spec().reads_output) {
