@@ -150,7 +150,8 @@ pub fn discover_from(
         residual_map::sentence(&discovery.disagreements, discovery.rmse_before, discovery.noise_floor, &session.output_unit);
     discovery.loop_area = loop_area;
     discovery.pressure_path = pressure_path;
-    let second = decision.second.filter(|_| discovery.runner_up.is_some());
+    let runner_up = |second: &Model| discovery.runner_up.as_ref().is_some_and(|one| second.names().any(|name| name == one.name));
+    let second = decision.second.filter(runner_up);
     Ok(Finding { discovery, session, before, after, second, simulated, with_effects })
 }
 

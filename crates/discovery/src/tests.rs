@@ -273,7 +273,9 @@ fn where_nothing_is_found_the_model_is_the_same_before_and_after() {
 #[test]
 fn a_few_strokes_confirm_nothing() {
     // So many strokes, rests between them, how much lower each peak is than the one before, and how many of the strokes are unlike all before.
-    for (strokes, rests, falling, unlike) in [(2, false, 0.0, 2), (4, true, 0.04, 4), (12, false, 0.04, 12), (11, true, 0.04, 11), (12, true, 0.0, 2)] {
+    for (strokes, rests, falling, unlike) in
+        [(2, false, 0.0, 2), (4, true, 0.04, 4), (12, false, 0.04, 12), (11, true, 0.04, 11), (12, true, 0.0, 2)]
+    {
         let recording = strokes_behind(|command| command.min(0.7), strokes, rests, falling);
         let discovery = discover(&[recording], &[], &DiscoverConfig::default()).expect("a finding").discovery;
         let sure = discovery.effects.iter().map(|effect| effect.confidence).fold(0.0, f64::max);

@@ -26,6 +26,9 @@ pub fn headline(discovery: &Discovery) -> String {
             let explain = if names.len() == 1 { "explains" } else { "explain" };
             format!("Something is missing that the catalogue does not explain; {} {explain} a part of it.", names.join(" and "))
         }
+        Verdict::Ambiguous if discovery.effects.iter().all(|effect| effect.confidence == 0.0) => {
+            format!("What is missing looks like {}, but recordings that it has not seen speak against it.", names.join(" and "))
+        }
         Verdict::Ambiguous if discovery.confidence_set.len() > 1 => {
             let sets: Vec<String> = discovery.confidence_set.iter().map(|member| member.effects.join(" and ")).collect();
             format!("What is missing is one of these, which the recordings cannot tell apart: {}.", sets.join("; "))
@@ -38,7 +41,10 @@ pub fn headline(discovery: &Discovery) -> String {
         Verdict::Ambiguous if discovery.few_strokes => {
             let kinds = if discovery.unlike_strokes == 1 { "one stroke does" } else { "so few different strokes do" };
             let (all, unlike) = (discovery.strokes, discovery.unlike_strokes);
-            format!("What is missing looks like {}, but {kinds} not confirm it ({all} in all, {unlike} different): record others.", names.join(" and "))
+            format!(
+                "What is missing looks like {}, but {kinds} not confirm it ({all} in all, {unlike} different): record others.",
+                names.join(" and ")
+            )
         }
         Verdict::Ambiguous if discovery.runner_up.as_ref().is_none_or(|second| second.separable) => {
             format!("What is missing looks like {}, but recordings that it has not seen do not confirm it.", names.join(" and "))

@@ -303,7 +303,13 @@ fn a_model_that_recordings_kept_out_speak_against_comes_with_a_warning() {
     assert_eq!(discovery::headline(found), "Missing is creep; dead-time beside it is not sure.");
     (found.verdict, found.strokes, found.unlike_strokes, found.few_strokes) = (discover::Verdict::Ambiguous, 20, 4, true);
     found.effects.truncate(1);
-    assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but so few different strokes do not confirm it (20 in all, 4 different): record others.");
+    assert_eq!(
+        discovery::headline(found),
+        "What is missing looks like dead-time, but so few different strokes do not confirm it (20 in all, 4 different): record others."
+    );
+    found.effects[0].confidence = 0.0;
+    assert_eq!(discovery::headline(found), "What is missing looks like dead-time, but recordings that it has not seen speak against it.");
+    found.effects[0].confidence = 0.5;
     found.unexplained = 0.2;
     let by_another = "What is missing looks like dead-time, by another law than the catalogue's or with something else: 20\u{202f}% of it stays unexplained.";
     assert_eq!(discovery::headline(found), by_another);

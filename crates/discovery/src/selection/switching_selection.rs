@@ -9,7 +9,6 @@ use crate::chain::form::{Drive, Form};
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
-use crate::effects::offset_drift;
 use crate::model::structure::{Model, Scope};
 use crate::observers::law::SlipLaw;
 use crate::result::Candidate;
@@ -125,25 +124,6 @@ fn jumps(
 /// The effect that moves a sensor within the time that a stick position holds.
 const PERIODIC: &str = "periodic-disturbance";
 
-/// Whether it gives each recording a zero of its own.
-fn has_zeros(model: &Model) -> bool {
-    model.slots.iter().any(|slot| offset_drift::gives_zeros(slot.form))
-}
-
-/// Whether zeros that lie so far apart are the work of these jumps: a muscle keeps what the peaks of its pressure left, and where in its band
-/// a valve leaves the pressure there is another place every time.
-fn are_its_own(zeros: f64, jumps: &Judged) -> bool {
-    jumps.form.jumps() == Some(Drive::Command) && zeros < jumps.law.break_away
-}
-
-/// How far the recordings' means of what the model misses lie apart: their standard deviation.
-fn zeros(session: &Session, model: &Model) -> f64 {
-    let means: Vec<f64> =
-        model.residuals(session).iter().map(|residual| residual.iter().sum::<f64>() / residual.len().max(1) as f64).collect();
-    let mean = means.iter().sum::<f64>() / means.len() as f64;
-    (means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / means.len() as f64).sqrt()
-}
-
 /// Effects that change from recording to recording, or have a clock of their own: nothing that jumps looks like them.
 const OF_THE_SESSION: [&str; 5] = ["offset-drift", "gain-drift", "setup-change", "clock-skew", PERIODIC];
 
@@ -158,12 +138,11 @@ fn pays_beside(more: &Judged, fewer: &Judged, of_the_session: bool) -> bool {
     more.log_likelihood.mean() - fewer.log_likelihood.mean() > price && is_no_chance(&more.log_likelihood, &fewer.log_likelihood)
 }
 
-/// The best of jumps of one form whose smooth effects pay beside them; `zeros` is how far the recordings' means lie apart.
-fn best_of<'a>(judged: &'a [Judged], explanations: &[Model], zeros: f64) -> Option<&'a Judged> {
+/// The best of jumps of one form whose smooth effects pay beside them.
+fn best_of<'a>(judged: &'a [Judged], explanations: &[Model]) -> Option<&'a Judged> {
     let worth = |one: &Judged| one.log_likelihood.mean() - PENALTY * explanations[one.quasi_static].cost() as f64;
     let with = |effects: usize| {
-        let own = |one: &Judged| !(has_zeros(&explanations[one.quasi_static]) && are_its_own(zeros, one));
-        let of = judged.iter().filter(move |one| explanations[one.quasi_static].slots.len() == effects && own(one));
+        let of = judged.iter().filter(move |one| explanations[one.quasi_static].slots.len() == effects);
         of.max_by(|x, y| worth(x).total_cmp(&worth(y)))
     };
     let fewest = explanations[0].slots.len();
@@ -230,13 +209,8 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let noise = noise::floor(session, &outcome.model.residuals(session));
     let explanations = explanations(bench, base, &outcome);
     let base = &explanations[0];
-    let zeros = zeros(session, base);
     let smooth = parallel::in_parallel(&explanations, bench.threads, |model| QuasiStatic::new(session, model, noise, false).smooth());
-    let smoothest_of = |which: &dyn Fn(&Model) -> bool| {
-        let of = (0..smooth.len()).filter(|&index| which(&explanations[index]));
-        of.max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0)
-    };
-    let smoothest = smoothest_of(&|_| true);
+    let smoothest = (0..smooth.len()).max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0);
     // What a simulated valve begins its search at is where the observer of one may begin, too.
     let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.spec().across.is_some());
     let likely = simulated_valve.map_or_else(Vec::new, |form| form.starts(session, &base.residuals(session)));
@@ -248,7 +222,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
             None => judged.push(of_form),
         }
     }
-    let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations, zeros)).collect();
+    let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations)).collect();
     best.sort_by(|x, y| y.log_likelihood.mean().total_cmp(&x.log_likelihood.mean()));
     let found = simulated.then(|| QuasiStatic::new(session, &outcome.model, noise, false).smooth());
     // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
@@ -263,14 +237,8 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let one = if simulated { valve.unwrap_or(leader) } else { leader };
     let log_likelihood = found.as_ref().filter(|found| found.mean() > one.log_likelihood.mean()).unwrap_or(&one.log_likelihood);
     let alone = simulated && outcome.found.order == [VALVE];
-    let gain = log_likelihood.mean() - smooth[if alone { 0 } else { smoothest }].mean();
-    let smooth = &smooth[if alone {
-        0
-    } else if are_its_own(zeros, one) {
-        smoothest_of(&|model| !has_zeros(model))
-    } else {
-        smoothest
-    }];
+    let smooth = &smooth[if alone { 0 } else { smoothest }];
+    let gain = log_likelihood.mean() - smooth.mean();
     let deviations = above(log_likelihood, smooth);
     // Where a tip breaks away and how far beyond it lands can make up for each other, and its travel is the same.
     let length = if one.law.drive == Drive::QuasiStatic { 1.0 + one.law.overshoot.max(0.0) } else { 1.0 };

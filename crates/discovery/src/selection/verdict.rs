@@ -147,10 +147,6 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, span: f64, ju
     // What jumps is confirmed by either.
     let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
     bound(discovery, share, |name| name != OUTLIERS);
-    if share <= 0.0 && discovery.effects.iter().any(|effect| effect.name != OUTLIERS) {
-        // What test recordings are predicted worse with explains nothing of them.
-        discovery.verdict = Verdict::Unknown;
-    }
 }
 
 /// Believes the effects of these names by no more than the share of what they are for that they close on test recordings, where it is half or less.
@@ -404,10 +400,6 @@ mod tests {
         let share = 1.0 - (0.81 - 0.01) / (1.0 - 0.01);
         assert_eq!(discovery.verdict, Verdict::Ambiguous);
         assert!(discovery.effects.iter().all(|effect| (effect.confidence - share).abs() < 1e-12), "{:?}", discovery.effects);
-        // What is predicted worse with it is not explained.
-        let mut discovery = named("valve-dead-band");
-        confirm(&mut discovery, 1.0, 1.1, 1.0, None);
-        assert!(discovery.verdict == Verdict::Unknown && discovery.effects.iter().all(|effect| effect.confidence == 0.0));
         // Where there was no gap nothing is taken back.
         let mut discovery = named("valve-dead-band");
         confirm(&mut discovery, 0.1, 0.1, 1.0, None);
