@@ -224,26 +224,14 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     }
     let mut best: Vec<&Judged> = judged.iter().filter_map(|of_form| best_of(of_form, &explanations)).collect();
     best.sort_by(|x, y| y.log_likelihood.mean().total_cmp(&x.log_likelihood.mean()));
-    let found = simulated.then(|| QuasiStatic::new(session, &outcome.model, noise, false).smooth());
-    // A valve that the search has found jumps too: its simulation saw no more of the output than where the pressure began. It stays, unless a
-    // tip explains the recordings far better than any valve.
-    let Some(&leader) = best.first() else { return outcome };
-    let far_above = |less: &LogLikelihood| leader.log_likelihood.mean() - less.mean() > JUMPS && is_no_chance(&leader.log_likelihood, less);
-    let valve = best.iter().copied().find(|one| one.form.name() == VALVE);
-    let no_valve =
-        leader.form.name() != VALVE && valve.is_none_or(|valve| far_above(&valve.log_likelihood)) && found.as_ref().is_none_or(far_above);
-    let simulated = simulated && !no_valve;
-    let found = found.filter(|_| simulated);
-    let one = if simulated { valve.unwrap_or(leader) } else { leader };
-    let log_likelihood = found.as_ref().filter(|found| found.mean() > one.log_likelihood.mean()).unwrap_or(&one.log_likelihood);
-    let alone = simulated && outcome.found.order == [VALVE];
-    let smooth = &smooth[if alone { 0 } else { smoothest }];
-    let gain = log_likelihood.mean() - smooth.mean();
-    let deviations = above(log_likelihood, smooth);
+    let Some(&one) = best.first() else { return outcome };
+    let log_likelihood = &one.log_likelihood;
+    let gain = log_likelihood.mean() - smooth[smoothest].mean();
+    let deviations = above(log_likelihood, &smooth[smoothest]);
     // Where a tip breaks away and how far beyond it lands can make up for each other, and its travel is the same.
     let length = if one.law.drive == Drive::QuasiStatic { 1.0 + one.law.overshoot.max(0.0) } else { 1.0 };
-    let is_law = found.is_some() || one.law.scatter <= MOST_SCATTER * length;
-    if !is_law || !is_no_chance(log_likelihood, smooth) || gain < JUMPS {
+    let is_law = one.law.scatter <= MOST_SCATTER * length;
+    if !is_law || !is_no_chance(log_likelihood, &smooth[smoothest]) || gain < JUMPS {
         return outcome;
     }
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
