@@ -359,7 +359,7 @@ mod tests {
         }
         // One step ahead where a simulation cannot follow, which of a valve it can.
         assert_eq!(confirmed(Drive::QuasiStatic, [1.0, 0.5, 0.5], [0.1, 0.09]), (Verdict::Named, vec![0.99, 0.99]));
-        assert_eq!(confirmed(Drive::QuasiStatic, [1.0, 0.5, 0.5], [0.1, 0.02]), (Verdict::Ambiguous, vec![0.99, 0.2]));
+        assert_eq!(confirmed(Drive::QuasiStatic, [1.0, 0.5, 0.5], [0.5, 0.125]), (Verdict::Ambiguous, vec![0.99, 0.25]));
         assert_eq!(confirmed(Drive::Command, [1.0, 0.5, 0.5], [0.1, 0.09]), (Verdict::Ambiguous, vec![0.99, HALF]));
     }
 
