@@ -173,7 +173,7 @@ fn in_the_race(scored: &[Scored], recordings: usize) -> Vec<usize> {
 }
 
 /// Log predictive density of every sample of every recording, by a fitted model.
-fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> Vec<Vec<f64>> {
+pub fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> Vec<Vec<f64>> {
     if let Some(slot) = model.slots.iter().find(|slot| slot.form.jumps().is_some())
         && let Some(drive) = slot.form.jumps()
     {
@@ -218,24 +218,6 @@ fn densities(model: &Model, session: &Session, floor: f64, start_up_s: f64) -> V
     // Standard deviations of the model error in units of what the noise does not explain, and its time constants, s.
     let [times, share, time_s] = most_along([&NOISES, &[1.0, 0.7, 0.4, 1.4], &[0.25, 0.04, 0.1, 0.6, 2.0, 10.0]], likelihood);
     session.runs.iter().map(|run| smooth(run, times * floor, share * excess, time_s)).collect()
-}
-
-/// What one fitted model gains over another in the log predictive density, nats per sample: where it was found, and on test recordings, if there are any.
-pub fn gains(session: &Session, model: &Model, over: &Model) -> [f64; 2] {
-    let floor = [model, over].map(|model| noise::floor(session, &model.residuals(session)));
-    let [own, other] = [model, over].map(|model| densities(model, session, f64::min(floor[0], floor[1]), 0.0));
-    let gain = |counts: fn(Role) -> bool| {
-        let (mut sum, mut count) = (0.0, 0.0_f64);
-        for run in &session.runs {
-            for sample in (0..run.role.len()).filter(|&sample| run.keep[sample] && counts(run.role[sample])) {
-                sum += own[run.index][sample] - other[run.index][sample];
-                count += 1.0;
-            }
-        }
-        (count > 0.0).then(|| sum / count)
-    };
-    let worked = gain(Role::is_worked_with).unwrap_or(0.0);
-    [worked, gain(|role| role == Role::Test).unwrap_or(worked)]
 }
 
 /// What a model simulates of every recording, of which it sees the measured output of the start-up only.

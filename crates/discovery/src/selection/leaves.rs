@@ -4,6 +4,7 @@ use crate::data::noise;
 use crate::data::session::{Role, Session};
 use crate::model::structure::Model;
 use crate::observers::law::SlipLaw;
+use crate::selection::criterion::densities;
 use crate::selection::settings::{GRID_ERROR, STANDS_OUT, UNEXPLAINED};
 use crate::selection::switching_likelihood::QuasiStatic;
 use crate::selection::switching_refits::{with_lag, without_jumps};
@@ -57,6 +58,24 @@ pub fn one_step_ahead(session: &Session, model: &Model, threads: usize) -> Optio
     let floor = noise::floor(session, &residual);
     let missed = QuasiStatic::new(session, &smooth, floor, slot.form.spec().feels_sensor).by(threads).missed_smoothly();
     Some((smooth, [missed, residual]))
+}
+
+/// What one fitted model gains over another in the log predictive density, nats per sample: where it was found, and on test recordings, if there are any.
+pub fn gains(session: &Session, model: &Model, over: &Model) -> [f64; 2] {
+    let floor = [model, over].map(|model| noise::floor(session, &model.residuals(session)));
+    let [own, other] = [model, over].map(|model| densities(model, session, f64::min(floor[0], floor[1]), 0.0));
+    let gain = |counts: fn(Role) -> bool| {
+        let (mut sum, mut count) = (0.0, 0.0_f64);
+        for run in &session.runs {
+            for sample in (0..run.role.len()).filter(|&sample| run.keep[sample] && counts(run.role[sample])) {
+                sum += own[run.index][sample] - other[run.index][sample];
+                count += 1.0;
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    };
+    let worked = gain(Role::is_worked_with).unwrap_or(0.0);
+    [worked, gain(|role| role == Role::Test).unwrap_or(worked)]
 }
 
 /// How much of the mean square above the noise stays unexplained, from the mean squares before, after and of the noise.

@@ -11,10 +11,9 @@ use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Slot};
 use crate::result::{Discovery, Effect, RunnerUp, Verdict};
-use crate::selection::criterion::gains;
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
-use crate::selection::leaves::{Left, one_step_ahead, rmse, worked};
+use crate::selection::leaves::{Left, gains, one_step_ahead, rmse, worked};
 use crate::selection::settings::{FEWEST_FOR_HALVES, GRID_ERROR, HALF, MATERIAL_SHARE, STANDS_OUT, UNEXPLAINED};
 
 /// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
