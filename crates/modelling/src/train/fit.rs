@@ -170,7 +170,7 @@ pub fn train_split(
             validation: Validation::new(&architecture, &tracks, config.mode),
             tracks,
         };
-        let finished = run.go(steps, plan, &fingerprint, cpu, progress)?;
+        let finished = run.go(steps, plan, &fingerprint, progress)?;
         let mut network = Network::from_flat(&architecture, &finished.best);
         network.dense_weights.iter_mut().for_each(|weight| *weight *= residual);
         network.dense_bias *= residual;

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use cpu_time::ProcessTime;
+use cpu_time::ThreadTime;
 
 use super::budget::Plan;
 use super::checkpoint::{Checkpoint, CheckpointPlan};
@@ -106,9 +106,9 @@ impl Run<'_> {
         steps: Plan,
         plan: &CheckpointPlan,
         fingerprint: &str,
-        cpu: ProcessTime,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Finished, TrainError> {
+        let clock = ThreadTime::now();
         let mut found = Found { best_square: f64::INFINITY, ..Found::default() };
         if let Some(saved) = plan.load(fingerprint)? {
             if let Some(problem) = saved.problem(&self.team.state(), steps.float_steps + steps.quantised_steps) {
@@ -158,7 +158,7 @@ impl Run<'_> {
             if validate || interrupted {
                 plan.save(fingerprint, &self.checkpoint(&found))?;
             }
-            ended = self.cut_off(interrupted, cpu);
+            ended = self.cut_off(interrupted, clock);
             if ended != Ended::Complete {
                 break;
             }
@@ -184,7 +184,7 @@ impl Run<'_> {
                 }
                 // No checkpoint here: resumed, the phase starts anew from the last one and comes out the same.
                 let interrupted = plan.stop_after.is_some_and(|stop| self.team.steps_made() >= stop) && done < steps.quantised_steps;
-                ended = self.cut_off(interrupted, cpu);
+                ended = self.cut_off(interrupted, clock);
                 if ended != Ended::Complete {
                     break;
                 }
@@ -292,10 +292,12 @@ impl Run<'_> {
         }
     }
 
-    fn cut_off(&self, interrupted: bool, cpu: ProcessTime) -> Ended {
+    /// `clock` is of the thread that leads: what else the process does is not this training's.
+    fn cut_off(&self, interrupted: bool, clock: ThreadTime) -> Ended {
+        let cpu_s = clock.elapsed().as_secs_f64() * self.team.threads() as f64;
         if interrupted {
             Ended::Interrupted
-        } else if self.config.epochs.is_none() && cpu.elapsed().as_secs_f64() > OVER_BUDGET * self.config.budget_cpu_s {
+        } else if self.config.epochs.is_none() && cpu_s > OVER_BUDGET * self.config.budget_cpu_s {
             Ended::OverBudget
         } else {
             Ended::Complete

@@ -188,6 +188,11 @@ impl Team {
         self.whole(|shard| &shard.average)
     }
 
+    /// Threads that train, the caller's among them.
+    pub fn threads(&self) -> usize {
+        self.shared.workers.len()
+    }
+
     /// Gradient of the last step, before clipping, summed over the threads.
     #[must_use]
     pub fn last_gradient(&self) -> Vec<f32> {
