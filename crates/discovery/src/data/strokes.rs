@@ -40,26 +40,23 @@ fn strokes_of(run: &Run) -> Vec<Stroke> {
     let ends = run.rest.iter().map(|rest| rest.start).chain([run.input.len() - 1]);
     let begins = [0].into_iter().chain(run.rest.iter().map(|rest| rest.end - 1));
     let moving = begins.zip(ends).filter(|(begin, end)| begin < end);
-    let strokes = moving.flat_map(|(begin, end)| {
-        let path = &run.input[begin..=end];
-        let turns = large_turns(path, LEAST_STROKE);
-        turns.windows(2).map(|pair| Stroke::along(&path[pair[0]..=pair[1]], run.period_s)).collect::<Vec<_>>()
-    });
-    strokes.collect()
+    let of = |path: &[f64]| -> Vec<Stroke> {
+        large_turns(path, LEAST_STROKE).windows(2).map(|pair| Stroke::along(&path[pair[0]..=pair[1]], run.period_s)).collect()
+    };
+    moving.flat_map(|(begin, end)| of(&run.input[begin..=end])).collect()
 }
 
 /// Number of strokes in recordings that are worked with, and how many of them are unlike all before.
 #[must_use]
 pub fn count(session: &Session) -> [usize; 2] {
-    let mut unlike: Vec<Stroke> = Vec::new();
-    let mut all = 0;
-    for stroke in session.worked().flat_map(strokes_of) {
-        all += 1;
+    let all: Vec<Stroke> = session.worked().flat_map(strokes_of).collect();
+    let mut unlike: Vec<&Stroke> = Vec::new();
+    for stroke in &all {
         if !unlike.iter().any(|other| stroke.repeats(other)) {
             unlike.push(stroke);
         }
     }
-    [all, unlike.len()]
+    [all.len(), unlike.len()]
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::grid;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::Run;
 use crate::data::turning::large_turns;
 use crate::effects::creep;
@@ -99,28 +99,24 @@ impl Form for BoucWen {
         const EXPONENT: Parameter = Parameter { name: "exponent", quantity: Quantity::Ratio, low: 1.0, high: 3.0, logarithmic: true };
         let shared = |name, form| Spec { weights: 1, needs_sum: true, ..Spec::new(name, form, Place::Material) };
         if self.leans {
-            let told = if self.remembers {
-                ("bouc-wen-going-on", "Bouc-Wen friction with a level for each direction, going on from recording to recording")
-            } else {
-                ("bouc-wen", "Bouc-Wen friction with a level for each direction")
-            };
+            const FORMS: [Told; 2] = [
+                ("bouc-wen", "Bouc-Wen friction with a level for each direction"),
+                ("bouc-wen-going-on", "Bouc-Wen friction with a level for each direction, going on from recording to recording"),
+            ];
             return Spec {
                 parameters: &[ONSET, LEAN, TURNING, EXPONENT],
                 simpler_at: &[(2, 0.0), (3, 1.0)],
                 starts: || grid(&[0.08, 0.3], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.0, 1.2]].concat()).collect(),
-                ..shared(LEANING, told)
+                ..shared(LEANING, FORMS[usize::from(self.remembers)])
             };
         }
-        let told = if self.remembers {
-            ("bouc-wen-going-on", "Bouc-Wen friction, going on from recording to recording")
-        } else {
-            ("bouc-wen", "Bouc-Wen friction")
-        };
+        const FORMS: [Told; 2] =
+            [("bouc-wen", "Bouc-Wen friction"), ("bouc-wen-going-on", "Bouc-Wen friction, going on from recording to recording")];
         Spec {
             parameters: &[ONSET, TURNING, EXPONENT],
             simpler_at: &[(1, 0.0), (2, 1.0)],
             starts: || grid(&[0.08, 0.3], &[-0.5, 0.0]).into_iter().map(|of| [&of[..], &[1.2]].concat()).collect(),
-            ..shared(NAME, told)
+            ..shared(NAME, FORMS[usize::from(self.remembers)])
         }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
@@ -172,23 +168,19 @@ impl Form for Dahl {
         const BOUND: Parameter = Parameter { name: "bound", quantity: Quantity::Input, low: 0.01, high: 0.5, logarithmic: true };
         const SHARE: Parameter = Parameter { name: "share", quantity: Quantity::Ratio, low: 0.02, high: 1.5, logarithmic: true };
         if self.leans {
-            let told = if self.remembers {
-                ("dahl-going-on", "Dahl friction with a bound for each direction, going on from recording to recording")
-            } else {
-                ("dahl", "Dahl friction with a bound for each direction")
-            };
+            const FORMS: [Told; 2] = [
+                ("dahl", "Dahl friction with a bound for each direction"),
+                ("dahl-going-on", "Dahl friction with a bound for each direction, going on from recording to recording"),
+            ];
             return Spec {
                 parameters: &[BOUND, LEAN, SHARE],
                 starts: || grid(&[0.05, 0.15], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.7]].concat()).collect(),
-                ..Spec::new(LEANING, told, Place::Muscle)
+                ..Spec::new(LEANING, FORMS[usize::from(self.remembers)], Place::Muscle)
             };
         }
-        let told = if self.remembers {
-            ("dahl-going-on", "Dahl friction, going on from recording to recording")
-        } else {
-            ("dahl", "Dahl friction")
-        };
-        Spec { parameters: &[BOUND, SHARE], starts: || grid(&[0.05, 0.15, 0.4], &[0.7]), ..Spec::new(NAME, told, Place::Muscle) }
+        const FORMS: [Told; 2] = [("dahl", "Dahl friction"), ("dahl-going-on", "Dahl friction, going on from recording to recording")];
+        let plain = Spec::new(NAME, FORMS[usize::from(self.remembers)], Place::Muscle);
+        Spec { parameters: &[BOUND, SHARE], starts: || grid(&[0.05, 0.15, 0.4], &[0.7]), ..plain }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         without_lean(self.leans, FORMS[2 + usize::from(self.remembers)], parameters)

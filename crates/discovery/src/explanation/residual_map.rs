@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::data::noise;
 use crate::data::phasors::transform;
-use crate::data::session::Session;
+use crate::data::session::{Run, Session};
 use crate::data::statistics::tail;
 
 /// A region in which model and measurement disagree.
@@ -196,6 +196,7 @@ fn cuts(session: &Session) -> Vec<Cut> {
     let unit = &session.input_unit;
     let samples: Vec<(usize, usize)> =
         session.runs.iter().enumerate().flat_map(|(run, of)| (0..of.input.len()).map(move |sample| (run, sample))).collect();
+    let rates: Vec<f64> = samples.iter().map(|&(run, sample)| rate(session, run, sample)).collect();
     let mut cuts = Vec::new();
     let mut quantiles = |axis: &'static str, values: Vec<f64>, count: usize, words: &dyn Fn(f64, f64) -> String| {
         let mut sorted = values.clone();
@@ -211,22 +212,18 @@ fn cuts(session: &Session) -> Vec<Cut> {
         let of_sample = values.iter().map(|value| edges[1..=last].partition_point(|edge| edge <= value)).collect();
         cuts.push(Cut { axis, regions, of_sample });
     };
-    let scale = session.input_scale;
-    let offset = session.input_offset;
-    quantiles("input", samples.iter().map(|&(run, sample)| session.runs[run].input[sample]).collect(), 5, &|low, high| {
+    let (scale, offset) = (session.input_scale, session.input_offset);
+    let all = |of: fn(&Run) -> &[f64]| session.runs.iter().flat_map(of).copied().collect::<Vec<f64>>();
+    quantiles("input", all(|run| &run.input), 5, &|low, high| {
         format!("{} to {} {unit}", plain_number(low * scale + offset, 4), plain_number(high * scale + offset, 4))
     });
-    quantiles("rate", samples.iter().map(|&(run, sample)| rate(session, run, sample).abs()).collect(), 4, &|low, high| {
+    quantiles("rate", rates.iter().map(|rate| rate.abs()).collect(), 4, &|low, high| {
         format!("{} to {} {unit}/s", plain_number(low * scale, 4), plain_number(high * scale, 4))
     });
     let (since_reversal, cycle) = reversals(session);
     quantiles("time since reversal", since_reversal, 4, &|low, high| format!("{low:.2} to {high:.2} s"));
-    quantiles("time in the recording", samples.iter().map(|&(run, sample)| session.runs[run].time_s[sample]).collect(), 4, &|low, high| {
-        format!("{low:.1} to {high:.1} s")
-    });
-    quantiles("session time", samples.iter().map(|&(run, sample)| session.runs[run].session_s[sample]).collect(), 4, &|low, high| {
-        format!("{low:.0} to {high:.0} s")
-    });
+    quantiles("time in the recording", all(|run| &run.time_s), 4, &|low, high| format!("{low:.1} to {high:.1} s"));
+    quantiles("session time", all(|run| &run.session_s), 4, &|low, high| format!("{low:.0} to {high:.0} s"));
     cuts.push(Cut {
         axis: "loop",
         regions: vec!["first".into(), "second".into(), "third".into(), "fourth and later".into()],
@@ -236,19 +233,7 @@ fn cuts(session: &Session) -> Vec<Cut> {
     cuts.push(Cut {
         axis: "direction",
         regions: vec!["rising".into(), "falling".into(), "at rest".into()],
-        of_sample: samples
-            .iter()
-            .map(|&(run, sample)| {
-                let rate = rate(session, run, sample);
-                if rate > still {
-                    0
-                } else if rate < -still {
-                    1
-                } else {
-                    2
-                }
-            })
-            .collect(),
+        of_sample: rates.iter().map(|rate| if rate.abs() <= still { 2 } else { usize::from(*rate < 0.0) }).collect(),
     });
     if session.runs.len() > 1 {
         cuts.push(Cut {

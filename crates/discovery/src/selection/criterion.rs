@@ -72,7 +72,7 @@ fn names(model: &Model) -> Vec<&'static str> {
 }
 
 /// The recordings that are worked with.
-fn sources(session: &Session) -> Vec<usize> {
+pub fn sources(session: &Session) -> Vec<usize> {
     let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
     sources.sort_unstable();
     sources.dedup();

@@ -1,7 +1,7 @@
 //! What a model leaves of what another missed.
 
 use crate::data::noise;
-use crate::data::session::{Role, Session};
+use crate::data::session::{Role, Run, Session};
 use crate::model::structure::Model;
 use crate::observers::law::SlipLaw;
 use crate::selection::criterion::densities;
@@ -60,19 +60,20 @@ pub fn one_step_ahead(session: &Session, model: &Model, threads: usize) -> Optio
     Some((smooth, [missed, residual]))
 }
 
-/// What one fitted model gains over another in the log predictive density, nats per sample: where it was found, and on test recordings, if there are any.
+/// What one fitted model gains over another in the log predictive density, nats per sample behind the start-up of both: where it was found, and on test
+/// recordings, if there are any.
 pub fn gains(session: &Session, model: &Model, over: &Model) -> [f64; 2] {
-    let floor = [model, over].map(|model| noise::floor(session, &model.residuals(session)));
-    let [own, other] = [model, over].map(|model| densities(model, session, f64::min(floor[0], floor[1]), 0.0));
+    let both = [model, over];
+    let floor = both.map(|model| noise::floor(session, &model.residuals(session))).into_iter().fold(f64::MAX, f64::min);
+    let start_up_s = both.map(Model::start_up_s).into_iter().fold(0.0, f64::max);
+    let [own, other] = both.map(|model| densities(model, session, floor, start_up_s));
     let gain = |counts: fn(Role) -> bool| {
-        let (mut sum, mut count) = (0.0, 0.0_f64);
-        for run in &session.runs {
-            for sample in (0..run.role.len()).filter(|&sample| run.keep[sample] && counts(run.role[sample])) {
-                sum += own[run.index][sample] - other[run.index][sample];
-                count += 1.0;
-            }
-        }
-        (count > 0.0).then(|| sum / count)
+        let of = |run: &Run| {
+            let sample_counts = |at: &usize| run.keep[*at] && run.time_s[*at] >= start_up_s && counts(run.role[*at]);
+            (0..run.role.len()).filter(sample_counts).map(|at| own[run.index][at] - other[run.index][at]).collect::<Vec<f64>>()
+        };
+        let gained: Vec<f64> = session.runs.iter().flat_map(of).collect();
+        (!gained.is_empty()).then(|| gained.iter().sum::<f64>() / gained.len() as f64)
     };
     let worked = gain(Role::is_worked_with).unwrap_or(0.0);
     [worked, gain(|role| role == Role::Test).unwrap_or(worked)]

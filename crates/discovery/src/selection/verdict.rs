@@ -11,6 +11,7 @@ use crate::explanation::intervals;
 use crate::model::changes::in_a_gap;
 use crate::model::structure::{Model, Slot};
 use crate::result::{Discovery, Effect, RunnerUp, Verdict};
+use crate::selection::criterion::sources;
 use crate::selection::decision::Decision;
 use crate::selection::found::Found;
 use crate::selection::leaves::{Left, gains, one_step_ahead, rmse, worked};
@@ -19,10 +20,7 @@ use crate::selection::settings::{FEWEST_FOR_HALVES, GRID_ERROR, HALF, MATERIAL_S
 /// Whether an effect that differs between recordings has about as many values as there are recordings: one step for each file is no drift, but a zero
 /// of its own in each.
 fn is_confounded(session: &Session, slot: &Slot) -> bool {
-    let mut sources: Vec<usize> = session.worked().map(|run| run.source.0).collect();
-    sources.sort_unstable();
-    sources.dedup();
-    slot.form.spec().is_between_recordings && sources.len() < FEWEST_FOR_HALVES
+    slot.form.spec().is_between_recordings && sources(session).len() < FEWEST_FOR_HALVES
 }
 
 /// Share of a parameter's range next to a limit that counts as the limit.
@@ -125,14 +123,11 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, span: f64, ju
     discovery.gap_closed = gap_closed(before, after, floor);
     let beyond_grid = after * after > floor * floor + (GRID_ERROR * span).powi(2);
     discovery.errs_kept_out_only = discovery.verdict == Verdict::None && after > STANDS_OUT * floor && beyond_grid;
-    if let Some(Jumping { one_step: [smooth, jumps], .. }) = jumping {
-        discovery.rmse_before_one_step = Some(smooth);
-        discovery.rmse_after_one_step = Some(jumps);
-        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumps, floor));
-    }
-    let simulated = closed(before, after, floor);
     let observed = jumping.as_ref().map(Jumping::kept);
     if let Some(jumping) = jumping {
+        let [smooth, jumps] = jumping.one_step;
+        (discovery.rmse_before_one_step, discovery.rmse_after_one_step) = (Some(smooth), Some(jumps));
+        discovery.gap_closed_one_step = Some(gap_closed(smooth, jumps, floor));
         let own = closed(jumping.smooth, after, floor);
         // Where the smooth model leaves nothing, jumps are not confirmed.
         let confirmed = own.map_or(HALF, |own| own.max(jumping.kept()));
@@ -144,7 +139,7 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, span: f64, ju
         bound(discovery, if may_stick { confirmed.min(HALF) } else { confirmed }, |name| name == jumping.name);
     }
     // What jumps is confirmed by either.
-    let Some(share) = simulated.into_iter().chain(observed).reduce(f64::max) else { return };
+    let Some(share) = closed(before, after, floor).into_iter().chain(observed).reduce(f64::max) else { return };
     bound(discovery, share, |name| name != OUTLIERS);
 }
 
