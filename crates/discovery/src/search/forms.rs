@@ -17,8 +17,10 @@ pub struct Started {
     pub model: Model,
     /// Its form.
     pub form: &'static dyn Form,
-    /// Mean square that it leaves of the screening samples.
+    /// Mean square that it leaves: of the screening samples, or of all where it is discrete, for a step between two recordings need not be in some.
     pub square: f64,
+    /// Share of the mean square of the same samples that it takes away.
+    pub gain: f64,
 }
 
 /// `model` with further columns that let its effects' parameters give way to first order: what its output changes by with a tenth of a
@@ -48,28 +50,25 @@ pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
     Model { sensitivities: Arc::new(columns), ..model.clone() }
 }
 
-/// Mean square that `base` leaves of the samples that [`start_form`] looks at.
-pub fn screened(base: &Model, session: &Session) -> f64 {
-    objective(base, &mut Workspace::new(session), Scope::Screen)
-}
-
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
 pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
     let mut workspace = Workspace::new(session);
+    let square_of = |model: &Model, workspace: &mut Workspace<'_>| {
+        if !form.spec().discrete {
+            return objective(model, workspace, Scope::Screen);
+        }
+        let sums = workspace.sums(model, Scope::Both);
+        let weights = sums.fit.solve(&sums.free, &model.weights());
+        0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
+    };
+    let was = square_of(base, &mut workspace);
     let mut look = |start: Vec<f64>| {
         let mut model = base.with_in(order, form, start.clone());
-        let square = if form.spec().discrete {
-            let sums = workspace.sums(&model, Scope::Both);
-            let weights = sums.fit.solve(&sums.free, &model.weights());
-            0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
-        } else if form.spec().needs_sum {
-            // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
-            // what remains once the weights have given that back.
-            model.fit_in(&mut workspace, Scope::Screen).0
-        } else {
-            objective(&model, &mut workspace, Scope::Screen)
-        };
-        (Started { model, form, square }, start)
+        // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
+        // what remains once the weights have given that back.
+        let gives_back = form.spec().needs_sum && !form.spec().discrete;
+        let square = if gives_back { model.fit_in(&mut workspace, Scope::Screen).0 } else { square_of(&model, &mut workspace) };
+        (Started { model, form, square, gain: 1.0 - square / was }, start)
     };
     let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(&mut look).collect();
     tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
@@ -180,10 +179,31 @@ pub fn polished(model: &Model, workspace: &mut Workspace<'_>, scope: Scope, eval
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::pneumatic_lag;
+    use crate::effects::{pneumatic_lag, setup_change};
     use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
+
+    #[test]
+    fn a_step_between_recordings_gains_even_where_the_screening_samples_lie_on_one_side_of_it() {
+        let mut case = rig::hide(&CaseConfig { seed: 563, ..CaseConfig::default() }).expect("a case");
+        let plain = Session::new(&case.recordings, &[]).expect("a session");
+        let screened: Vec<usize> = plain.runs.iter().filter(|run| run.screens).map(|run| run.index).collect();
+        // The step stands in front of all recordings that are screened, or behind them.
+        let (first, last) = (screened[0], screened[screened.len() - 1]);
+        let after = if first > plain.runs.len() - 1 - last { first } else { last + 1 };
+        assert!((2..plain.runs.len()).contains(&after), "{screened:?} of {}", plain.runs.len());
+        for recording in &mut case.recordings[after..] {
+            recording.output.iter_mut().for_each(|value| *value += 0.2 * plain.output_scale);
+        }
+        let session = Session::new(&case.recordings, &[]).expect("a session");
+        let mut base = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+        base.fit(&session, Scope::Both);
+        let of_all = start_form(&base, setup_change::FORMS[0], Order::Usual, &session, &base.residuals(&session)).expect("a step");
+        let before = of_all.square / (1.0 - of_all.gain);
+        assert!(objective(&base, &mut Workspace::new(&session), Scope::Screen) < 0.1 * before, "the screening samples show the step");
+        assert!(of_all.gain > 0.9, "{}", of_all.gain);
+    }
 
     #[test]
     fn columns_that_ease_a_model_take_away_what_a_wrong_parameter_leaves() {
@@ -200,7 +220,8 @@ mod tests {
         let right = polish(&lagging(case.truth.parameters["pneumatic-lag.time_constant_s"]), &session, Scope::Screen, 40).model;
         let wrong = lagging(1.1 * right.slots[0].parameters[0]);
         let with_sensitivities = with_sensitivities(&wrong, &session);
-        let [of_right, of_wrong, of_sensitivities] = [&right, &wrong, &with_sensitivities].map(|model| screened(model, &session));
+        let [of_right, of_wrong, of_sensitivities] =
+            [&right, &wrong, &with_sensitivities].map(|model| objective(model, &mut Workspace::new(&session), Scope::Screen));
         assert!(of_wrong > 2.0 * of_right, "{of_wrong} is no more than {of_right}");
         // Not all: weights that may not be negative give way to one side only.
         assert!(

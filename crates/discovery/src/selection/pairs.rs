@@ -59,12 +59,15 @@ pub fn search(
             begun.push(model.clone());
         }
     }
-    let few = FEW.min(begun.len());
+    let mut further = begun.split_off(FEW.min(begun.len()));
+    let mut second = begun.split_off(1);
     let mut pairs = Vec::new();
     let unfinished = |pairs: &[Judged]| pairs.first().is_none_or(leaves_something);
-    for some in [&begun[..1], &begun[1..few], &begun[few..]] {
+    more_pairs(bench, &bench.forms, &begun, Order::Usual, &mut pairs);
+    for some in [&mut second, &mut further] {
         if unfinished(&pairs) {
             more_pairs(bench, &bench.forms, some, Order::Usual, &mut pairs);
+            begun.append(some);
         }
     }
     // The first effect came in when the second was missing: whatever goes better with the second may take its place, in whatever form.
@@ -117,14 +120,12 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     );
     let mut leading: Vec<&Started> = Vec::new();
     let mut others: Vec<&Started> = Vec::new();
-    for (first, model) in with_sensitivities.iter().enumerate() {
-        let was = forms::screened(model, session);
+    for first in 0..models.len() {
         let of_this = jobs.iter().zip(&started).filter(|((of, _), _)| *of == first);
         let mut grid: Vec<&Started> = of_this.filter_map(|(_, started)| started.as_ref()).collect();
-        grid.sort_by(|x, y| x.square.total_cmp(&y.square));
-        let gain = |started: &Started| 1.0 - started.square / was;
-        let most = grid.iter().filter(|started| !started.form.spec().discrete).map(|started| gain(started)).fold(0.0, f64::max);
-        grid.retain(|started| gain(started) > FAR_BEHIND * most);
+        grid.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        let most = grid.iter().filter(|started| !started.form.spec().discrete).map(|started| started.gain).fold(0.0, f64::max);
+        grid.retain(|started| started.gain > FAR_BEHIND * most);
         // The grid says little about a narrow valley, but it must show something.
         let (narrow, broad): (Vec<&Started>, Vec<&Started>) = grid.into_iter().partition(|started| is_narrow(started.form));
         let mut names: Vec<&str> = Vec::new();

@@ -107,16 +107,14 @@ impl Bench<'_> {
             |form| forms::start_form(&with_sensitivities, *form, Order::Usual, self.session, &residual),
         );
         let started: Vec<Started> = started.into_iter().flatten().collect();
-        let was = forms::screened(&with_sensitivities, self.session);
-        let gain = |started: &Started| 1.0 - started.square / was;
         let broad = |started: &&Started| !started.form.spec().discrete;
-        let most = started.iter().filter(broad).map(gain).fold(0.0, f64::max);
+        let most = started.iter().filter(broad).map(|started| started.gain).fold(0.0, f64::max);
         let worth = (HOPELESS * least).max(FAR_BEHIND * most);
         let mut tried = self.in_parallel(
             &started,
             |started| labour(started.form),
             |started| {
-                let refine = if gain(started) > worth { forms::refine_form } else { forms::settle_form };
+                let refine = if started.gain > worth { forms::refine_form } else { forms::settle_form };
                 let fitted = refine(started, self.session);
                 let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
                 Tried { fitted, form: started.form, deviations }

@@ -156,7 +156,7 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
 pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law: &SlipLaw) -> Model {
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
     let mut workspace = Workspace::new(session);
-    let mut judge = |model: Model| Started { square: objective(&model, &mut workspace, Scope::Fit), model, form };
+    let mut judge = |model: Model| Started { square: objective(&model, &mut workspace, Scope::Fit), gain: 0.0, model, form };
     // Band, how soon it closes and flow are moved apart: an observer's band may be a tenth too small.
     let at = |places: [i32; 3]| {
         let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
