@@ -151,7 +151,7 @@ pub fn loop_area(session: &Session, baseline: &Model, threads: usize) -> Option<
     let residual = baseline.residuals(session);
     let alone = |form: &'static dyn Form, other: &'static dyn Form| {
         let started = forms::start_form(baseline, form, Order::Usual, session, &residual)?;
-        let with_one = forms::refine_form(&started, session).model;
+        let with_one = forms::refine_form(&started.model, form, session).model;
         let mut both = forms::polish(&with_one.with(other, vec![0.01]), session, Scope::Fit, 25).model;
         let (fit, _) = both.fit(session, Scope::Fit);
         Some((fit, both))

@@ -97,15 +97,15 @@ const VALLEYS: usize = 5;
 const ACROSS: i32 = 6;
 
 /// The form as it was started, its weights fitted to all that is fitted.
-pub fn settle_form(started: &Started, session: &Session) -> Fitted {
-    let mut model = started.model.clone();
+pub fn settle_form(started: &Model, session: &Session) -> Fitted {
+    let mut model = started.clone();
     let (_, select) = model.fit(session, Scope::Both);
     Fitted { model, select }
 }
 
 /// Improves the form's parameters on the screening samples from where it was started, the others' held.
-pub fn refine_form(started: &Started, session: &Session) -> Fitted {
-    let (mut model, form) = (started.model.clone(), started.form);
+pub fn refine_form(started: &Model, form: &'static dyn Form, session: &Session) -> Fitted {
+    let mut model = started.clone();
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
     let indices = if form.spec().discrete { Vec::new() } else { indices_of(&model, slot) };
     let effort =

@@ -114,10 +114,11 @@ impl Bench<'_> {
             &started,
             |started| labour(started.form),
             |started| {
-                let refine = if started.gain > worth { forms::refine_form } else { forms::settle_form };
-                let fitted = refine(started, self.session);
+                let Started { model, form, .. } = started;
+                let refine = || forms::refine_form(model, *form, self.session);
+                let fitted = if started.gain > worth { refine() } else { forms::settle_form(model, self.session) };
                 let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
-                Tried { fitted, form: started.form, deviations }
+                Tried { fitted, form: *form, deviations }
             },
         );
         tried.sort_by(|x, y| x.fitted.penalised().total_cmp(&y.fitted.penalised()));

@@ -7,7 +7,7 @@ use crate::effects::{pneumatic_lag, sticking};
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
-use crate::search::forms::{self, Started};
+use crate::search::forms;
 use crate::search::simplex::objective;
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
@@ -156,7 +156,7 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
 pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law: &SlipLaw) -> Model {
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
     let mut workspace = Workspace::new(session);
-    let mut judge = |model: Model| Started { square: objective(&model, &mut workspace, Scope::Fit), gain: 0.0, model, form };
+    let mut judge = |model: Model| (objective(&model, &mut workspace, Scope::Fit), model);
     // Band, how soon it closes and flow are moved apart: an observer's band may be a tenth too small.
     let at = |places: [i32; 3]| {
         let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
@@ -167,17 +167,17 @@ pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law
     let grid = places().flat_map(|band| places().flat_map(move |closes| places().map(move |flow| [band, closes, flow])));
     let mut best = judge(at([0; 3]));
     for places in grid {
-        best = Some(judge(at(places))).filter(|one| one.square < best.square).unwrap_or(best);
+        best = Some(judge(at(places))).filter(|one| one.0 < best.0).unwrap_or(best);
     }
     loop {
-        let again = judge(forms::refine_form(&best, session).model);
-        let gain = 1.0 - again.square / best.square;
+        let again = judge(forms::refine_form(&best.1, form, session).model);
+        let gain = 1.0 - again.0 / best.0;
         best = if gain > 0.0 { again } else { best };
         if gain < 0.01 {
             break;
         }
     }
-    let mut model = forms::polish(&best.model, session, Scope::Fit, 2 * POLISH).model.refined();
+    let mut model = forms::polish(&best.1, session, Scope::Fit, 2 * POLISH).model.refined();
     model.fit(session, Scope::Both);
     model.pruned()
 }
