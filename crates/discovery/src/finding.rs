@@ -134,7 +134,8 @@ pub fn discover_from(
         None => counted.simulate(&written(&before), calibrate_s)?,
     };
     let is = counted.simulate(&with_effects, calibrate_s)?;
-    verdict::confirm(&mut discovery, was.rmse, is.rmse, session.output_scale.abs(), Jumping::of(&session, &after, config.threads));
+    let jumping = Jumping::of(&session, &after, &search.found.jump_gains, config.threads);
+    verdict::confirm(&mut discovery, was.rmse, is.rmse, session.output_scale.abs(), jumping);
     discovery.beyond_range = verdict::beyond_range(&session);
     let with_effects = session.normalised_where(&is.outputs);
     (discovery.disagreements, (discovery.memory_horizon, discovery.residual_before, discovery.residual_after)) = both(

@@ -52,6 +52,8 @@ struct Swing {
     behind_s: f64,
     /// What the drag carries along, per unit of its speed, s.
     carried_s: f64,
+    /// Share of the swinging mass in what the sensor sees.
+    share: f64,
     period_s: f64,
 }
 
@@ -67,8 +69,16 @@ impl Swing {
             speed: [-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine)],
             behind_s: 2.0 * damping / omega,
             carried_s: 0.0,
+            share: 1.0,
             period_s,
         }
+    }
+
+    /// The same as drag and stiffness are now: `slower` is added to `D o`, and the stiffness multiplied.
+    fn changed([frequency_hz, damping]: [f64; 2], slower: f64, stiffness: f64, period_s: f64) -> Self {
+        let stiff = stiffness.max(0.1).sqrt();
+        let damped = (damping + slower / (2.0 * PI * frequency_hz)) / stiff;
+        Self::new(frequency_hz * stiff, damped.min(MOST_DAMPING), period_s)
     }
 
     /// The same where the drag is one against what moves it: `y = (1 + 2 D / o d/dt) w`.
@@ -89,23 +99,7 @@ impl Filter<3> for Swing {
         *place = self.position[0] * off + self.position[1] * off_rate + value - behind;
         *rate = self.speed[0] * off + self.speed[1] * off_rate + slope;
         *last = value;
-        *place + self.carried_s * *rate
-    }
-}
-
-/// A mass of which the sensor sees a share only.
-struct Part {
-    swing: Swing,
-    share: f64,
-}
-
-impl Filter<3> for Part {
-    fn begin(&self, first: f64) -> [f64; 3] {
-        self.swing.begin(first)
-    }
-    #[inline(always)]
-    fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
-        value + self.share * (self.swing.step(memory, value) - value)
+        self.share * (*place + self.carried_s * *rate) + (1.0 - self.share) * value
     }
 }
 
@@ -125,7 +119,7 @@ impl Form for PartOfTip {
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
+        columns.filter(&Swing { share: parameters[2], ..Swing::new(parameters[0], parameters[1], run.period_s) });
     }
 }
 
@@ -150,22 +144,13 @@ impl Form for GasSpring {
             ..Spec::new("resonance", ("gas-spring", "swinging pressure, its drag or its stiffness not in proportion"), Place::Tube)
         }
     }
-    leads_input!(|self, parameters, run| Gas {
-        frequency_hz: parameters[0],
-        damping: parameters[1],
-        drag: parameters[2],
-        stiffening: parameters[3],
-        period_s: run.period_s
-    });
+    leads_input!(|self, parameters, run| Gas { parameters: [0, 1, 2, 3].map(|at| parameters[at]), period_s: run.period_s });
 }
 
 /// What [`GasSpring`] does to the input: its stiffness and its drag stand still within a sample.
 #[derive(PartialEq)]
 struct Gas {
-    frequency_hz: f64,
-    damping: f64,
-    drag: f64,
-    stiffening: f64,
+    parameters: [f64; 4],
     period_s: f64,
 }
 
@@ -175,9 +160,9 @@ impl Filter<3> for Gas {
     }
     #[inline(always)]
     fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
-        let stiff = ((1.0 + self.stiffening * memory[0]) / (1.0 + 0.5 * self.stiffening)).max(0.1).sqrt();
-        let damped = (self.damping + self.drag * memory[1].abs() / (2.0 * PI * self.frequency_hz)) / stiff;
-        Swing::new(self.frequency_hz * stiff, damped.min(MOST_DAMPING), self.period_s).step(memory, value)
+        let [frequency_hz, damping, drag, stiffening] = self.parameters;
+        let stiffness = (1.0 + stiffening * memory[0]) / (1.0 + 0.5 * stiffening);
+        Swing::changed([frequency_hz, damping], drag * memory[1].abs(), stiffness, self.period_s).step(memory, value)
     }
 }
 
@@ -193,15 +178,11 @@ impl Along {
     /// Along a friction-free displacement, over its span: `w'' + 2 o (D + d |w'| / o) w' + o^2 (1 + k s + h (w - s)^2) (w - s) = 0`.
     fn new(parameters: &[f64], sum: &[f64], period_s: f64) -> Self {
         let [frequency_hz, damping, drag, stiffening, hardening] = [0, 1, 2, 3, 4].map(|at| parameters[at]);
-        let omega = 2.0 * PI * frequency_hz;
         let mut memory = [sum[0], 0.0, sum[0]];
         let swing = |&value: &f64| {
-            let speed = memory[1].abs();
-            let out_by = |square: f64| {
-                let stiff = (1.0 + stiffening * value + hardening * square).max(0.1).sqrt();
-                let damped = (damping + drag * speed / omega) / stiff;
-                Swing::new(frequency_hz * stiff, damped.min(MOST_DAMPING), period_s)
-            };
+            let slower = drag * memory[1].abs();
+            let out_by =
+                |square: f64| Swing::changed([frequency_hz, damping], slower, 1.0 + stiffening * value + hardening * square, period_s);
             let begun = memory[0] - memory[2];
             let mut swing = out_by(begun * begun);
             if hardening != 0.0 {
@@ -327,7 +308,7 @@ mod tests {
         let (period_s, stiffening, drag) = (0.01, 0.7, 1.5);
         let mut found: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (3.0 * f64::from(sample) * period_s).cos()).collect();
         let input = found.clone();
-        Gas { frequency_hz: 2.5, damping: 0.1, drag, stiffening, period_s }.run(&mut found);
+        Gas { parameters: [2.5, 0.1, drag, stiffening], period_s }.run(&mut found);
         let omega = 2.0 * PI * 2.5;
         // It flows by its inertia, and what has flowed raises the pressure by the gas's own.
         let (mut place, mut flow, mut error) = (0.0, 0.0, 0.0_f64);

@@ -13,6 +13,8 @@ pub struct Found {
     pub candidates: Vec<Candidate>,
     /// Where something jumps: mean square by which even a right observer misses the times of the jumps.
     pub jump_scatter: Option<f64>,
+    /// What every effect that jumps gains there over the best smooth observer, nats per sample.
+    pub jump_gains: Vec<(&'static str, f64)>,
 }
 
 /// The model that was found, and what goes with it.

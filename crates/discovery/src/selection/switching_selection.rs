@@ -169,14 +169,9 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     if !outcome.found.order.is_empty() && !outcome.found.order.contains(&VALVE) {
         quasi_statics.push(outcome.model.clone());
     }
-    let mut drives: Vec<Drive> = Vec::new();
-    for drive in bench.forms.iter().filter_map(|form| form.jumps()) {
-        if !drives.contains(&drive) {
-            drives.push(drive);
-        }
-    }
-    let sights: Vec<(&Model, Drive)> =
-        quasi_statics.iter().flat_map(|quasi_static| drives.iter().map(move |drive| (quasi_static, *drive))).collect();
+    let takes_part = |drive: &Drive| bench.forms.iter().any(|form| form.jumps() == Some(*drive));
+    let drives = || [Drive::QuasiStatic, Drive::Command].into_iter().filter(takes_part);
+    let sights: Vec<(&Model, Drive)> = quasi_statics.iter().flat_map(|one| drives().map(move |drive| (one, drive))).collect();
     let seen = parallel::in_parallel(&sights, bench.threads, |(quasi_static, drive)| {
         QuasiStatic::new(session, quasi_static, noise, false).at_first_sight(*drive)
     });
@@ -234,6 +229,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     if !is_law || !is_no_chance(log_likelihood, &smooth[smoothest]) || gain < JUMPS {
         return outcome;
     }
+    outcome.found.jump_gains = best.iter().map(|one| (one.form.name(), one.log_likelihood.mean() - smooth[smoothest].mean())).collect();
     let (model, law) = refitted(session, one.form, noise, one.model.clone(), one.law, &LAST_REFITS, bench.threads);
     let polished = QuasiStatic::new(session, &with_lag(&model, law.drive, law.lag_s), noise, one.form.spec().feels_sensor).jumping(&law);
     let polished = Judged { log_likelihood: polished, form: one.form, law, quasi_static: one.quasi_static, model };

@@ -91,11 +91,13 @@ pub struct Jumping {
     pub one_step: [f64; 2],
     /// What the one that knows the jumps gains in the log predictive density, nats per sample: where they were found, and on test recordings.
     pub gains: [f64; 2],
+    /// Another effect that jumps and gains nearly as much where they were found: by another law of its own it may be the cause.
+    pub rival: Option<&'static str>,
 }
 
 impl Jumping {
-    /// Of a model in which something jumps.
-    pub fn of(session: &Session, after: &Model, threads: usize) -> Option<Self> {
+    /// Of a model in which something jumps; `of_each` is what every effect that jumps gains where they were found.
+    pub fn of(session: &Session, after: &Model, of_each: &[(&'static str, f64)], threads: usize) -> Option<Self> {
         let slot = after.slots.iter().find(|slot| slot.form.jumps().is_some())?;
         let in_a_gap = in_a_gap(session, after);
         let drive = slot.form.jumps()?;
@@ -103,8 +105,12 @@ impl Jumping {
         let (mut smooth, missed) = one_step_ahead(session, after, threads)?;
         let one_step = missed.map(|missed| error(&missed));
         smooth.fit_all(session);
-        let gains = gains(session, after, &smooth);
-        Some(Self { name: slot.form.name(), drive, smooth: error(&smooth.residuals(session)), one_step, gains })
+        let name = slot.form.name();
+        let own = of_each.iter().find(|(one, _)| *one == name)?.1;
+        let may_be = |(other, gain): &&(&str, f64)| *other != name && *gain >= (1.0 - UNEXPLAINED[1]) * own;
+        let rival = of_each.iter().find(may_be).map(|(other, _)| *other);
+        let (smooth, gains) = (error(&smooth.residuals(session)), gains(session, after, &smooth));
+        Some(Self { name, drive, smooth, one_step, gains, rival })
     }
 
     /// Share of what knowing the jumps gains where they were found that it gains on test recordings as well, 0 to 1.
@@ -132,11 +138,12 @@ pub fn confirm(discovery: &mut Discovery, before: f64, after: f64, span: f64, ju
         // Where the smooth model leaves nothing, jumps are not confirmed.
         let confirmed = own.map_or(HALF, |own| own.max(jumping.kept()));
         // A valve moves by the command alone, and a simulation follows it: what it does not follow may as well be a tip that sticks.
-        let may_stick = jumping.drive == Drive::Command && own.is_none_or(|share| share <= HALF);
-        if may_stick {
-            discovery.runner_up = Some(RunnerUp { name: STICKING.to_owned(), separable: false });
+        let sticks = (jumping.drive == Drive::Command).then_some(STICKING);
+        let rival = jumping.rival.or(sticks).filter(|_| own.is_none_or(|share| share <= HALF));
+        if let Some(rival) = rival {
+            discovery.runner_up = Some(RunnerUp { name: rival.to_owned(), separable: false });
         }
-        bound(discovery, if may_stick { confirmed.min(HALF) } else { confirmed }, |name| name == jumping.name);
+        bound(discovery, if rival.is_some() { confirmed.min(HALF) } else { confirmed }, |name| name == jumping.name);
     }
     // What jumps is confirmed by either.
     let Some(share) = closed(before, after, floor).into_iter().chain(observed).reduce(f64::max) else { return };
@@ -162,11 +169,6 @@ const STICKING: &str = "stick-slip";
 /// What the mask names.
 const OUTLIERS: &str = "outliers";
 
-/// Names of effects with a form that jumps.
-fn names_that_jump() -> Vec<&'static str> {
-    catalogue::forms().iter().filter(|form| form.jumps().is_some()).map(|form| form.name()).collect()
-}
-
 /// The verdict and the figures.
 pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decision, found: &Found) -> Discovery {
     let after = &decision.model;
@@ -183,8 +185,8 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     // Effects are judged by the samples that were worked with: the session has no others.
     let (was, is) = (worked(session, residual_before, with_outliers), worked(session, &residual_after, false));
     // A simulation of what jumps misses the times of the jumps as much as an observer does.
-    let jumping = names_that_jump();
-    let jumps = after.names().any(|name| jumping.contains(&name));
+    let jumping = |name: &str| catalogue::forms().iter().any(|form| form.name() == name && form.jumps().is_some());
+    let jumps = after.names().any(jumping);
     let [strokes, unlike] = strokes::count(session);
     // A stroke once more confirms what comes with time; of a law it says the same again.
     let asked = |slot: &Slot| if slot.form.spec().place == Place::Sensor { strokes } else { unlike };
@@ -200,18 +202,12 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
         let mut parameters: BTreeMap<String, f64> =
             slot.form.parameters().iter().zip(&slot.parameters).map(|(parameter, &value)| parameter.tell(value, session)).collect();
         parameters.extend(slot.form.tell(&slot.parameters, &slot.weights, session));
-        let intervals = slot
-            .form
-            .parameters()
-            .iter()
-            .zip(&slot.parameters)
-            .zip(&half_widths[before..])
-            .filter(|(_, half)| **half > 0.0)
-            .map(|((parameter, &value), half)| {
-                let (name, low) = parameter.tell((value - half).max(parameter.low), session);
-                (name, [low, parameter.tell((value + half).min(parameter.high), session).1])
-            })
-            .collect();
+        let known = slot.form.parameters().iter().zip(&slot.parameters).zip(&half_widths[before..]).filter(|(_, half)| **half > 0.0);
+        let interval = |((parameter, &value), half): ((&Parameter, &f64), &f64)| {
+            let (name, low) = parameter.tell((value - half).max(parameter.low), session);
+            (name, [low, parameter.tell((value + half).min(parameter.high), session).1])
+        };
+        let intervals = known.map(interval).collect();
         effects.push(Effect {
             name: (*name).to_owned(),
             form: slot.form.form().to_owned(),
@@ -336,7 +332,7 @@ mod tests {
     fn confirmed(drive: Drive, [before, after, smooth]: [f64; 3], gains: [f64; 2]) -> (Verdict, Vec<f64>) {
         let name = if drive == Drive::Command { "valve-dead-band" } else { "stick-slip" };
         let mut discovery = named(name);
-        confirm(&mut discovery, before, after, 1.0, Some(Jumping { name, drive, smooth, one_step: [0.2, 0.2], gains }));
+        confirm(&mut discovery, before, after, 1.0, Some(Jumping { name, drive, smooth, one_step: [0.2, 0.2], gains, rival: None }));
         let may_stick = discovery.runner_up.is_some_and(|second| second.name == "stick-slip" && !second.separable);
         assert_eq!(may_stick, drive == Drive::Command && smooth <= after);
         (discovery.verdict, discovery.effects.iter().map(|effect| effect.confidence).collect())
@@ -355,6 +351,21 @@ mod tests {
         assert_eq!(confirmed(Drive::QuasiStatic, [1.0, 0.5, 0.5], [0.1, 0.09]), (Verdict::Named, vec![0.99, 0.99]));
         assert_eq!(confirmed(Drive::QuasiStatic, [1.0, 0.5, 0.5], [0.5, 0.125]), (Verdict::Ambiguous, vec![0.99, 0.25]));
         assert_eq!(confirmed(Drive::Command, [1.0, 0.5, 0.5], [0.1, 0.09]), (Verdict::Ambiguous, vec![0.99, HALF]));
+    }
+
+    #[test]
+    fn a_tip_that_a_valve_explains_nearly_as_well_is_believed_by_half() {
+        let of = |rival, after: f64| {
+            let mut discovery = named("stick-slip");
+            let jumping =
+                Jumping { name: "stick-slip", drive: Drive::QuasiStatic, smooth: 0.5, one_step: [0.2, 0.2], gains: [0.5; 2], rival };
+            confirm(&mut discovery, 1.0, after, 1.0, Some(jumping));
+            (discovery.effects[1].confidence, discovery.runner_up.map(|second| second.name))
+        };
+        assert_eq!(of(None, 0.5), (0.99, None));
+        assert_eq!(of(Some("valve-dead-band"), 0.5), (HALF, Some("valve-dead-band".to_owned())));
+        // What a simulation follows is no other.
+        assert_eq!(of(Some("valve-dead-band"), 0.1), (0.99, None));
     }
 
     #[test]
