@@ -311,7 +311,7 @@ mod tests {
         Gas { parameters: [2.5, 0.1, drag, stiffening], period_s }.run(&mut found);
         let omega = 2.0 * PI * 2.5;
         // It flows by its inertia, and what has flowed raises the pressure by the gas's own.
-        let (mut place, mut flow, mut error) = (0.0, 0.0, 0.0_f64);
+        let (mut place, mut flow, mut error) = (0.0, 0.0_f64, 0.0_f64);
         for (sample, found) in found.iter().enumerate().skip(1) {
             for look in 0..1000 {
                 let value = input[sample - 1] + (input[sample] - input[sample - 1]) * f64::from(look) / 1000.0;
