@@ -38,9 +38,6 @@ struct PartOfTip;
 
 const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
 
-/// Growth of the damping ratio with the speed over that of a swing through the span.
-const DRAG: Parameter = Parameter { name: "drag", quantity: Quantity::Ratio, low: 0.0, high: 10.0, logarithmic: false };
-
 const DAMPING: Parameter = Parameter { name: "damping_ratio", quantity: Quantity::Ratio, low: 0.01, high: 0.95, logarithmic: true };
 
 /// A swinging mass that starts at rest; exact for straight lines between samples.
@@ -52,8 +49,6 @@ struct Swing {
     behind_s: f64,
     /// What the drag carries along, per unit of its speed, s.
     carried_s: f64,
-    /// Share of the swinging mass in what the sensor sees.
-    share: f64,
     period_s: f64,
 }
 
@@ -69,16 +64,8 @@ impl Swing {
             speed: [-decay * omega * omega * sine / damped, decay * (cosine - ratio * sine)],
             behind_s: 2.0 * damping / omega,
             carried_s: 0.0,
-            share: 1.0,
             period_s,
         }
-    }
-
-    /// The same as drag and stiffness are now: `slower` is added to `D o`, and the stiffness multiplied.
-    fn changed([frequency_hz, damping]: [f64; 2], slower: f64, stiffness: f64, period_s: f64) -> Self {
-        let stiff = stiffness.max(0.1).sqrt();
-        let damped = (damping + slower / (2.0 * PI * frequency_hz)) / stiff;
-        Self::new(frequency_hz * stiff, damped.min(MOST_DAMPING), period_s)
     }
 
     /// The same where the drag is one against what moves it: `y = (1 + 2 D / o d/dt) w`.
@@ -99,7 +86,23 @@ impl Filter<3> for Swing {
         *place = self.position[0] * off + self.position[1] * off_rate + value - behind;
         *rate = self.speed[0] * off + self.speed[1] * off_rate + slope;
         *last = value;
-        self.share * (*place + self.carried_s * *rate) + (1.0 - self.share) * value
+        *place + self.carried_s * *rate
+    }
+}
+
+/// A mass of which the sensor sees a share only.
+struct Part {
+    swing: Swing,
+    share: f64,
+}
+
+impl Filter<3> for Part {
+    fn begin(&self, first: f64) -> [f64; 3] {
+        self.swing.begin(first)
+    }
+    #[inline(always)]
+    fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
+        value + self.share * (self.swing.step(memory, value) - value)
     }
 }
 
@@ -119,11 +122,11 @@ impl Form for PartOfTip {
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
-        columns.filter(&Swing { share: parameters[2], ..Swing::new(parameters[0], parameters[1], run.period_s) });
+        columns.filter(&Part { swing: Swing::new(parameters[0], parameters[1], run.period_s), share: parameters[2] });
     }
 }
 
-/// Air in a tube on the gas of the muscle; its drag may grow with its speed.
+/// Air in a tube on the gas of the muscle.
 struct GasSpring;
 
 impl Form for GasSpring {
@@ -132,25 +135,27 @@ impl Form for GasSpring {
             parameters: &[
                 FREQUENCY,
                 DAMPING_OF_AIR,
-                DRAG,
-                Parameter { name: "stiffening", quantity: Quantity::PerInput, low: 0.0, high: 5.0, logarithmic: false },
+                Parameter { name: "stiffening", quantity: Quantity::PerInput, low: 0.1, high: 5.0, logarithmic: true },
             ],
-            steps: &[0.15, 0.15, 0.2, 0.2],
-            simpler_at: &[(2, 0.0), (3, 0.0)],
-            starts: || {
-                let of = |frequency: f64| [vec![frequency, 0.12, 0.0, 0.8], vec![frequency, 0.08, 0.3, 0.0]];
-                ladder(1.2, 8.0, 8).into_iter().flat_map(of).collect()
-            },
-            ..Spec::new("resonance", ("gas-spring", "swinging pressure, its drag or its stiffness not in proportion"), Place::Tube)
+            steps: &[0.15, 0.15, 0.4],
+            starts: || ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.12, 0.8]).collect(),
+            ..Spec::new("resonance", ("gas-spring", "swinging pressure, stiffer under pressure"), Place::Tube)
         }
     }
-    leads_input!(|self, parameters, run| Gas { parameters: [0, 1, 2, 3].map(|at| parameters[at]), period_s: run.period_s });
+    leads_input!(|self, parameters, run| Gas {
+        frequency_hz: parameters[0],
+        damping: parameters[1],
+        stiffening: parameters[2],
+        period_s: run.period_s
+    });
 }
 
-/// What [`GasSpring`] does to the input: its stiffness and its drag stand still within a sample.
+/// What [`GasSpring`] does to the input: its stiffness stands still within a sample.
 #[derive(PartialEq)]
 struct Gas {
-    parameters: [f64; 4],
+    frequency_hz: f64,
+    damping: f64,
+    stiffening: f64,
     period_s: f64,
 }
 
@@ -160,13 +165,12 @@ impl Filter<3> for Gas {
     }
     #[inline(always)]
     fn step(&self, memory: &mut [f64; 3], value: f64) -> f64 {
-        let [frequency_hz, damping, drag, stiffening] = self.parameters;
-        let stiffness = (1.0 + stiffening * memory[0]) / (1.0 + 0.5 * stiffening);
-        Swing::changed([frequency_hz, damping], drag * memory[1].abs(), stiffness, self.period_s).step(memory, value)
+        let stiff = ((1.0 + self.stiffening * memory[0]) / (1.0 + 0.5 * self.stiffening)).max(0.1).sqrt();
+        Swing::new(self.frequency_hz * stiff, (self.damping / stiff).min(MOST_DAMPING), self.period_s).step(memory, value)
     }
 }
 
-/// A tip whose drag grows with its speed, and whose stiffness changes with the displacement or with how far it swings out (Duffing 1918).
+/// A tip whose drag grows with its speed, and whose stiffness changes with its deflection from where it would rest.
 struct Changing;
 
 /// How it would swing on its own: for each sample its drag and its frequency, by which the columns swing that add up to it.
@@ -175,23 +179,15 @@ struct Along {
 }
 
 impl Along {
-    /// Along a friction-free displacement, over its span: `w'' + 2 o (D + d |w'| / o) w' + o^2 (1 + k s + h (w - s)^2) (w - s) = 0`.
+    /// Along a friction-free displacement, over its span: `w'' + 2 o (D + d |w'| / o) w' + o^2 (1 + k |s|) (w - s) = 0`.
     fn new(parameters: &[f64], sum: &[f64], period_s: f64) -> Self {
-        let [frequency_hz, damping, drag, stiffening, hardening] = [0, 1, 2, 3, 4].map(|at| parameters[at]);
+        let [frequency_hz, damping, drag, stiffening] = [parameters[0], parameters[1], parameters[2], parameters[3]];
+        let omega = 2.0 * PI * frequency_hz;
         let mut memory = [sum[0], 0.0, sum[0]];
         let swing = |&value: &f64| {
-            let slower = drag * memory[1].abs();
-            let out_by =
-                |square: f64| Swing::changed([frequency_hz, damping], slower, 1.0 + stiffening * value + hardening * square, period_s);
-            let begun = memory[0] - memory[2];
-            let mut swing = out_by(begun * begun);
-            if hardening != 0.0 {
-                // The mean along a straight line to where that ends.
-                let mut ahead = memory;
-                swing.step(&mut ahead, value);
-                let ended = ahead[0] - value;
-                swing = out_by((begun * begun + begun * ended + ended * ended) / 3.0);
-            }
+            let stiff = (1.0 + stiffening * value).max(0.1).sqrt();
+            let damped = (damping + drag * memory[1].abs() / omega) / stiff;
+            let swing = Swing::new(frequency_hz * stiff, damped.min(MOST_DAMPING), period_s);
             swing.step(&mut memory, value);
             swing
         };
@@ -222,17 +218,13 @@ impl Form for Changing {
             parameters: &[
                 FREQUENCY,
                 DAMPING,
-                DRAG,
+                Parameter { name: "drag", quantity: Quantity::Ratio, low: 0.0, high: 10.0, logarithmic: false },
                 Parameter { name: "stiffening", quantity: Quantity::Ratio, low: -0.8, high: 3.0, logarithmic: false },
-                Parameter { name: "hardening", quantity: Quantity::Ratio, low: -10.0, high: 200.0, logarithmic: false },
             ],
-            steps: &[0.15, 0.15, 0.2, 0.2, 5.0],
-            simpler_at: &[(2, 0.0), (3, 0.0), (4, 0.0)],
+            steps: &[0.15, 0.15, 0.2, 0.2],
+            simpler_at: &[(2, 0.0), (3, 0.0)],
             needs_sum: true,
-            starts: || {
-                let of = |frequency: f64| [vec![frequency, 0.08, 0.3, 0.0, 0.0], vec![frequency, 0.15, 0.0, 0.0, 20.0]];
-                ladder(1.2, 8.0, 8).into_iter().flat_map(of).collect()
-            },
+            starts: || ladder(1.2, 8.0, 8).into_iter().map(|frequency| vec![frequency, 0.08, 0.3, 0.0]).collect(),
             ..Spec::new("resonance", ("changing-tip", "swinging tip, its drag or its stiffness not in proportion"), Place::Tip)
         }
     }
@@ -279,19 +271,16 @@ mod tests {
         let period_s = 0.01;
         let sum: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (3.0 * f64::from(sample) * period_s).cos()).collect();
         let mut worst = Vec::new();
-        for [damping, drag, stiffening, hardening] in
-            [[0.1, 0.0, 0.0, 0.0], [0.05, 2.0, 0.0, 0.0], [0.05, 0.0, 1.5, 0.0], [0.05, 1.0, -0.5, 0.0], [0.1, 0.0, 0.0, 40.0]]
-        {
+        for [damping, drag, stiffening] in [[0.1, 0.0, 0.0], [0.05, 2.0, 0.0], [0.05, 0.0, 1.5], [0.05, 1.0, -0.5]] {
             let mut found = sum.clone();
-            Along::new(&[2.5, damping, drag, stiffening, hardening], &sum, period_s).run(&mut found);
+            Along::new(&[2.5, damping, drag, stiffening], &sum, period_s).run(&mut found);
             let omega = 2.0 * PI * 2.5;
             let (mut place, mut rate) = (sum[0], 0.0_f64);
             let mut error: f64 = 0.0;
             for (sample, found) in found.iter().enumerate().skip(1) {
                 for look in 0..1000 {
                     let value = sum[sample - 1] + (sum[sample] - sum[sample - 1]) * f64::from(look) / 1000.0;
-                    let away = value - place;
-                    let force = omega * omega * (1.0 + stiffening * value + hardening * away * away) * away;
+                    let force = omega * omega * (1.0 + stiffening * value) * (value - place);
                     rate += 1e-3 * period_s * (force - 2.0 * omega * (damping + drag * rate.abs() / omega) * rate);
                     place += 1e-3 * period_s * rate;
                 }
@@ -304,18 +293,18 @@ mod tests {
     }
 
     #[test]
-    fn a_plug_of_air_swings_on_the_gas_in_the_muscle_against_a_drag_that_grows() {
-        let (period_s, stiffening, drag) = (0.01, 0.7, 1.5);
+    fn a_plug_of_air_swings_on_the_gas_in_the_muscle() {
+        let (period_s, stiffening) = (0.01, 0.7);
         let mut found: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (3.0 * f64::from(sample) * period_s).cos()).collect();
         let input = found.clone();
-        Gas { parameters: [2.5, 0.1, drag, stiffening], period_s }.run(&mut found);
+        Gas { frequency_hz: 2.5, damping: 0.1, stiffening, period_s }.run(&mut found);
         let omega = 2.0 * PI * 2.5;
         // It flows by its inertia, and what has flowed raises the pressure by the gas's own.
-        let (mut place, mut flow, mut error) = (0.0, 0.0_f64, 0.0_f64);
+        let (mut place, mut flow, mut error) = (0.0, 0.0, 0.0_f64);
         for (sample, found) in found.iter().enumerate().skip(1) {
             for look in 0..1000 {
                 let value = input[sample - 1] + (input[sample] - input[sample - 1]) * f64::from(look) / 1000.0;
-                flow += 1e-3 * period_s * (omega * omega * (value - place) - 2.0 * omega * (0.1 + drag * flow.abs() / omega) * flow);
+                flow += 1e-3 * period_s * (omega * omega * (value - place) - 2.0 * 0.1 * omega * flow);
                 place += 1e-3 * period_s * flow * (1.0 + stiffening * place) / (1.0 + 0.5 * stiffening);
             }
             error = error.max((found - place).abs());
