@@ -106,7 +106,7 @@ impl Jumping {
         let one_step = missed.map(|missed| error(&missed));
         smooth.fit_all(session);
         let name = slot.form.name();
-        let own = of_each.iter().find(|(one, _)| *one == name)?.1;
+        let own = of_each.iter().find(|(one, _)| *one == name).map_or(f64::MAX, |one| one.1);
         let may_be = |(other, gain): &&(&str, f64)| *other != name && *gain >= (1.0 - UNEXPLAINED[1]) * own;
         let rival = of_each.iter().find(may_be).map(|(other, _)| *other);
         let (smooth, gains) = (error(&smooth.residuals(session)), gains(session, after, &smooth));
