@@ -6,7 +6,7 @@
 //!
 //! The simulation's errors are taken for white noise, and for white noise with an Ornstein-Uhlenbeck process (a slowly varying model
 //! error). The numbers of either law are those of the greatest likelihood on the recordings that were worked with. Statistic, on the test
-//! recordings: Ljung and Box's sum over [`LAGS`] lags, and the mean square's distance from one. Its distribution: recordings of as many
+//! recordings: Ljung and Box's sum over `LAGS` lags, and the mean square's distance from one. Its distribution: recordings of as many
 //! samples drawn from the fitted law, the law fitted again to each draw (Efron and Tibshirani 1993, chapter 16).
 //!
 //! A smooth answer only: what jumps is not simulated.
