@@ -149,7 +149,8 @@ impl Form for Softening {
             columns.push(true, |sample| sum[sample] * sum[sample] * virgin[sample]);
             let mut passed = 0.0;
             columns.push(true, |sample| {
-                passed += virgin[sample] * (sum[sample] - sum[sample.saturating_sub(1)]);
+                let last = sample.saturating_sub(1);
+                passed += self.by.on_the_way(virgin[last], virgin[sample]) * (sum[sample] - sum[last]);
                 passed
             });
         }
@@ -161,6 +162,14 @@ impl Form for Softening {
 }
 
 impl Wear {
+    /// The mean of what is left on the way from one sample to the next: a step of the command may be the whole stroke.
+    fn on_the_way(&self, before: f64, after: f64) -> f64 {
+        match self {
+            // It falls as an exponential of the way.
+            Self::Distance if before > 1.001 * after => (before - after) / (before / after).ln(),
+            _ => 0.5 * (before + after),
+        }
+    }
     /// What is left of the virgin material at each sample.
     fn virgin(&self, parameters: &[f64], run: &Run, sum: &[f64]) -> Vec<f64> {
         // A model from a file goes on with a muscle that has been worked long ago.
