@@ -10,8 +10,9 @@ use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
-    &OfOutput { remembers: false },
-    &OfOutput { remembers: true },
+    &OfOutput { remembers: false, curved: false },
+    &OfOutput { remembers: true, curved: false },
+    &OfOutput { remembers: true, curved: true },
     &OfInput,
     &Activated { of_input: true },
     &Activated { of_input: false },
@@ -27,6 +28,8 @@ const FORGOTTEN: f64 = 0.01;
 struct OfOutput {
     /// Whether the material goes on from recording to recording.
     remembers: bool,
+    /// Whether it gives by the square of the load as well (Leaderman 1943, Schapery 1969).
+    curved: bool,
 }
 
 struct OfInput;
@@ -73,16 +76,18 @@ pub fn gain(input: &[f64], output: &[f64]) -> f64 {
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
         Spec {
-            weights: TIMES_S.len(),
+            weights: TIMES_S.len() * if self.curved { 2 } else { 1 },
             // Weights that must not be negative are rarely all in use.
-            cost: Some(2),
+            cost: Some(if self.curved { 4 } else { 2 }),
             needs_sum: true,
             ..Spec::new(
                 "creep",
-                if self.remembers {
-                    ("of-the-displacement-going-on", "of the displacement, going on from recording to recording")
-                } else {
-                    ("of-the-displacement", "of the displacement")
+                match (self.remembers, self.curved) {
+                    (false, _) => ("of-the-displacement", "of the displacement"),
+                    (true, false) => ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
+                    (true, true) => {
+                        ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording")
+                    }
                 },
                 Place::Material,
             )
@@ -103,12 +108,20 @@ impl Form for OfOutput {
             }
             columns.push(false, |sample| slow[sample]);
         }
+        // What earlier recordings have left of this is not known.
+        for time_s in TIMES_S.into_iter().filter(|_| self.curved) {
+            let mut slow: Vec<f64> = sum.iter().map(|value| value * value.abs()).collect();
+            lag(&mut slow, time_s, run.period_s);
+            columns.push(false, |sample| slow[sample]);
+        }
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         let total: f64 = weights.iter().sum();
         let mut pseudo_measurements = BTreeMap::from([("total_compliance".to_owned(), total)]);
-        for (time_s, weight) in TIMES_S.iter().zip(weights) {
-            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), *weight);
+        for (at, time_s) in TIMES_S.iter().enumerate() {
+            // Of the whole stroke, which is one long.
+            let compliance = weights.iter().skip(at).step_by(TIMES_S.len()).sum();
+            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), compliance);
         }
         pseudo_measurements
     }
@@ -223,7 +236,10 @@ fn flow(flowed: f64, towards: f64, time_s: f64, activation: f64, period_s: f64) 
 
 #[cfg(test)]
 mod tests {
+    use super::{OfOutput, TIMES_S};
+    use crate::chain::columns::Columns;
     use crate::chain::filters::lag;
+    use crate::chain::form::Form;
     use crate::data::session::Session;
     use crate::effects::creep::{gain, left_of_earlier};
     use recording::{Recording, Signal};
@@ -257,6 +273,28 @@ mod tests {
             assert!((left - exact).abs() < 0.02 * exact + 0.002, "{time_s} s: {left} instead of {exact}");
         }
         assert_eq!(left_of_earlier(&session.runs[0], 8.0), 0.0);
+    }
+
+    #[test]
+    fn what_creeps_by_the_square_of_the_load_gives_four_times_as_much_under_twice_the_load() {
+        let crept = |load: f64| {
+            let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+            let input: Vec<f64> = time_s.iter().map(|time| if *time < 1.0 { 0.0 } else { load }).collect();
+            let recording =
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+            let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+            let run = &session.runs[0];
+            let sum: Vec<f64> = run.time_s.iter().map(|time| if *time < 1.0 { 0.0 } else { load }).collect();
+            let mut columns = Columns::of(sum.len());
+            OfOutput { remembers: true, curved: true }.output(&[], run, &sum, &mut columns);
+            let at_the_end = |column: usize| *columns.column(column).last().expect("samples");
+            // In proportion to the load, and to its square, with a time constant of 2 s.
+            [at_the_end(1), at_the_end(TIMES_S.len() + 1)]
+        };
+        let ([once, squared], [twice, fourfold]) = (crept(0.4), crept(0.8));
+        let exact = 1.0 - (-(8.0 - 1.0) / TIMES_S[1]).exp();
+        assert!((once / (0.4 * exact) - 1.0).abs() < 0.01 && (twice / once - 2.0).abs() < 1e-9, "{once} and {twice}");
+        assert!((squared / (0.16 * exact) - 1.0).abs() < 0.01 && (fourfold / squared - 4.0).abs() < 1e-9, "{squared} and {fourfold}");
     }
 
     #[test]

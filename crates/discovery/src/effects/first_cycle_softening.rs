@@ -336,6 +336,26 @@ mod tests {
     }
 
     #[test]
+    fn a_stroke_within_one_sample_leaves_what_a_slow_one_does() {
+        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * time.cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let left_after = |samples: f64| {
+            let stroke: Vec<f64> = (0..400).map(|sample| (f64::from(sample) / samples).min(1.0)).collect();
+            let mut columns = Columns::of(stroke.len());
+            Softening { by: Wear::Distance, curved: true }.output(&[0.5], &session.runs[0], &stroke, &mut columns);
+            columns.column(3)[399]
+        };
+        // The integral of `exp(-s / D) ds`.
+        let exact = 0.5 * (1.0 - (-2.0_f64).exp());
+        for samples in [1.0, 3.0, 390.0] {
+            assert!((left_after(samples) - exact).abs() < 1e-4, "{samples}: {} instead of {exact}", left_after(samples));
+        }
+    }
+
+    #[test]
     fn a_lasting_softening_goes_on_where_the_recording_before_left_it() {
         let time_s: Vec<f64> = (0..500).map(|sample| f64::from(sample) * 0.02).collect();
         // Two strokes up and two down: four spans.
