@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
@@ -75,23 +75,16 @@ pub fn gain(input: &[f64], output: &[f64]) -> f64 {
 
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
-        Spec {
-            weights: TIMES_S.len() * if self.curved { 2 } else { 1 },
-            // Weights that must not be negative are rarely all in use.
-            cost: Some(if self.curved { 4 } else { 2 }),
-            needs_sum: true,
-            ..Spec::new(
-                "creep",
-                match (self.remembers, self.curved) {
-                    (false, _) => ("of-the-displacement", "of the displacement"),
-                    (true, false) => ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
-                    (true, true) => {
-                        ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording")
-                    }
-                },
-                Place::Material,
-            )
-        }
+        const FORMS: [Told; 3] = [
+            ("of-the-displacement", "of the displacement"),
+            ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
+            ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording"),
+        ];
+        let powers = if self.curved { 2 } else { 1 };
+        // Weights that must not be negative are rarely all in use.
+        let (weights, cost) = (TIMES_S.len() * powers, Some(2 * powers));
+        let form = FORMS[usize::from(self.remembers) + usize::from(self.curved)];
+        Spec { weights, cost, needs_sum: true, ..Spec::new("creep", form, Place::Material) }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for (at, time_s) in TIMES_S.into_iter().enumerate() {
@@ -116,14 +109,10 @@ impl Form for OfOutput {
         }
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        let total: f64 = weights.iter().sum();
-        let mut pseudo_measurements = BTreeMap::from([("total_compliance".to_owned(), total)]);
-        for (at, time_s) in TIMES_S.iter().enumerate() {
-            // Of the whole stroke, which is one long.
-            let compliance = weights.iter().skip(at).step_by(TIMES_S.len()).sum();
-            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), compliance);
-        }
-        pseudo_measurements
+        // Of the whole stroke, which is one long.
+        let of = |at: usize| weights.iter().skip(at).step_by(TIMES_S.len()).sum();
+        let at_times = TIMES_S.iter().enumerate().map(|(at, time_s)| (format!("compliance_at_{time_s}_s"), of(at)));
+        at_times.chain([("total_compliance".to_owned(), weights.iter().sum())]).collect()
     }
 }
 

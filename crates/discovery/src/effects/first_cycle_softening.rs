@@ -164,11 +164,9 @@ impl Form for Softening {
 impl Wear {
     /// The mean of what is left on the way from one sample to the next: a step of the command may be the whole stroke.
     fn on_the_way(&self, before: f64, after: f64) -> f64 {
-        match self {
-            // It falls as an exponential of the way.
-            Self::Distance if before > 1.001 * after => (before - after) / (before / after).ln(),
-            _ => 0.5 * (before + after),
-        }
+        // It falls as an exponential of the way.
+        let is_exponential = matches!(self, Self::Distance) && before > 1.001 * after;
+        if is_exponential { (before - after) / (before / after).ln() } else { 0.5 * (before + after) }
     }
     /// What is left of the virgin material at each sample.
     fn virgin(&self, parameters: &[f64], run: &Run, sum: &[f64]) -> Vec<f64> {
