@@ -22,6 +22,9 @@ pub const FORMS: &[&dyn Form] = &[
 /// Retardation times, s: a decade takes about two of them.
 pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
+/// How many of them creep by the square of the load as well: what earlier recordings have left of that is not known, so none that outlasts a pause.
+const CURVED: usize = 3;
+
 /// Share of what a recording has left in the material below which earlier recordings are not looked at.
 const FORGOTTEN: f64 = 0.01;
 
@@ -80,9 +83,8 @@ impl Form for OfOutput {
             ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
             ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording"),
         ];
-        let powers = if self.curved { 2 } else { 1 };
         // Weights that must not be negative are rarely all in use.
-        let (weights, cost) = (TIMES_S.len() * powers, Some(2 * powers));
+        let (weights, cost) = if self.curved { (TIMES_S.len() + CURVED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
         let form = FORMS[usize::from(self.remembers) + usize::from(self.curved)];
         Spec { weights, cost, needs_sum: true, ..Spec::new("creep", form, Place::Material) }
     }
@@ -101,8 +103,7 @@ impl Form for OfOutput {
             }
             columns.push(false, |sample| slow[sample]);
         }
-        // What earlier recordings have left of this is not known.
-        for time_s in TIMES_S.into_iter().filter(|_| self.curved) {
+        for time_s in TIMES_S.into_iter().take(if self.curved { CURVED } else { 0 }) {
             let mut slow: Vec<f64> = sum.iter().map(|value| value * value.abs()).collect();
             lag(&mut slow, time_s, run.period_s);
             columns.push(false, |sample| slow[sample]);
