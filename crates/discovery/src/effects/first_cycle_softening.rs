@@ -168,6 +168,7 @@ impl Wear {
         let is_exponential = matches!(self, Self::Distance) && before > 1.001 * after;
         if is_exponential { (before - after) / (before / after).ln() } else { 0.5 * (before + after) }
     }
+
     /// What is left of the virgin material at each sample.
     fn virgin(&self, parameters: &[f64], run: &Run, sum: &[f64]) -> Vec<f64> {
         // A model from a file goes on with a muscle that has been worked long ago.
