@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
-    &OfOutput { remembers: false },
-    &OfOutput { remembers: true },
+    &OfOutput(0),
+    &OfOutput(1),
+    &OfOutput(2),
     &OfInput,
     &Activated { of_input: true },
     &Activated { of_input: false },
@@ -21,13 +22,15 @@ pub const FORMS: &[&dyn Form] = &[
 /// Retardation times, s: a decade takes about two of them.
 pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
+/// How many of them creep by the square of the load as well: what earlier recordings have left of that is not known, so none that outlasts a pause.
+const SQUARED: usize = 3;
+
 /// Share of what a recording has left in the material below which earlier recordings are not looked at.
 const FORGOTTEN: f64 = 0.01;
 
-struct OfOutput {
-    /// Whether the material goes on from recording to recording.
-    remembers: bool,
-}
+/// By its number in [`FORMS`]: the plain one; one that goes on from recording to recording; and one that, beside that, gives by the square of the load as
+/// well (Leaderman 1943, Schapery 1969).
+struct OfOutput(usize);
 
 struct OfInput;
 
@@ -72,27 +75,20 @@ pub fn gain(input: &[f64], output: &[f64]) -> f64 {
 
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
-        Spec {
-            weights: TIMES_S.len(),
-            // Weights that must not be negative are rarely all in use.
-            cost: Some(2),
-            needs_sum: true,
-            ..Spec::new(
-                "creep",
-                if self.remembers {
-                    ("of-the-displacement-going-on", "of the displacement, going on from recording to recording")
-                } else {
-                    ("of-the-displacement", "of the displacement")
-                },
-                Place::Material,
-            )
-        }
+        const FORMS: [Told; 3] = [
+            ("of-the-displacement", "of the displacement"),
+            ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
+            ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording"),
+        ];
+        // Weights that must not be negative are rarely all in use.
+        let (weights, cost) = if self.0 > 1 { (TIMES_S.len() + SQUARED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
+        Spec { weights, cost, needs_sum: true, ..Spec::new("creep", FORMS[self.0], Place::Material) }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for (at, time_s) in TIMES_S.into_iter().enumerate() {
             let mut slow = sum.to_vec();
             lag(&mut slow, time_s, run.period_s);
-            if self.remembers {
+            if self.0 > 0 {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
                 let left = gain(&run.input, sum) * left(run, at);
                 let keep = (-run.period_s / time_s).exp();
@@ -103,14 +99,21 @@ impl Form for OfOutput {
             }
             columns.push(false, |sample| slow[sample]);
         }
+        for time_s in TIMES_S.into_iter().take(if self.0 > 1 { SQUARED } else { 0 }) {
+            let mut slow: Vec<f64> = sum.iter().map(|value| value * value.abs()).collect();
+            lag(&mut slow, time_s, run.period_s);
+            columns.push(false, |sample| slow[sample]);
+        }
+    }
+    fn nested_limits(&self, _: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        // Weights of zero, and nothing left of earlier recordings: the forms before this one.
+        FORMS[..self.0].iter().map(|form| (*form, Vec::new())).collect()
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
-        let total: f64 = weights.iter().sum();
-        let mut pseudo_measurements = BTreeMap::from([("total_compliance".to_owned(), total)]);
-        for (time_s, weight) in TIMES_S.iter().zip(weights) {
-            pseudo_measurements.insert(format!("compliance_at_{time_s}_s"), *weight);
-        }
-        pseudo_measurements
+        // Of the whole stroke, which is one long.
+        let of = |at: usize| weights.iter().skip(at).step_by(TIMES_S.len()).sum();
+        let at_times = TIMES_S.iter().enumerate().map(|(at, time_s)| (format!("compliance_at_{time_s}_s"), of(at)));
+        at_times.chain([("total_compliance".to_owned(), weights.iter().sum())]).collect()
     }
 }
 
@@ -125,7 +128,10 @@ impl Form for OfInput {
             ..Spec::new("creep", ("of-the-pressure", "of the pressure's effect"), Place::Muscle)
         }
     }
-    leads_input!(|self, parameters, run| Giving::new(parameters, run));
+    leads_input!(|self, parameters, run| Giving {
+        share: parameters[0] / 3.0,
+        lags: [1.0, 5.0, 25.0].map(|factor| Lag::new(parameters[1] * factor, run.period_s)),
+    });
 }
 
 /// What [`OfInput`] does to the input: three lags beside it, each five times as long as the one before.
@@ -133,13 +139,6 @@ impl Form for OfInput {
 struct Giving {
     share: f64,
     lags: [Lag; 3],
-}
-
-impl Giving {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        let lags = [1.0, 5.0, 25.0].map(|factor| Lag::new(parameters[1] * factor, run.period_s));
-        Self { share: parameters[0] / 3.0, lags }
-    }
 }
 
 impl Filter<4> for Giving {
@@ -223,7 +222,10 @@ fn flow(flowed: f64, towards: f64, time_s: f64, activation: f64, period_s: f64) 
 
 #[cfg(test)]
 mod tests {
+    use super::{OfOutput, TIMES_S};
+    use crate::chain::columns::Columns;
     use crate::chain::filters::lag;
+    use crate::chain::form::Form;
     use crate::data::session::Session;
     use crate::effects::creep::{gain, left_of_earlier};
     use recording::{Recording, Signal};
@@ -257,6 +259,28 @@ mod tests {
             assert!((left - exact).abs() < 0.02 * exact + 0.002, "{time_s} s: {left} instead of {exact}");
         }
         assert_eq!(left_of_earlier(&session.runs[0], 8.0), 0.0);
+    }
+
+    #[test]
+    fn what_creeps_by_the_square_of_the_load_gives_four_times_as_much_under_twice_the_load() {
+        let crept = |load: f64| {
+            let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+            let input: Vec<f64> = time_s.iter().map(|time| if *time < 1.0 { 0.0 } else { load }).collect();
+            let recording =
+                Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+            let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+            let run = &session.runs[0];
+            let sum: Vec<f64> = run.time_s.iter().map(|time| if *time < 1.0 { 0.0 } else { load }).collect();
+            let mut columns = Columns::of(sum.len());
+            OfOutput(2).output(&[], run, &sum, &mut columns);
+            let at_the_end = |column: usize| *columns.column(column).last().expect("samples");
+            // In proportion to the load, and to its square, with a time constant of 2 s.
+            [at_the_end(1), at_the_end(TIMES_S.len() + 1)]
+        };
+        let ([once, squared], [twice, fourfold]) = (crept(0.4), crept(0.8));
+        let exact = 1.0 - (-(8.0 - 1.0) / TIMES_S[1]).exp();
+        assert!((once / (0.4 * exact) - 1.0).abs() < 0.01 && (twice / once - 2.0).abs() < 1e-9, "{once} and {twice}");
+        assert!((squared / (0.16 * exact) - 1.0).abs() < 0.01 && (fourfold / squared - 4.0).abs() < 1e-9, "{squared} and {fourfold}");
     }
 
     #[test]

@@ -43,11 +43,6 @@ static REFILLED: Hole = Hole {
 
 const TIME: Parameter = Parameter { name: "time_constant", quantity: Quantity::Time, low: 0.5, high: 500.0, logarithmic: true };
 
-/// The lowest pressure: a unipolar line cannot go below the room's.
-fn lowest(run: &Run) -> f64 {
-    if run.input.iter().all(|&value| value >= -0.05) { 0.0 } else { f64::MIN }
-}
-
 /// Lets `path` decay towards `kept` times itself, not below `floor`; what a lip holds that lifts at a pressure does not leak below it.
 fn leak(path: &mut [f64], time_s: f64, [kept, lifts]: [f64; 2], period_s: f64, floor: f64) {
     let keeps = [(-period_s / time_s).exp(), (-period_s * kept / time_s).exp()];
@@ -74,7 +69,8 @@ impl Form for Hole {
         grid(&ladder(2.0, 30.0, 4), &[0.15, 0.5]).iter().flat_map(|of| [0.0, 0.4].map(|lifts| [&of[..], &[lifts]].concat())).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let floor = if self.below_zero { f64::MIN } else { lowest(run) };
+        // A unipolar line cannot go below the room's pressure.
+        let floor = if self.below_zero || run.input.iter().any(|&value| value < -0.05) { f64::MIN } else { 0.0 };
         leak(path, parameters[0], [1, 2].map(|at| parameters.get(at).copied().unwrap_or(0.0)), run.period_s, floor);
     }
 }
@@ -87,7 +83,7 @@ impl Form for Turbulent {
             ..Spec::new("leakage", ("turbulent", "held pressure decays with a power of itself"), Place::Tube)
         }
     }
-    leads_input!(|self, parameters, run| Draining::new(parameters, run));
+    leads_input!(|self, parameters, run| Draining { share: run.period_s / parameters[0], power: parameters[1] });
 }
 
 /// What [`Turbulent`] does to the input.
@@ -96,12 +92,6 @@ struct Draining {
     /// Share of the pressure, at one, that a sample takes away.
     share: f64,
     power: f64,
-}
-
-impl Draining {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { share: run.period_s / parameters[0], power: parameters[1] }
-    }
 }
 
 impl Filter<2> for Draining {
@@ -129,7 +119,7 @@ impl Form for Filling {
             ..Spec::new("leakage", ("behind-restriction", "a hole behind the restriction that fills"), Place::Tube)
         }
     }
-    leads_input!(|self, parameters, run| Filled::new(parameters, run));
+    leads_input!(|self, parameters, run| Filled { time_s: parameters[0], leak: parameters[1], step_s: run.period_s / LOOKS as f64 });
 }
 
 /// What [`Filling`] does to the input.
@@ -141,10 +131,6 @@ struct Filled {
 }
 
 impl Filled {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { time_s: parameters[0], leak: parameters[1], step_s: run.period_s / LOOKS as f64 }
-    }
-
     /// Where filling and leak balance: `e + L sqrt(e) = u`.
     #[inline(always)]
     fn balance(&self, command: f64) -> f64 {

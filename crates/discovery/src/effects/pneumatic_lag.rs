@@ -160,15 +160,11 @@ impl Form for Changing {
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         grid(&ladder(0.03, 0.8, 5), &[if self.slows { 0.5 } else { 2.0 }])
     }
-    leads_input!(|self, parameters, run| self.filter(parameters, run));
-}
-
-impl Changing {
-    fn filter(&self, parameters: &[f64], run: &Run) -> Condensing {
+    leads_input!(|self, parameters, run| {
         let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
         let time_s = parameters[0] * (1.0 + 0.5 * faster) / (1.0 + 0.5 * slower);
         Condensing { time_s, faster, slower, step_s: run.period_s / LOOKS as f64 }
-    }
+    });
 }
 
 /// What [`Changing`] does to the input.

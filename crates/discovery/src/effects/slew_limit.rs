@@ -98,7 +98,12 @@ impl Form for Gradual {
         let of = |share: f64| [0.7, 1.0, 1.4].map(|falling| vec![share * session.fastest_per_s, 0.01, falling]);
         ladder(0.1, 0.97, 6).into_iter().flat_map(of).collect()
     }
-    leads_input!(|self, parameters, run| Saturating::new(parameters, run, self.held));
+    leads_input!(|self, parameters, run| {
+        let step_s = 0.5 * run.period_s;
+        let rising = parameters[0] * step_s;
+        let follow = 1.0 - (-step_s / parameters[1]).exp();
+        Saturating { follow, falling: rising * parameters[2], rising, held: self.held }
+    });
 }
 
 /// What [`Gradual`] does to the input: a lag while the error is small, the limit when it is large, `a e / (1 + |a e / S h|^3)^(1/3)` a step of
@@ -111,14 +116,6 @@ struct Saturating {
     falling: f64,
     rising: f64,
     held: bool,
-}
-
-impl Saturating {
-    fn new(parameters: &[f64], run: &Run, held: bool) -> Self {
-        let step_s = 0.5 * run.period_s;
-        let rising = parameters[0] * step_s;
-        Self { follow: 1.0 - (-step_s / parameters[1]).exp(), falling: rising * parameters[2], rising, held }
-    }
 }
 
 impl Saturating {

@@ -84,7 +84,11 @@ impl Form for Tank {
             ..Spec::new(NAME, ("tank", "a small tank that filling empties"), Place::Supply)
         }
     }
-    leads_input!(|self, parameters, run| Supplied::new(parameters, run));
+    leads_input!(|self, parameters, run| Supplied {
+        limit: parameters[0],
+        emptied: parameters[1],
+        filled: 1.0 - (-run.period_s / parameters[2]).exp()
+    });
 }
 
 /// What [`Tank`] does to the input; its memory is the tank's pressure, and the muscle's.
@@ -93,12 +97,6 @@ struct Supplied {
     limit: f64,
     emptied: f64,
     filled: f64,
-}
-
-impl Supplied {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { limit: parameters[0], emptied: parameters[1], filled: 1.0 - (-run.period_s / parameters[2]).exp() }
-    }
 }
 
 impl Filter<2> for Supplied {

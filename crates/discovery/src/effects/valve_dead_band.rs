@@ -156,7 +156,7 @@ impl Form for Overlap {
     fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
         if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
     }
-    leads_input!(|self, parameters, run| Edge::new(parameters, run));
+    leads_input!(|self, parameters, run| Edge { band: parameters[0], lag: lag_coefficients(parameters[1], run.period_s) });
 }
 
 /// Band up to which a lag is tried in the place of the overlap.
@@ -168,12 +168,6 @@ struct Edge {
     band: f64,
     /// Coefficients of the lag.
     lag: (f64, f64, f64),
-}
-
-impl Edge {
-    fn new(parameters: &[f64], run: &Run) -> Self {
-        Self { band: parameters[0], lag: lag_coefficients(parameters[1], run.period_s) }
-    }
 }
 
 impl Filter<2> for Edge {
