@@ -1,6 +1,7 @@
 //! `resonance`: something swings: the tip, a mass on a spring behind the hysteresis; a part of the tip, when the sensor looks at a place
 //! that is held elsewhere too; or the pressure before the hysteresis, air in a tube (Helmholtz) or a regulator that overshoots; on the gas in the
-//! muscle, which is the stiffer the higher its pressure, `1 + k v`; its frequency is that at half of the span.
+//! muscle, which is the stiffer the higher its pressure, `1 + k v`; its frequency is that at half of the span. Where drag or stiffness change, it matters
+//! when between two samples a command jumps: that is a parameter then.
 
 use std::f64::consts::PI;
 
@@ -13,7 +14,7 @@ use crate::effects::{dead_time, pneumatic_lag};
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&TIP, &SHAKEN, &CHANGING_TIP, &PART_OF_TIP, &PRESSURE, &GAS_SPRING];
 
-/// Something that swings as a whole.
+/// Something that swings as a whole, or by the share that is a third parameter.
 struct Swinging {
     form: Told,
     place: Place,
@@ -27,12 +28,7 @@ static TIP: Swinging = Swinging { form: ("tip", "swinging tip"), place: Place::T
 /// Base excitation (Den Hartog 1956, section 2.12).
 static SHAKEN: Swinging = Swinging { form: ("shaken-tip", "swinging tip, moved by its drag as well"), shaken: true, ..TIP };
 
-/// Damped more than this it no longer swings, and any lag or delay would pass for it.
-const DAMPING_OF_AIR: Parameter = Parameter { high: 0.6, ..DAMPING };
-
-static PRESSURE: Swinging =
-    Swinging { form: ("pressure", "swinging pressure"), place: Place::Tube, parameters: &[FREQUENCY, DAMPING_OF_AIR], shaken: false };
-
+/// What else holds the place that the sensor looks at follows at once.
 static PART_OF_TIP: Swinging = Swinging {
     form: ("part-of-tip", "a part of the tip swings"),
     parameters: &[
@@ -42,6 +38,12 @@ static PART_OF_TIP: Swinging = Swinging {
     ],
     ..TIP
 };
+
+/// Damped more than this it no longer swings, and any lag or delay would pass for it.
+const DAMPING_OF_AIR: Parameter = Parameter { high: 0.6, ..DAMPING };
+
+static PRESSURE: Swinging =
+    Swinging { form: ("pressure", "swinging pressure"), place: Place::Tube, parameters: &[FREQUENCY, DAMPING_OF_AIR], shaken: false };
 
 const FREQUENCY: Parameter = Parameter { name: "frequency", quantity: Quantity::Frequency, low: 0.4, high: 15.0, logarithmic: true };
 

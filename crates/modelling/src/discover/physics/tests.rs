@@ -203,7 +203,7 @@ fn a_model_from_a_file_keeps_its_memory_behind_a_lag() {
 fn what_keeps_a_model_off_the_microcontroller_is_named() {
     let run = [recording()];
     let refused = |effects: Vec<EffectEntry>, stops| physics_model(&model(effects, stops), &run).expect_err("no form");
-    let changing = entry("resonance", "changing-tip", &[3.0, 0.1, 1.0, 0.5, 20.0], &[]);
+    let changing = entry("resonance", "changing-tip", &[3.0, 0.1, 1.0, 0.5, 0.5, 20.0], &[]);
     assert_eq!(refused(vec![changing], false), "resonance (changing-tip)");
     let activated = entry("creep", "of-the-displacement-activated", &[2.0, 0.2], &[0.1]);
     assert_eq!(refused(vec![activated], false), "creep (of-the-displacement-activated)");
