@@ -107,7 +107,7 @@ impl Filter<3> for Swing {
     }
 }
 
-/// Damping ratio from which on that is tried.
+/// Damping ratio from which on a delay and a lag are tried in its place.
 const HARDLY_SWINGS: f64 = 0.4;
 
 /// Angle that one step of the integration turns by at most, and the most steps on a straight line of the input.
