@@ -75,14 +75,14 @@ pub fn gain(input: &[f64], output: &[f64]) -> f64 {
 
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
-        const FORMS: [Told; 3] = [
+        const NAMES: [Told; 3] = [
             ("of-the-displacement", "of the displacement"),
             ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
             ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording"),
         ];
         // Weights that must not be negative are rarely all in use.
         let (weights, cost) = if self.0 > 1 { (TIMES_S.len() + SQUARED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
-        Spec { weights, cost, needs_sum: true, ..Spec::new("creep", FORMS[self.0], Place::Material) }
+        Spec { weights, cost, needs_sum: true, ..Spec::new("creep", NAMES[self.0], Place::Material) }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for (at, time_s) in TIMES_S.into_iter().enumerate() {
@@ -281,6 +281,13 @@ mod tests {
         let exact = 1.0 - (-(8.0 - 1.0) / TIMES_S[1]).exp();
         assert!((once / (0.4 * exact) - 1.0).abs() < 0.01 && (twice / once - 2.0).abs() < 1e-9, "{once} and {twice}");
         assert!((squared / (0.16 * exact) - 1.0).abs() < 0.01 && (fourfold / squared - 4.0).abs() < 1e-9, "{squared} and {fourfold}");
+    }
+
+    #[test]
+    fn what_creeps_by_the_square_is_compared_with_all_that_is_simpler() {
+        let simpler: Vec<&str> = OfOutput(2).nested_limits(&[]).iter().map(|(form, _)| form.key()).collect();
+        assert_eq!(simpler, ["of-the-displacement", "of-the-displacement-going-on"]);
+        assert!(OfOutput(0).nested_limits(&[]).is_empty());
     }
 
     #[test]
