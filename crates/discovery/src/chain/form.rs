@@ -205,8 +205,8 @@ pub struct Spec {
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
     pub cost: Option<usize>,
-    /// Logarithmic parameter across which the valleys of the search are much narrower than any grid.
-    pub across: Option<usize>,
+    /// Whether the valley of its search is much narrower than any grid.
+    pub is_narrow: bool,
     /// Whether its input path has no memory.
     pub is_static: bool,
     /// Whether it leaves the turning points of the input as they are.
@@ -243,7 +243,7 @@ impl Spec {
             simpler_at: &[],
             weights: 0,
             cost: None,
-            across: None,
+            is_narrow: false,
             is_static: false,
             keeps_turning_points: false,
             discrete: false,
@@ -383,7 +383,7 @@ impl dyn Form + '_ {
     /// delay changes none of these, and searching a narrow valley takes long enough without.
     pub fn follows_history(&self) -> bool {
         let spec = self.spec();
-        spec.place < Place::Operators && !spec.is_static && spec.across.is_none() && !spec.keeps_turning_points
+        spec.place < Place::Operators && !spec.is_static && !spec.is_narrow && !spec.keeps_turning_points
     }
     /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
     /// all of them does not, and the operators' columns are kept while such a form is searched.

@@ -8,3 +8,4 @@ pub mod form;
 pub mod operators;
 pub mod side_by_side;
 pub mod steps;
+pub mod valve;

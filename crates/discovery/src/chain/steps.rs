@@ -6,7 +6,7 @@ use identification::nnls;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::chain::columns::SIDE;
-use crate::chain::filters::{best_starts, lag};
+use crate::chain::filters::lag;
 use crate::data::session::{Role, Run, Session};
 
 /// Time constants, s, of lags and limits of the rate, spans per s, whose work is not for steps to explain: whatever is late looks like steps, and what
@@ -153,6 +153,11 @@ impl<'a> Steps<'a> {
         both(products, squares)
     }
 
+    /// Square of the missed steps of a recording or stretch, without what is merely slow.
+    pub fn missed(&self, at: usize) -> f64 {
+        dot(&self.runs[at].directions[1], &self.runs[at].directions[1])
+    }
+
     /// As [`Self::matched`], by what is not merely slow, where `staircase` makes jumps of the signal, samples and values in order, three samples apart at least.
     pub fn matched_jumps(&self, at: usize, staircase: impl FnOnce(&Run, &[f64], &mut dyn FnMut(usize, f64))) -> (f64, f64) {
         let of = &self.runs[at];
@@ -172,17 +177,12 @@ impl<'a> Steps<'a> {
     }
 
     /// Points of a grid that go best with what is missed: the best by all that `change` makes of the signals, and as many by what of it is not
-    /// merely slow, which may be lost in the former. Each recording begins in the one of some `ways` that goes best.
-    pub fn best(
-        &self,
-        grid: impl Iterator<Item = Vec<f64>>,
-        ways: &[f64],
-        change: impl Fn(&[f64], f64, &Run, &mut [f64]),
-    ) -> Vec<Vec<f64>> {
+    /// merely slow, which may be lost in the former.
+    pub fn best(&self, grid: impl Iterator<Item = Vec<f64>>, change: impl Fn(&[f64], &Run, &mut [f64])) -> Vec<Vec<f64>> {
         let of = |point: Vec<f64>| {
-            let of = |at: usize, way: f64| self.matched(at, |run, path| change(&point, way, run, path));
-            let matched: Vec<_> = (0..self.runs.len()).map(|at| ways.iter().map(|way| of(at, *way)).collect::<Vec<_>>()).collect();
-            ([0, 1].map(|by: usize| over(matched.iter().map(|ways| best_of(ways.iter().map(|of| of[by]))))), point)
+            let matched = (0..self.runs.len()).map(|at| self.matched(at, |run, path| change(&point, run, path)));
+            let matched: Vec<_> = matched.collect();
+            ([0, 1].map(|by: usize| over(matched.iter().map(|of| of[by]))), point)
         };
         let mut scored: Vec<([f64; 2], Vec<f64>)> = grid.map(of).collect();
         let best = |by: usize| {
@@ -191,25 +191,6 @@ impl<'a> Steps<'a> {
             scored.drain(..count).map(|one| one.1).collect::<Vec<_>>()
         };
         [0, 1].map(best).concat()
-    }
-
-    /// Points of a grid at which a few operators of what `change` makes of the signals leave least of the output, as in [`Self::best`]. For recordings in
-    /// one piece.
-    pub fn explaining(
-        &self,
-        grid: impl Iterator<Item = Vec<f64>>,
-        ways: &[f64],
-        change: impl Fn(&[f64], f64, &Run, &mut [f64]),
-    ) -> Vec<Vec<f64>> {
-        let of = |point: &Vec<f64>| {
-            let of = |one: &OfRun<'_>, way: f64| {
-                let mut path = one.signal.clone();
-                change(point, way, one.run, &mut path);
-                agreement(&path, one.run)
-            };
-            self.runs.iter().map(|one| ways.iter().map(|way| of(one, *way)).fold(f64::MIN, f64::max)).sum()
-        };
-        best_starts(grid, of, MATCHED / 2)
     }
 }
 

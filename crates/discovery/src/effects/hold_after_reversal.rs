@@ -74,8 +74,8 @@ impl Form for Held {
         let ways = if self.anew { Vec::new() } else { ladder(0.04, 0.4, 72) };
         let for_a_way = ways.into_iter().map(|error| [FOR_EVER_S, 1.0, error]);
         let steps = Steps::new(session, residual, |run| run.input.clone());
-        let change = |parameters: &[f64], _, run: &Run, path: &mut [f64]| Regulator::new(parameters, self, run).run(path);
-        let best = |grid: Vec<[f64; 3]>| steps.best(grid.into_iter().flat_map(of), &[0.0], change);
+        let change = |parameters: &[f64], run: &Run, path: &mut [f64]| Regulator::new(parameters, self, run).run(path);
+        let best = |grid: Vec<[f64; 3]>| steps.best(grid.into_iter().flat_map(of), change);
         [best(for_a_time.collect()), best(for_a_way.collect())].concat()
     }
     leads_input!(|self, parameters, run| Regulator::new(parameters, self, run));

@@ -3,17 +3,22 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{ladder, lag_coefficients};
-use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec};
+use crate::chain::form::{Drive, Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
-use crate::chain::steps::{Steps, agreement, best_place};
+use crate::chain::steps::Steps;
+use crate::chain::valve::Valve;
 use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag;
 use crate::effects::sticking::Sticking;
+use crate::observers::law::{LEAST_FLOW, NEVER};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&Follow, &Overlap, &SEEN];
+pub const FORMS: &[&dyn Form] = &[&Follow { limited: false }, &Follow { limited: true }, &Overlap, &SEEN];
 
-struct Follow;
+struct Follow {
+    /// Whether so much passes through it and no more.
+    limited: bool,
+}
 
 struct Overlap;
 
@@ -25,121 +30,124 @@ static SEEN: Sticking = Sticking {
     feels: false,
 };
 
-/// Moments inside a sample at which the valve looks. Between them it is exact for a command on a straight line.
-const LOOKS: usize = 2;
+/// Length of the stretches whose steps a valve is matched with, s: within one an error of the law hardly adds up.
+const STRETCH_S: f64 = 1.2;
 
-/// A valve that opens at `band` and closes again at `closing`; the pressure stands `begin` above the command at first.
-fn follow(path: &mut [f64], begin: f64, [band, closing, flow_s]: [f64; 3], period_s: f64) {
-    let step_s = period_s / LOOKS as f64;
-    let keep = (-step_s / flow_s).exp();
-    let mut state = path[0] + begin;
-    let mut last = path[0];
-    let mut open = false;
-    for value in path {
-        // A shut valve stays shut on a straight line whose two ends are within the band.
-        if !open && (last - state).abs() <= band && (*value - state).abs() <= band {
-            last = *value;
-            *value = state;
-            continue;
-        }
-        let begin = last;
-        for look in 1..=LOOKS {
-            let wanted = begin + (*value - begin) * look as f64 / LOOKS as f64;
-            let rate = (wanted - last) / step_s;
-            let mut error = last - state;
-            let (mut left_s, mut decay) = (step_s, keep);
-            if !open && (wanted - state).abs() > band {
-                // The moment of opening, on the straight line between looks.
-                let share = ((band - error.abs()) / ((wanted - state).abs() - error.abs()).max(1e-12)).clamp(0.0, 1.0);
-                error += (wanted - state - error) * share;
-                left_s = step_s * (1.0 - share);
-                decay = (-left_s / flow_s).exp();
-                open = true;
-            }
-            if open {
-                // Exact for a command on a straight line.
-                let after = rate * flow_s + (error - rate * flow_s) * decay;
-                if after.abs() < closing {
-                    // The moment of closing, on the exponential.
-                    let (drag, aim) = (rate * flow_s, closing.copysign(error));
-                    let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).ln() };
-                    let error = if error.abs() <= closing { error } else { aim };
-                    state = wanted - rate * (left_s - spent_s.clamp(0.0, left_s)) - error;
-                    open = false;
-                } else {
-                    state = wanted - after;
-                }
-            }
-            last = wanted;
-        }
-        *value = state;
-    }
-}
+/// Best laws of a grid that are improved, each with another travel.
+const TRAVELS: usize = 8;
+
+const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true };
+
+const TRAVEL: Parameter = Parameter { name: "travel", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true };
+
+const FLOW: Parameter = Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true };
+
+const MOST: Parameter = Parameter { name: "most_flow", quantity: Quantity::InputRate, low: LEAST_FLOW, high: 100.0, logarithmic: true };
+
+const CARRIED_OVER: Parameter = Parameter { name: "carried_over", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false };
+
+const FOLLOWING: Told = ("follows", "opens at the band, follows, closes");
+
+const AT_A_RATE: Told = ("at-a-rate", "opens at the band, lets through so much, closes");
 
 impl Form for Follow {
     fn spec(&self) -> Spec {
         Spec {
             // The travel decides when the next jump comes, and the one after it: an error in it adds up along the limit-cycle staircases, one in the band
             // does not. As parameters of their own the two are searched along the axes of the valley.
-            parameters: &[
-                Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true },
-                Parameter { name: "travel", quantity: Quantity::Input, low: 1e-3, high: 0.5, logarithmic: true },
-                Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 1e-3, high: 0.3, logarithmic: true },
-            ],
-            steps: &[0.02, 0.01, 0.1],
-            across: Some(1),
-            ..Spec::new("valve-dead-band", ("follows", "opens at the band, follows, closes"), Place::Supply)
+            parameters: if self.limited { &[BAND, TRAVEL, MOST, CARRIED_OVER] } else { &[BAND, TRAVEL, FLOW, CARRIED_OVER] },
+            steps: &[0.02, 0.02, 0.05],
+            simpler_at: &[(3, 0.0), (3, 1.0)],
+            is_narrow: true,
+            ..Spec::new("valve-dead-band", if self.limited { AT_A_RATE } else { FOLLOWING }, Place::Supply)
         }
     }
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let steps = Steps::new(session, residual, |run| run.input.clone());
-        let from = |parameters: &[f64], share: f64, run: &Run, path: &mut [f64]| {
-            follow(path, share * parameters[0], law(parameters), run.period_s);
+        let samples = (STRETCH_S / session.runs[0].period_s) as usize;
+        let steps = Steps::in_stretches(session, residual, |run| run.input.clone(), samples);
+        let stretches: Vec<(usize, &Run, f64)> = steps.runs().map(|(at, run, _)| (at, run, steps.missed(at))).collect();
+        // How likely what is missed is when as much of a valve's steps as goes with it best is taken away, stretch by stretch: in each the pressure begins
+        // somewhere in the band.
+        let score = |parameters: &[f64]| -> f64 {
+            let valve = self.law(parameters);
+            let of = |&(at, run, missed): &(usize, &Run, f64)| {
+                let taken = PLACES.map(|place| {
+                    let begun = |_: &Run, path: &mut [f64]| valve.lead(path, path[0] + place * valve.band, run.period_s);
+                    let (cross, energy) = steps.matched(at, begun)[1];
+                    cross.max(0.0).powi(2) / energy / missed.max(1e-30)
+                });
+                -(1.0 - taken.into_iter().fold(0.0, f64::max).min(0.999)).ln()
+            };
+            stretches.iter().map(of).sum()
         };
-        let ways = [0.0, 0.999, -0.999];
-        let best = |grid: Vec<Vec<f64>>| steps.best(grid.into_iter(), &ways, from);
-        // A valve that closes with no error left is a fast one.
-        let kinds = [(1.005, 0.004), (1.05, 0.02), (1.11, 0.02), (1.18, 0.02), (1.26, 0.02), (1.36, 0.02), (1.5, 0.02), (1.7, 0.02)];
-        let of = |travel: f64| kinds.map(|(wider, flow_s)| vec![travel * wider, travel, flow_s]);
-        let travels = best(ladder(0.008, 0.2, 150).into_iter().flat_map(of).collect());
-        // Band and travel decide when it jumps, the flow how.
-        let of = |start: Vec<f64>| [0.004, 0.02, 0.06].map(|flow_s| vec![start[0], start[1], flow_s]);
-        let near = best(travels.into_iter().flat_map(of).collect());
-        // What a wide band holds back the operators have taken for hysteresis of their own: it shows in what they leave with it, not without.
-        let flows = |band: f64, travel: f64| ladder(0.006, 0.08, 7).into_iter().map(move |flow_s| vec![band, travel, flow_s]);
-        let of = |travel: f64| [1.03, 1.15, 1.35, 1.7].into_iter().flat_map(move |wider| flows(travel * wider, travel));
-        [near, steps.explaining(ladder(0.03, 0.3, 16).into_iter().flat_map(of), &ways, from)].concat()
+        let kinds = if self.limited { &[2.5, 4.0, 6.0, 9.0][..] } else { &[0.004, 0.01, 0.016, 0.024, 0.034, 0.048] };
+        let of = |travel: f64, wider: f64| kinds.iter().map(move |kind| vec![wider * travel, travel, *kind, 1.0]);
+        let of = |travel: f64| [1.05, 1.15, 1.3, 1.55].into_iter().flat_map(move |wider| of(travel, wider));
+        let mut grid: Vec<(f64, Vec<f64>)> = ladder(0.008, 0.2, 48).into_iter().flat_map(of).map(|point| (score(&point), point)).collect();
+        grid.sort_by(|x, y| y.0.total_cmp(&x.0));
+        let mut best: Vec<(f64, Vec<f64>)> = Vec::new();
+        for one in grid {
+            if best.len() < TRAVELS && best.iter().all(|other| (other.1[1] / one.1[1]).ln().abs() > 0.15) {
+                best.push(one);
+            }
+        }
+        best.into_iter().map(|(best, at)| climbed(best, at, score)).flat_map(|at| [at.clone(), [&at[..3], &[0.0]].concat()]).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
-        let law = law(parameters);
-        follow(path, begin(law, run, path), law, run.period_s);
+        let (valve, first) = (self.law(parameters), path[0]);
+        let carried = if parameters[3] > 0.0 { valve.settled(valve.stands(run), first) - first } else { 0.0 };
+        valve.lead(path, first + parameters[3] * carried, run.period_s);
     }
 }
 
-/// Errors at which the valve opens and closes, and the time constant of its flow, s.
-fn law(parameters: &[f64]) -> [f64; 3] {
-    [parameters[0], (parameters[0] - parameters[1]).max(0.005 * parameters[0]), parameters[2]]
+impl Follow {
+    /// The valve with these parameters.
+    fn law(&self, parameters: &[f64]) -> Valve {
+        let &[band, travel, kind, ..] = parameters else { unreachable!("the forms have four parameters") };
+        let (flow_s, most_flow) = if self.limited { (FLOW.low, kind) } else { (kind, NEVER) };
+        Valve { band, closing: (band - travel).max(0.005 * band), flow_s, most_flow }
+    }
 }
 
-/// Places on either side of the command at which the pressure is tried first, and then twice finer ones about the best.
-const PLACES: i32 = 6;
+/// The valve of a form with these parameters, if it is one that is simulated.
+pub fn valve_of(form: &dyn Form, parameters: &[f64]) -> Option<Valve> {
+    (form.name() == FORMS[0].name() && form.spec().is_narrow).then(|| Follow { limited: form.key() == AT_A_RATE.0 }.law(parameters))
+}
 
-/// How far from the command the pressure stood when the recording began: anywhere within the band, by what was done before, and the whole
-/// limit-cycle staircase hangs on it. Nothing but the recording itself knows: it is the place at which a few operators behind the valve leave least. Where
-/// there is no measured output (a simulation) the pressure begins at the command.
-fn begin(law: [f64; 3], run: &Run, path: &[f64]) -> f64 {
-    if run.output.iter().all(|value| *value == 0.0) {
-        return 0.0;
-    }
-    let mut scratch = path.to_vec();
-    let agreement = |begin_at: f64| {
-        scratch.copy_from_slice(path);
-        follow(&mut scratch, begin_at, law, run.period_s);
-        agreement(&scratch, run)
+/// A simulated form and its parameters.
+pub type Start = (&'static dyn Form, Vec<f64>);
+
+/// What comes nearest to a valve in the simulated forms, whether its pressure is carried over or not.
+pub fn nearest(valve: &Valve) -> Vec<Start> {
+    let of = |form: &'static dyn Form, flow: f64, carried_over: f64| {
+        let parameters = form.parameters().iter().zip([valve.band, valve.band - valve.closing, flow, carried_over]);
+        (form, parameters.map(|(parameter, value)| value.clamp(parameter.low, parameter.high)).collect())
     };
-    let spacing = law[0] / f64::from(PLACES);
-    let away = (-PLACES..=PLACES).filter(|place| *place != 0).map(|place| spacing * f64::from(place) * 0.999);
-    best_place(std::iter::once(0.0).chain(away), spacing, 2, agreement)
+    let flows = [(FORMS[0], valve.flow_s), (FORMS[1], valve.most_flow.min(1.0 / valve.flow_s))];
+    flows.into_iter().flat_map(|(form, flow)| [0.0, 1.0].map(|carried_over| of(form, flow, carried_over))).collect()
+}
+
+/// Places in the band at which the pressure of a stretch may begin.
+const PLACES: [f64; 5] = [-0.8, -0.4, 0.0, 0.4, 0.8];
+
+/// Uphill from a point along its logarithmic axes, to a tenth of the first steps.
+fn climbed(mut best: f64, mut at: Vec<f64>, score: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+    let mut share = 1.0;
+    while share > 0.1 {
+        let before = best;
+        for (axis, step) in [0.03, 0.03, 0.15].into_iter().enumerate() {
+            for sign in [-share, share] {
+                let mut there = at.clone();
+                there[axis] *= f64::exp(sign * step);
+                let score = score(&there);
+                if score > best && there[1] < there[0] {
+                    (best, at) = (score, there);
+                }
+            }
+        }
+        share *= if best > before { 1.0 } else { 0.5 };
+    }
+    at
 }
 
 impl Form for Overlap {
@@ -201,18 +209,19 @@ mod tests {
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
         let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
         let run = &session.runs[0];
-        let law = [0.05, 0.045, 0.02];
-        let (mut held, mut late) = (run.input.clone(), run.input.clone());
-        follow(&mut held, 0.0, super::law(&law), run.period_s);
-        crate::chain::filters::lag(&mut late, 0.1, run.period_s);
-        // By all that is missed, and by what of it is not merely slow: the former is lost where much is.
-        for (share, by_all) in [(0.0, true), (2.0, false)] {
-            let of = |((held, late), command): ((&f64, &f64), &f64)| held - command + share * (late - command);
-            let residual = vec![held.iter().zip(&late).zip(&run.input).map(of).collect()];
-            let starts = Follow.starts(&session, &residual);
-            let near = |start: &Vec<f64>| (start[0] / law[0]).ln().abs() < 0.15 && (start[1] / law[1]).ln().abs() < 0.1;
-            let [of_all, of_the_rest] = [&starts[..12], &starts[12..]].map(|half| half.iter().any(near));
-            assert!(of_all == by_all && of_the_rest, "{share}: {starts:?}");
+        // One that follows, and one that lets through so much and no more.
+        for (form, law) in [(FORMS[0], [0.05, 0.045, 0.02, 0.0]), (FORMS[1], [0.05, 0.045, 5.0, 0.0])] {
+            let (mut held, mut late) = (run.input.clone(), run.input.clone());
+            form.input(&law, run, &mut held);
+            crate::chain::filters::lag(&mut late, 0.1, run.period_s);
+            for share in [0.0, 2.0] {
+                let of = |((held, late), command): ((&f64, &f64), &f64)| held - command + share * (late - command);
+                let residual = vec![held.iter().zip(&late).zip(&run.input).map(of).collect()];
+                let starts = form.starts(&session, &residual);
+                let off = |start: &Vec<f64>, at: usize| (start[at] / law[at]).ln().abs();
+                let near = |start: &Vec<f64>| off(start, 0) < 0.15 && off(start, 1) < 0.1 && off(start, 2) < 0.3;
+                assert!(starts.iter().any(near), "{share}: {starts:?}");
+            }
         }
     }
 

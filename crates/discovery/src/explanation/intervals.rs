@@ -23,11 +23,13 @@ use crate::search::simplex::{indices_of, objective};
 /// parameters have none: zero. `excess` is the mean square that the form leaves above the noise.
 #[must_use]
 pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
-    const STEP: f64 = 0.13;
     let axes = axes(model);
     let line: Vec<f64> = model.slots.iter().flat_map(|slot| slot.parameters.iter().copied()).collect();
     let searched: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(model, slot)).collect();
+    // What jumps does so within a sample or in the next one, and a small step shows nothing but that.
+    let is_narrow = model.slots.iter().any(|slot| slot.form.spec().is_narrow);
+    let nudge = if is_narrow { 1.0 } else { 0.13 };
     let mut result = vec![0.0; line.len()];
     let n = searched.len();
     if n == 0 {
@@ -49,19 +51,19 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
     // Sums of squares in each cluster, a step up and a step down each parameter.
     let mut gradients: Vec<Vec<f64>> = Vec::new();
     for row in 0..n {
-        let sides = [STEP, -STEP].map(|step| {
+        let sides = [nudge, -nudge].map(|step| {
             let mut trial = moved(&[(row, step)]);
             let sums = workspace.sums(&trial, Scope::Fit);
             let weights = sums.fit.solve(&sums.free, &trial.weights());
             trial.take(&weights);
             (sums.fit.mean_square(&weights), clusters(&trial, session, &mut workspace))
         });
-        curvature[row * n + row] = ((sides[0].0 + sides[1].0 - 2.0 * here) / (STEP * STEP)).max(1e-12 * here);
-        gradients.push(sides[0].1.iter().zip(&sides[1].1).map(|(up, down)| (up.0 - down.0) / (2.0 * STEP)).collect());
+        curvature[row * n + row] = ((sides[0].0 + sides[1].0 - 2.0 * here) / (nudge * nudge)).max(1e-12 * here);
+        gradients.push(sides[0].1.iter().zip(&sides[1].1).map(|(up, down)| (up.0 - down.0) / (2.0 * nudge)).collect());
         for column in 0..row {
             let mut value = |one: f64, other: f64| objective(&moved(&[(row, one), (column, other)]), &mut workspace, Scope::Fit);
-            let mixed = value(STEP, STEP) + value(-STEP, -STEP) - value(STEP, -STEP) - value(-STEP, STEP);
-            curvature[row * n + column] = mixed / (4.0 * STEP * STEP);
+            let mixed = value(nudge, nudge) + value(-nudge, -nudge) - value(nudge, -nudge) - value(-nudge, nudge);
+            curvature[row * n + column] = mixed / (4.0 * nudge * nudge);
             curvature[column * n + row] = curvature[row * n + column];
         }
     }

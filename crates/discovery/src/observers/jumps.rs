@@ -29,7 +29,8 @@ pub fn push_departure(drive: Drive, feels: bool, parameters: &[f64], run: &Run, 
     let (law, noise) = SlipLaw::of_parameters(drive, parameters);
     if run.output.iter().all(|value| *value == 0.0) {
         if law.leads_the_muscle() {
-            let stick_position = valve_filter::foretold(&columns.command, &law, run.period_s);
+            let mut stick_position = columns.command.clone();
+            law.valve().lead(&mut stick_position, columns.command[0], run.period_s);
             lead_by_the_stick_position(&law, &stick_position, run, columns);
         }
         columns.push(false, |_| 0.0);

@@ -2,6 +2,7 @@
 
 use crate::chain::columns::Bank;
 use crate::chain::form::{Drive, Parameter, Quantity};
+use crate::chain::valve::Valve;
 
 /// Density, per span of the output, of a sample that no law explains: one in a hundred anywhere in the range.
 pub(crate) const OUTLIER_DENSITY: f64 = 0.01;
@@ -152,6 +153,12 @@ impl SlipLaw {
             model_error: 0.0,
             lag_s: 0.0,
         }
+    }
+
+    /// The valve of this law.
+    pub(crate) fn valve(&self) -> Valve {
+        let closing = self.closing * self.break_away;
+        Valve { band: self.break_away, closing, flow_s: self.flow_s.max(1e-4), most_flow: self.most_flow }
     }
 
     /// Whether the operators are those of the muscle behind a valve, and have taken nothing of the valve for hysteresis of theirs.

@@ -36,32 +36,12 @@ const MOMENT: f64 = 0.2;
 impl Hypothesis {
     /// Lets the pressure follow a command that goes from `from` to `to` within `left_s`, until it closes.
     fn follow(&mut self, law: &SlipLaw, from: f64, to: f64, left_s: f64) {
-        let flow_s = law.flow_s.max(1e-4);
-        let closing = law.closing * law.break_away;
-        let keep = (-left_s / flow_s).exp();
-        let drag = if left_s > 0.0 { (to - from) / left_s * flow_s } else { 0.0 };
-        let error = from - self.stick_position;
-        let after = drag + (error - drag) * keep;
-        let (passed, most) = (to - after - self.stick_position, law.most_flow * left_s);
-        if passed.abs() > most {
-            // The last of the way to where it closes is taken for a straight line.
-            let behind = to - self.stick_position - most.copysign(passed);
-            self.open = behind.abs() > closing && behind * error > 0.0;
-            self.stick_position = to - if self.open { behind } else { closing.copysign(error) };
-        } else if after.abs() < closing.max(1e-6) {
-            // It closed when that much error was left, on the exponential.
-            let aim = closing.copysign(error);
-            let spent_s = if error.abs() <= closing { 0.0 } else { flow_s * ((error - drag) / (aim - drag)).max(1.0).ln() };
-            let share = if left_s > 0.0 { (spent_s / left_s).clamp(0.0, 1.0) } else { 0.0 };
-            self.stick_position = from + (to - from) * share - if error.abs() <= closing { error } else { aim };
-            self.open = false;
-        } else {
-            self.stick_position = to - after;
-            self.open = true;
-            self.stick_position_variance *= keep * keep;
-        }
+        let valve = law.valve();
+        let (pressure, open, keeps) = valve.pass(self.stick_position, from, to, left_s);
+        (self.stick_position, self.open) = (pressure, open);
+        self.stick_position_variance *= keeps * keeps;
         if !self.open {
-            self.stick_position_variance = (law.scatter * closing).powi(2);
+            self.stick_position_variance = (law.scatter * valve.closing).powi(2);
         }
     }
 
@@ -203,7 +183,7 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
             let was = landed.stick_position;
             let (error_before, error) = (before - was, command - was);
             let direction = error.signum();
-            let share = share_until_it_opens(law, error_before, error);
+            let share = law.valve().share_until_it_opens(error_before, error);
             landed.stick_position_variance = landed.stick_position_variance.max(0.0).min(scatter * scatter);
             landed.follow(law, before + (command - before) * share, command, (1.0 - share) * seen.period_s);
             landed.land(law, muscle.as_mut(), (quasi_static, followed), gain, direction, landed.stick_position - was);
@@ -242,30 +222,6 @@ pub fn observe(seen: &Seen<'_>, law: &SlipLaw) -> Expected {
         }
     }
     expected
-}
-
-/// The pressure behind a valve of this law, of which nothing is seen.
-pub fn foretold(command: &[f64], law: &SlipLaw, period_s: f64) -> Vec<f64> {
-    let mut valve = Hypothesis { stick_position: command[0], ..Hypothesis::default() };
-    let mut before = command[0];
-    let step = |&command: &f64| {
-        if valve.open {
-            valve.follow(law, before, command, period_s);
-        } else if (command - valve.stick_position).abs() > law.break_away {
-            let share = share_until_it_opens(law, before - valve.stick_position, command - valve.stick_position);
-            valve.follow(law, before + (command - before) * share, command, (1.0 - share) * period_s);
-        }
-        before = command;
-        valve.stick_position
-    };
-    command.iter().map(step).collect()
-}
-
-/// The share of a sample after which the error passes the band, on a straight line between the samples.
-fn share_until_it_opens(law: &SlipLaw, error_before: f64, error: f64) -> f64 {
-    let direction = error.signum();
-    let rise = error.abs() - error_before * direction;
-    if rise > 1e-9 { ((law.break_away - error_before * direction) / rise).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// How much the quasi-static response moves with the pressure that it is made by, sample by sample; while that rests, as before.
@@ -377,7 +333,8 @@ mod tests {
     #[test]
     fn a_pressure_that_nobody_sees_is_foretold_by_the_law() {
         let (command, measured) = strokes_from(0.0);
-        let foretold = foretold(&command, &SlipLaw { scatter: 0.0, ..LAW }, 0.02);
+        let mut foretold = command.clone();
+        LAW.valve().lead(&mut foretold, command[0], 0.02);
         // The first strokes: later an error of a thousandth of the band has grown.
         let miss = foretold.iter().zip(&measured).take(300).map(|(own, measured)| (own - measured).powi(2)).sum::<f64>() / 300.0;
         assert!(miss.sqrt() < 2.0 * NOISE, "{}", miss.sqrt());

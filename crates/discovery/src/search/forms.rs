@@ -62,39 +62,18 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
         0.5 * (sums.fit.mean_square(&weights) + sums.select.mean_square(&weights))
     };
     let was = square_of(base, &mut workspace);
-    let mut look = |start: Vec<f64>| {
-        let mut model = base.with_in(order, form, start.clone());
+    let look = |start: Vec<f64>| {
+        let mut model = base.with_in(order, form, start);
         // The baseline has taken some of the effect for hysteresis of its own: an effect that acts on the model's output is judged by
         // what remains once the weights have given that back.
         let gives_back = form.spec().needs_sum && !form.spec().discrete;
         let square = if gives_back { model.fit_in(&mut workspace, Scope::Screen).0 } else { square_of(&model, &mut workspace) };
-        (Started { model, form, square, gain: 1.0 - square / was }, start)
+        Started { model, form, square, gain: 1.0 - square / was }
     };
-    let mut tried: Vec<(Started, Vec<f64>)> = form.starts(session, residual).into_iter().map(&mut look).collect();
-    tried.sort_by(|x, y| x.0.square.total_cmp(&y.0.square));
-    if let Some(across) = form.spec().across {
-        // The valley is narrower than the grid, and the best point of the grid need not lie in the deepest: a walk across from a few.
-        let parameter = form.parameters()[across];
-        let step = form.step(across);
-        let near: Vec<Vec<f64>> = tried.iter().take(VALLEYS).map(|tried| tried.1.clone()).collect();
-        for begin in near {
-            for place in (-ACROSS..=ACROSS).filter(|place| *place != 0) {
-                let mut start = begin.clone();
-                start[across] = (start[across] * (f64::from(place) * step).exp()).clamp(parameter.low, parameter.high);
-                tried.push(look(start));
-            }
-        }
-    }
-    let mut best = tried.into_iter().map(|tried| tried.0).min_by(|x, y| x.square.total_cmp(&y.square))?;
+    let mut best = form.starts(session, residual).into_iter().map(look).min_by(|x, y| x.square.total_cmp(&y.square))?;
     best.model.sensitivities = Arc::default();
     Some(best)
 }
-
-/// Starts from which a walk across a narrow valley begins.
-const VALLEYS: usize = 5;
-
-/// Steps of the walk to either side.
-const ACROSS: i32 = 6;
 
 /// The form as it was started, its weights fitted to all that is fitted.
 pub fn settle_form(started: &Model, session: &Session) -> Fitted {
@@ -111,41 +90,43 @@ pub fn refine_form(started: &Model, form: &'static dyn Form, session: &Session) 
     let effort =
         |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
     let mut workspace = Workspace::new(session);
-    if !indices.is_empty() {
+    if form.spec().is_narrow {
+        scatter(&mut model, &mut workspace, slot);
+    } else if !indices.is_empty() {
         simplex(&mut model, &mut workspace, &indices, effort(1.0, 14));
         if form.spec().needs_sum {
             model.fit_in(&mut workspace, Scope::Screen);
             simplex(&mut model, &mut workspace, &indices, effort(0.7, 10));
         }
     }
-    if let Some(across) = form.spec().across {
-        // A simplex ends in the nearest of many valleys: look over both rims of every parameter, then down again.
-        let others = (0..indices.len()).filter(|&parameter| parameter != across);
-        for parameter in others.chain([across]) {
-            walk(&mut model, &mut workspace, slot, parameter, 2.0);
-            walk(&mut model, &mut workspace, slot, across, 1.0);
-        }
-        simplex(&mut model, &mut workspace, &indices, effort(0.7, 14));
-    }
     let (_, select) = model.fit_in(&mut workspace, Scope::Both);
     Fitted { model, select }
 }
 
-/// Moves one logarithmic parameter of a slot to the best of a row of places about it, `stride` first steps apart.
-fn walk(model: &mut Model, workspace: &mut Workspace<'_>, slot: usize, parameter: usize, stride: f64) {
-    let form = model.slots[slot].form;
-    let limits = form.parameters()[parameter];
-    let centre = model.slots[slot].parameters[parameter];
-    let mut best = (f64::MAX, centre);
-    for place in -ACROSS..=ACROSS {
-        let value = (centre * (f64::from(place) * stride * form.step(parameter)).exp()).clamp(limits.low, limits.high);
-        model.slots[slot].parameters[parameter] = value;
+/// Points that are scattered, each round of so many within six tenths of the reach of the one before, which is so many first steps at first.
+const SCATTER: (i32, i32, f64) = (1600, 160, 6.0);
+
+/// Moves the logarithmic parameters of a slot, three at most, to the best of points that lie evenly about the best so far, ever nearer (the additive
+/// recurrence of Roberts 2018), and the others to one end or the other: a simplex ends in the nearest of many valleys.
+fn scatter(model: &mut Model, workspace: &mut Workspace<'_>, slot: usize) {
+    const RATIOS: [f64; 4] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2, 0.5];
+    let (form, (points, round, first)) = (model.slots[slot].form, SCATTER);
+    let mut best = (objective(model, workspace, Scope::Screen), model.slots[slot].parameters.clone());
+    for number in 0..points {
+        let (reach, moved) = (first * 0.6_f64.powi(number / round), &mut model.slots[slot].parameters);
+        moved.clone_from(&best.1);
+        for ((axis, ratio), limits) in RATIOS.into_iter().enumerate().zip(form.parameters()) {
+            let place = 2.0 * (ratio * f64::from(number + 1)).fract() - 1.0;
+            let ends = if place < 0.0 { limits.low } else { limits.high };
+            let near = moved[axis] * (reach * form.step(axis) * place).exp();
+            moved[axis] = if limits.logarithmic { near.clamp(limits.low, limits.high) } else { ends };
+        }
         let square = objective(model, workspace, Scope::Screen);
         if square < best.0 {
-            best = (square, value);
+            best = (square, model.slots[slot].parameters.clone());
         }
     }
-    model.slots[slot].parameters[parameter] = best.1;
+    model.slots[slot].parameters = best.1;
 }
 
 /// Improves all parameters of all effects together, by the samples of `scope`.

@@ -53,7 +53,14 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
         models = rivals_of(session, [models, of_rivals].concat(), threads);
         compared = Comparison::new(session, &models, seed, threads);
     }
-    let best = compared.best();
+    let observed = compared.best();
+    // What a simulation explains needs no observer.
+    let observes = |name: &str| models[observed].names().any(|own| own == name);
+    let is_same = |model: &Model| model.slots.len() == models[observed].slots.len() && model.names().all(observes);
+    let simulated = (0..models.len()).filter(|&at| jumps(&models[observed]) && !jumps(&models[at]) && is_same(&models[at]));
+    let suffices =
+        |at: usize| Some(Left::between(session, base, &models[at], 0.0)).filter(|left| !left.is_too_much()).map(|left| (left.share, at));
+    let best = simulated.filter_map(suffices).min_by(|x, y| x.0.total_cmp(&y.0)).map_or(observed, |best| best.1);
     let model = if models[best].forms() == found.forms() { found.clone() } else { refitted(session, &models[best]) };
     let owned: Vec<&str> = base.names().collect();
     let order = by_loss(session, &model, &owned);

@@ -174,15 +174,10 @@ impl Judged {
         penalised(&self.model, self.select)
     }
 
-    /// Share of `before`'s mean square that this takes away.
-    pub fn gain_over(&self, before: &Self) -> f64 {
-        1.0 - self.select / before.select
-    }
-
     /// Whether this takes away the share `least` of `before`'s mean square, more than a grid of thresholds may leave, and probably
     /// not by chance: what comes in by chance leaves again when explanations are compared.
     pub fn pays(&self, before: &Self, least: f64) -> bool {
-        let gain = self.gain_over(before);
+        let gain = 1.0 - self.select / before.select;
         let beyond_grid = before.select - self.select > GRID_ERROR * GRID_ERROR;
         let reads = |judged: &Self| judged.model.slots.iter().filter(|slot| slot.form.spec().reads_output).count();
         let worth_its_penalty = reads(self) <= reads(before) || self.penalised() < before.penalised();

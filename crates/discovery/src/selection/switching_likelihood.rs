@@ -1,7 +1,9 @@
 //! The log-likelihood for a law of jumps, and the best law: what the observers of [`super::jumps`] make of all recordings.
 
 use crate::chain::form::Drive;
+use crate::chain::valve::Valve;
 use crate::data::session::{Role, Run, Session};
+use crate::effects::valve_dead_band::{Start, valve_of};
 use crate::model::paths::Paths;
 use crate::model::structure::Model;
 use crate::observers::jumps;
@@ -19,9 +21,6 @@ const LEAST_BREAK_AWAY: f64 = 2.0;
 
 /// Lowest speed of the drive, per s, from which it slides: below, holding and sliding could not be told apart.
 const SLOWEST: f64 = 0.1;
-
-/// Laws of a valve from which a search begins.
-const PEAKS: usize = 3;
 
 /// Steps of the search for a law, as shares of its parameters, one round each.
 const STEPS: [f64; 4] = [0.15, 0.07, 0.035, 0.015];
@@ -218,31 +217,17 @@ impl<'a> QuasiStatic<'a> {
         crate::chain::filters::ladder(0.01, 0.16, 10).into_iter().flat_map(of).collect()
     }
 
-    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the `likely` ones, told as band, travel and time constant
-    /// of a valve.
-    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Vec<f64>]) -> SlipLaw {
+    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the valves that a search `likely` begins at.
+    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Start]) -> SlipLaw {
         let still = self.still(drive, lag_s);
-        let of_simulation = |law: &Vec<f64>| {
-            let (break_away, closing, flow_s) = (law[0], 1.0 - law[1] / law[0], law[2]);
-            [0.05, 0.15].map(|scatter| SlipLaw { break_away, closing, flow_s, scatter, ..still })
+        let of_simulation = |valve: Valve| {
+            let (law, closing) = (SlipLaw { flow_s: valve.flow_s, most_flow: valve.most_flow, ..still }, valve.closing / valve.band);
+            [0.05, 0.15].map(|scatter| SlipLaw { break_away: valve.band, closing, scatter, ..law })
         };
-        let laws = self.ladder(drive, lag_s).into_iter().chain(likely.iter().flat_map(of_simulation));
-        // The right law is a narrow peak, and a wrong one that lies in a broad one may come before it at first.
-        let mut leading = self.judged(laws, false);
-        leading.sort_by(|x, y| y.0.total_cmp(&x.0));
-        let mut begun: Vec<SlipLaw> = Vec::new();
-        for (_, law) in leading {
-            let apart = |other: &SlipLaw| (law.break_away / other.break_away).ln().abs() > 0.1;
-            if begun.len() < if drive == Drive::Command { PEAKS } else { 1 } && begun.iter().all(apart) {
-                begun.push(law);
-            }
-        }
-        // Long steps on the screening recordings decide between several leads.
-        if begun.len() > 1 {
-            let screening = |law: &SlipLaw| self.fitted(false, |seen| jumps::observe(seen, law).log_likelihood);
-            begun.iter_mut().for_each(|law| *law = self.tuned_by(*law, &STEPS[..2], false, screening));
-        }
-        self.best(begun, true).map_or(still, |best| self.tuned(best.1, &STEPS, false))
+        // Every valve is there twice, its pressure carried over or not.
+        let valves = likely.iter().step_by(2).filter_map(|(form, start)| valve_of(*form, start));
+        let laws = self.ladder(drive, lag_s).into_iter().chain(valves.flat_map(of_simulation));
+        self.best(laws.collect(), false).map_or(still, |best| self.tuned(best.1, &STEPS, false))
     }
 
     /// The best of a few laws, and its log-likelihood on the fitted samples; of none when none can be seen.

@@ -3,7 +3,8 @@
 use crate::chain::form::{Drive, Form};
 use crate::data::session::Session;
 use crate::effects::sticking::inferred_quasi_static;
-use crate::effects::{pneumatic_lag, sticking};
+use crate::effects::valve_dead_band::Start;
+use crate::effects::{pneumatic_lag, sticking, valve_dead_band};
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
@@ -151,36 +152,24 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
     nearer
 }
 
-/// A valve of this law as a simulation, beside the smooth effects of `beside`. The law of a staircase lies in a valley that a search from afar misses; the
-/// observer, which sees every jump from where the pressure stands, says where.
-pub fn simulated(session: &Session, beside: &Model, form: &'static dyn Form, law: &SlipLaw) -> Model {
+/// A valve as a simulation, beside the smooth effects of `beside`. The law of a staircase lies in a valley that a search from afar misses; the observer,
+/// which sees every jump from where the pressure stands, says where, by its `law`, and so do the forms, where they begin their own search (`likely`).
+pub fn simulated(session: &Session, beside: &Model, law: &SlipLaw, likely: &[Start]) -> Model {
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
     let mut workspace = Workspace::new(session);
-    let mut judge = |model: Model| (objective(&model, &mut workspace, Scope::Fit), model);
-    // Band, how soon it closes and flow are moved apart: an observer's band may be a tenth too small.
-    let at = |places: [i32; 3]| {
-        let [band, closes, flow] = [0, 1, 2].map(|at| (3.0 * form.step(at) * f64::from(places[at])).exp());
-        let travel = law.break_away * band * (1.0 - law.closing) * closes;
-        coarse.with(form, vec![law.break_away * band, travel, law.flow_s * flow])
-    };
-    let places = || -3..=3;
-    let grid = places().flat_map(|band| places().flat_map(move |closes| places().map(move |flow| [band, closes, flow])));
-    let mut best = judge(at([0; 3]));
-    for places in grid {
-        best = Some(judge(at(places))).filter(|one| one.0 < best.0).unwrap_or(best);
-    }
-    loop {
-        let again = judge(forms::refine_form(&best.1, form, session).model);
-        let gain = 1.0 - again.0 / best.0;
-        best = if gain > 0.0 { again } else { best };
-        if gain < 0.01 {
-            break;
-        }
-    }
-    let mut model = forms::polish(&best.1, session, Scope::Fit, 2 * POLISH).model.refined();
+    let mut judge = |form, model: Model| (objective(&model, &mut workspace, Scope::Fit), form, model);
+    let starts = valve_dead_band::nearest(&law.valve()).into_iter().chain(likely.iter().cloned());
+    let mut begun: Vec<(f64, &'static dyn Form, Model)> = starts.map(|(form, start)| judge(form, coarse.with(form, start))).collect();
+    begun.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let searched = begun.into_iter().take(BEGUN).map(|(_, form, model)| judge(form, forms::refine_form(&model, form, session).model));
+    let best = searched.min_by(|x, y| x.0.total_cmp(&y.0)).map_or(coarse.clone(), |best| best.2);
+    let mut model = forms::polish(&best, session, Scope::Fit, 2 * POLISH).model.refined();
     model.fit(session, Scope::Both);
     model.pruned()
 }
+
+/// Starts of a simulated valve that are searched from.
+const BEGUN: usize = 4;
 
 /// How often weights are fitted again beside the jumps, and how their law is found again.
 pub struct Refits {

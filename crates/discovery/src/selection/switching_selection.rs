@@ -9,6 +9,7 @@ use crate::chain::form::{Drive, Form};
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
+use crate::effects::valve_dead_band::Start;
 use crate::model::structure::{Model, Scope};
 use crate::observers::law::SlipLaw;
 use crate::result::Candidate;
@@ -79,7 +80,7 @@ fn jumps(
     explanations: &[Model],
     smoothest: usize,
     form: &'static dyn Form,
-    likely: &[Vec<f64>],
+    likely: &[Start],
     noise: f64,
 ) -> Vec<Judged> {
     let drive = form.jumps().unwrap_or(Drive::QuasiStatic);
@@ -207,8 +208,10 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let smooth = parallel::in_parallel(&explanations, bench.threads, |model| QuasiStatic::new(session, model, noise, false).smooth());
     let smoothest = (0..smooth.len()).max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0);
     // What a simulated valve begins its search at is where the observer of one may begin, too.
-    let simulated_valve = bench.forms.iter().find(|form| form.name() == VALVE && form.spec().across.is_some());
-    let likely = simulated_valve.map_or_else(Vec::new, |form| form.starts(session, &base.residuals(session)));
+    let residual = base.residuals(session);
+    let simulated_valves = bench.forms.iter().filter(|form| form.name() == VALVE && form.spec().is_narrow);
+    let starts = |form: &&'static dyn Form| form.starts(session, &residual).into_iter().map(|start| (*form, start)).collect::<Vec<Start>>();
+    let likely: Vec<Start> = simulated_valves.flat_map(starts).collect();
     let of_forms = parallel::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, &likely, noise));
     let mut judged: Vec<Vec<Judged>> = Vec::new();
     for of_form in of_forms.into_iter().filter(|of_form| !of_form.is_empty()) {
@@ -258,9 +261,9 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     if simulated {
         outcome.met.insert(0, simulation);
     }
-    if let Some(form) = simulated_valve.filter(|_| name == VALVE) {
+    if name == VALVE && !likely.is_empty() {
         // Of several models of the same forms the first is compared: the one that leaves less.
-        let simulation = switching_refits::simulated(session, beside, *form, &one.law);
+        let simulation = switching_refits::simulated(session, beside, &one.law, &likely);
         let left = |model: &Model| model.clone().fit(session, Scope::Both).1;
         if outcome.met.iter().find(|met| met.forms() == simulation.forms()).is_none_or(|met| left(&simulation) < left(met)) {
             outcome.met.insert(0, simulation);

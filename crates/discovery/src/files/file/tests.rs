@@ -19,8 +19,7 @@ fn a_file_simulates_the_session_as_the_model_does_whatever_effect_is_in_it() {
         let residual = base.residuals(&session);
         for form in catalogue::forms().into_iter().filter(|form| form.place() != Place::Reading) {
             let Some(start) = form.starts(&session, &residual).pop() else { continue };
-            // The first pressure behind a valve is read from the output, where there is one.
-            if form.start_up_s(&start) > 0.0 || form.spec().reads_output || form.key() == "follows" {
+            if form.start_up_s(&start) > 0.0 || form.spec().reads_output {
                 continue;
             }
             let mut model = base.with(form, start);
