@@ -102,13 +102,7 @@ impl Model {
     /// their ranges: no file holds others.
     #[must_use]
     pub fn with_in(&self, order: Order, form: &'static dyn Form, parameters: Vec<f64>) -> Self {
-        let mut model = self.with_free_weights();
-        let usual = self.place_of(form);
-        let at = match self.neighbour_of(form) {
-            Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
-            Some(_) if order == Order::Turned => usual + 1,
-            _ => usual,
-        };
+        let (mut model, at) = (self.with_free_weights(), self.place_in(order, form));
         model.slots.insert(at, Slot { form, parameters: in_ranges(form, parameters), weights: Vec::new() });
         model
     }
@@ -117,6 +111,16 @@ impl Model {
     #[must_use]
     pub fn turns_with(&self, form: &'static dyn Form) -> bool {
         self.neighbour_of(form).is_some()
+    }
+
+    /// Where an effect comes, or on the other side of its neighbour there.
+    pub fn place_in(&self, order: Order, form: &'static dyn Form) -> usize {
+        let usual = self.place_of(form);
+        match self.neighbour_of(form) {
+            Some(neighbour) if order == Order::Turned && neighbour < usual => usual - 1,
+            Some(_) if order == Order::Turned => usual + 1,
+            _ => usual,
+        }
     }
 
     /// Where an effect comes in the usual order: behind the last one that comes before it, though others may have changed places.

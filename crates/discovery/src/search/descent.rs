@@ -46,7 +46,7 @@ fn steps(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], ef
     let mut square = solve(model, workspace, scope);
     let mut reach = FARTHEST;
     for _ in 0..STEPS {
-        let (step, expected) = aim(model, workspace, &line, &point, scope);
+        let (step, expected) = aim(model, workspace, &line, &point, (scope, square));
         let longest = step.iter().fold(0.0, |most: f64, part| most.max(part.abs()));
         if longest < NO_STEP || expected > square * (1.0 - NEGLIGIBLE) {
             return Some(square);
@@ -86,8 +86,10 @@ fn solve(model: &mut Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 
     sums.fit.mean_square(&weights)
 }
 
-/// How far every parameter has to go by the slopes here, and what would be left there if it were straight on.
-fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64], scope: Scope) -> (Vec<f64>, f64) {
+/// How far every parameter has to go by the slopes here, where a mean square is left, and what would be left there if it were straight on. Steps are
+/// expected to be no longer than [`FARTHEST`] (Levenberg 1944): a parameter that changes next to nothing here stays where it is. Without that it has to go
+/// as far as rounding has it, and makes the steps of all others too short to count.
+fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64], (scope, square): (Scope, f64)) -> (Vec<f64>, f64) {
     let looked_at = |run: &Run| (scope != Scope::Screen || run.screens) && run.role.contains(&Role::Fit);
     let here = workspace.outputs(model, looked_at);
     let mut columns: Vec<Vec<Vec<f64>>> = vec![Vec::new(); workspace.session.runs.len()];
@@ -105,7 +107,9 @@ fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64],
         }
     }
     let with_sensitivities = Model { sensitivities: Arc::new(columns), ..model.clone() };
-    let sums = workspace.sums(&with_sensitivities, scope);
+    let mut sums = workspace.sums(&with_sensitivities, scope);
+    let columns = sums.fit.columns;
+    (columns - point.len()..columns).for_each(|at| sums.fit.products[at * (columns + 1)] += square * (NUDGE / FARTHEST).powi(2));
     let weights = sums.fit.solve(&sums.free, &model.weights());
     let step = weights[weights.len() - point.len()..].iter().zip(nudges).map(|(weight, nudge)| weight * nudge).collect();
     (step, sums.fit.mean_square(&weights))
@@ -115,7 +119,7 @@ fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64],
 mod tests {
     use super::*;
     use crate::data::session::Session;
-    use crate::effects::{creep, pneumatic_lag, valve_dead_band};
+    use crate::effects::{creep, hold_after_reversal, pneumatic_lag, valve_dead_band};
     use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::CaseConfig;
@@ -135,6 +139,24 @@ mod tests {
             let after = descend(&mut model, &mut Workspace::new(&session), &[0], Effort { spread: 1e-6, ..effort });
             assert!(after < 1.001 * by_simplex && after < 0.9 * before, "{after} and {by_simplex} of {before}");
         }
+    }
+
+    #[test]
+    fn a_parameter_that_changes_nothing_does_not_hold_up_the_others() {
+        let case = rig::hide(&CaseConfig { seed: 574, ..CaseConfig::default() }).expect("a case");
+        let mut session = Session::new(&case.recordings[..8], &[]).expect("a session");
+        // No error ends the hold, and nothing limits the rate.
+        let (hold, law) = (hold_after_reversal::FORMS[0], [0.3, 0.05, 200.0, 1.0, 5.0]);
+        for run in &mut session.runs {
+            let mut path = run.input.clone();
+            hold.input(&law, run, &mut path);
+            run.output = path;
+        }
+        let mut model = Model::baseline(InitialState::Fresh, false).with(hold, vec![0.33, 0.08, 200.0, 1.0, 5.0]);
+        let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 100, spread: 1e-6 };
+        steps(&mut model, &mut Workspace::new(&session), &[0, 1, 2, 3, 4], effort);
+        let found = &model.slots[0].parameters;
+        assert!(found.iter().zip(law).take(2).all(|(found, law)| (found / law - 1.0).abs() < 0.02), "{found:?} instead of {law:?}");
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates or [`descend`]'s steps, weights solved
 //! inside.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use crate::chain::form::Form;
 use crate::data::session::Session;
 use crate::model::line::{axes, inward, outward, place};
+use crate::model::paths::Paths;
 use crate::model::structure::{Model, Order, Scope};
 use crate::model::workspace::Workspace;
 use crate::search::descent::descend;
@@ -50,6 +52,18 @@ pub fn with_sensitivities(model: &Model, session: &Session) -> Model {
     Model { sensitivities: Arc::new(columns), ..model.clone() }
 }
 
+/// The session as an effect sees it whose place is behind others that change the input.
+fn as_seen<'a>(base: &Model, form: &'static dyn Form, order: Order, session: &'a Session) -> Cow<'a, Session> {
+    let before = Model { slots: base.slots[..base.place_in(order, form)].to_vec(), ..base.clone() };
+    if before.before_operators().next().is_none() {
+        return Cow::Borrowed(session);
+    }
+    let (mut seen, mut paths) = (session.clone(), Paths::default());
+    paths.lead(&before, &session.runs, (0..session.runs.len()).collect());
+    seen.runs.iter_mut().zip(&session.runs).for_each(|(run, own)| run.input = paths.path(own).to_vec());
+    Cow::Owned(seen)
+}
+
 /// Tries one more effect in one form at every point of its grid, on a few recordings, the others' parameters held.
 pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: &Session, residual: &[Vec<f64>]) -> Option<Started> {
     let mut workspace = Workspace::new(session);
@@ -70,7 +84,8 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
         let square = if gives_back { model.fit_in(&mut workspace, Scope::Screen).0 } else { square_of(&model, &mut workspace) };
         Started { model, form, square, gain: 1.0 - square / was }
     };
-    let mut best = form.starts(session, residual).into_iter().map(look).min_by(|x, y| x.square.total_cmp(&y.square))?;
+    let mut best =
+        form.starts(&as_seen(base, form, order, session), residual).into_iter().map(look).min_by(|x, y| x.square.total_cmp(&y.square))?;
     best.model.sensitivities = Arc::default();
     Some(best)
 }
@@ -160,7 +175,7 @@ pub fn polished(model: &Model, workspace: &mut Workspace<'_>, scope: Scope, eval
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::{pneumatic_lag, setup_change};
+    use crate::effects::{hold_after_reversal, pneumatic_lag, setup_change};
     use crate::model::initial_state::InitialState;
     use virtual_rig as rig;
     use virtual_rig::{CaseConfig, Generator};
@@ -184,6 +199,22 @@ mod tests {
         let before = of_all.square / (1.0 - of_all.gain);
         assert!(objective(&base, &mut Workspace::new(&session), Scope::Screen) < 0.1 * before, "the screening samples show the step");
         assert!(of_all.gain > 0.9, "{}", of_all.gain);
+    }
+
+    #[test]
+    fn what_comes_behind_another_effect_is_looked_for_in_what_that_makes_of_the_input() {
+        let case = rig::hide(&CaseConfig { seed: 563, ..CaseConfig::default() }).expect("a case");
+        let session = Session::new(&case.recordings[..4], &[]).expect("a session");
+        let (lag, hold) = (pneumatic_lag::FORMS[0], hold_after_reversal::FORMS[0]);
+        let lagging = Model::baseline(InitialState::Fresh, false).with(lag, vec![0.2]);
+        let behind = as_seen(&lagging, hold, Order::Turned, &session);
+        for (seen, run) in behind.runs.iter().zip(&session.runs) {
+            let mut path = run.input.clone();
+            lag.input(&[0.2], run, &mut path);
+            assert_eq!(seen.input, path);
+        }
+        let before = as_seen(&lagging, hold, Order::Usual, &session);
+        assert!(before.runs.iter().zip(&session.runs).all(|(seen, run)| seen.input == run.input));
     }
 
     #[test]

@@ -85,13 +85,15 @@ impl Bench<'_> {
         })
     }
 
-    /// Mean squares of the selecting blocks.
+    /// Logarithms of the mean squares of the selecting blocks: what is missed may differ by orders of magnitude between them, and few would outweigh all others.
     pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
         let selects = |run: &Run| run.role.contains(&Role::Select);
         let outputs = model.outputs(self.session, selects);
         let of = |(run, output): (&Run, Vec<f64>)| output.into_iter().zip(&run.output).map(|(p, y)| y - p).collect();
         let residual: Vec<Vec<f64>> = self.session.runs.iter().zip(outputs).map(of).collect();
-        noise::blocks(self.session, &residual, |run, sample| self.session.runs[run].role[sample] == Role::Select)
+        let selects = |run: usize, sample: usize| self.session.runs[run].role[sample] == Role::Select;
+        let squares = noise::blocks(self.session, &residual, selects);
+        squares.into_iter().map(|square| (square + GRID_ERROR * GRID_ERROR).ln()).collect()
     }
 
     /// Every form on top of `base`, best first. Forms whose grid shows nowhere near the gain `least` are not searched further.
@@ -164,7 +166,7 @@ pub struct Judged {
     pub fine: Model,
     /// Mean square of the selecting samples on the fine grid.
     pub select: f64,
-    /// Mean squares of the selecting blocks on the fine grid.
+    /// Logarithms of the mean squares of the selecting blocks on the fine grid.
     pub blocks: Vec<f64>,
 }
 
@@ -190,7 +192,8 @@ mod tests {
     use crate::effects::{offset_drift, periodic_disturbance};
     use crate::model::initial_state::InitialState;
     use crate::model::structure::Model;
-    use crate::selection::rounds::Judged;
+    use crate::selection::rounds::{Judged, deviations};
+    use crate::selection::settings::LIKELY;
 
     #[test]
     fn a_form_that_reads_its_values_from_every_recording_must_bring_its_price() {
@@ -202,5 +205,18 @@ mod tests {
         let pays = |form, square| judged(&base.with(form, vec![1.0]), square).pays(&judged(&base, 1.0), 0.024);
         // Coloured noise gives way to a loose rhythm by a twentieth.
         assert!(pays(drift, 0.95) && !pays(loose, 0.95) && pays(loose, 0.9));
+    }
+
+    #[test]
+    fn what_is_better_everywhere_is_no_chance_where_a_few_blocks_miss_most() {
+        let missed = |share: f64| (0..200).map(|block| share * if block % 40 == 7 { 1.0 } else { 1e-4 }).collect::<Vec<f64>>();
+        let logarithms = |squares: Vec<f64>| squares.into_iter().map(f64::ln).collect::<Vec<f64>>();
+        let scattered = |squares: Vec<f64>| -> Vec<f64> {
+            squares.into_iter().enumerate().map(|(block, square)| square * (1.0 + 0.2 * (block as f64 * 2.4).sin())).collect()
+        };
+        let (before, after) = (scattered(missed(1.0)), missed(0.7));
+        assert!(deviations(&logarithms(before.clone()), &logarithms(after.clone())) > 2.0 * LIKELY);
+        // Differences of the squares themselves are those of five blocks.
+        assert!(deviations(&before, &after) < 1.5 * LIKELY);
     }
 }
