@@ -50,7 +50,9 @@ pub fn floor(session: &Session, residual: &[Vec<f64>]) -> f64 {
     let step = session.output_step;
     let with_step = |square: f64| if step * step > 0.25 * square { square + step * step / 12.0 } else { square };
     let over_fast = (sum / count).sqrt() / fast_part(session, residual).max(1e-30);
-    if count < ENOUGH_REST as f64 || (slow.is_there() && over_fast > 2.0) || (slow.swings() && over_fast > 1.3) {
+    // Noise that merely fades does not go to and fro.
+    let [is_there, swings] = [slow.correlations().any(|of| of.abs() > 0.5), slow.correlations().any(|of| of < -0.4)];
+    if count < ENOUGH_REST as f64 || (is_there && over_fast > 2.0) || (swings && over_fast > 1.3) {
         return with_step(fast_part(session, residual).powi(2)).sqrt();
     }
     let of_lines = lines.share();
@@ -158,13 +160,9 @@ impl SlowMotion {
         }
     }
 
-    /// Whether it goes to and fro, as noise that merely fades does not.
-    fn swings(&self) -> bool {
-        self.products.iter().any(|product| product / self.energy < -0.4)
-    }
-
-    fn is_there(&self) -> bool {
-        self.products.iter().any(|product| (product / self.energy).abs() > 0.5)
+    /// Its correlations, lag by lag.
+    fn correlations(&self) -> impl Iterator<Item = f64> {
+        self.products.iter().map(|product| product / self.energy)
     }
 }
 

@@ -17,7 +17,8 @@ impl TestView {
         let outputs = runs.iter().map(|run| run.output.clone()).collect();
         for run in runs {
             let worked_with = run.is_worked_with();
-            let mut last = if worked_with { first_shown(run) } else { 0.0 };
+            let first = run.output.iter().zip(&run.role).find(|(_, role)| worked_with && **role != Role::Test);
+            let mut last = first.map_or(0.0, |(output, _)| *output);
             for sample in 0..run.output.len() {
                 if run.role[sample] == Role::Test {
                     run.output[sample] = last;
@@ -39,11 +40,6 @@ impl TestView {
             }
         }
     }
-}
-
-/// The first output that is not kept out.
-fn first_shown(run: &Run) -> f64 {
-    run.output.iter().zip(&run.role).find(|(_, role)| **role != Role::Test).map_or(0.0, |(output, _)| *output)
 }
 
 #[cfg(test)]

@@ -119,7 +119,8 @@ impl Form for SessionCurve {
         }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        vec![vec![worked_until_s(session)]]
+        // When the last recording ended that is not kept out.
+        vec![vec![session.worked().filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max)]]
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         for part in 0..KNOTS - 1 {
@@ -130,12 +131,6 @@ impl Form for SessionCurve {
         let reached = spline(1.0).iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
         self.drifts.tell(reached, session)
     }
-}
-
-/// When the last recording ended that is not kept out, s of the session.
-fn worked_until_s(session: &Session) -> f64 {
-    let worked = session.runs.iter().filter(|run| run.is_worked_with());
-    worked.filter_map(|run| run.session_s.last().copied()).fold(1.0, f64::max)
 }
 
 /// The time of the session that is one for [`spline`].

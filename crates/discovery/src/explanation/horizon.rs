@@ -49,16 +49,9 @@ pub fn horizon(session: &Session) -> Vec<Window> {
     // Every window is judged by the same samples: those that the longest one has a whole past for.
     let windows: Vec<f64> = WINDOWS_S.into_iter().filter(|window_s| 2.0 * window_s <= shortest_s).collect();
     let Some(&longest_s) = windows.last() else { return Vec::new() };
-    windows
-        .iter()
-        .filter_map(|&window_s| error(&runs, window_s, longest_s, stride).map(|found| found.scaled(session.output_scale.abs())))
-        .collect()
-}
-
-impl Window {
-    fn scaled(self, scale: f64) -> Self {
-        Self { rmse: self.rmse * scale, interval: self.interval.map(|value| value * scale), ..self }
-    }
+    let scale = session.output_scale.abs();
+    let scaled = |found: Window| Window { rmse: found.rmse * scale, interval: found.interval.map(|value| value * scale), ..found };
+    windows.iter().filter_map(|&window_s| error(&runs, window_s, longest_s, stride).map(scaled)).collect()
 }
 
 fn error(runs: &[&Run], window_s: f64, longest_s: f64, stride: usize) -> Option<Window> {

@@ -113,7 +113,7 @@ impl Model {
         self.neighbour_of(form).is_some()
     }
 
-    /// Where an effect comes, or on the other side of its neighbour there.
+    /// At which place [`Self::with_in`] puts an effect.
     pub fn place_in(&self, order: Order, form: &'static dyn Form) -> usize {
         let usual = self.place_of(form);
         match self.neighbour_of(form) {

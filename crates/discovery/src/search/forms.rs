@@ -1,5 +1,4 @@
-//! Fitting one form's parameters: a coarse grid, then Nelder and Mead's simplex in scaled coordinates or [`descend`]'s steps, weights solved
-//! inside.
+//! Fitting parameters: one form's by a coarse grid and [`descend`]'s steps or points that are scattered; those of all forms together.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -11,7 +10,7 @@ use crate::model::paths::Paths;
 use crate::model::structure::{Model, Order, Scope};
 use crate::model::workspace::Workspace;
 use crate::search::descent::descend;
-use crate::search::simplex::{Effort, Fitted, indices_of, objective, simplex};
+use crate::search::simplex::{Effort, Fitted, indices_of, objective};
 
 /// One more effect at the best point of its grid.
 pub struct Started {
@@ -90,29 +89,17 @@ pub fn start_form(base: &Model, form: &'static dyn Form, order: Order, session: 
     Some(best)
 }
 
-/// The form as it was started, its weights fitted to all that is fitted.
-pub fn settle_form(started: &Model, session: &Session) -> Fitted {
-    let mut model = started.clone();
-    let (_, select) = model.fit(session, Scope::Both);
-    Fitted { model, select }
-}
-
 /// Improves the form's parameters on the screening samples from where it was started, the others' held.
 pub fn refine_form(started: &Model, form: &'static dyn Form, session: &Session) -> Fitted {
     let mut model = started.clone();
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
-    let indices = if form.spec().discrete { Vec::new() } else { indices_of(&model, slot) };
-    let effort =
-        |size: f64, evaluations: usize| Effort { scope: Scope::Screen, size, evaluations: evaluations * indices.len(), spread: 1e-5 };
     let mut workspace = Workspace::new(session);
     if form.spec().is_narrow {
         scatter(&mut model, &mut workspace, slot);
-    } else if !indices.is_empty() {
-        simplex(&mut model, &mut workspace, &indices, effort(1.0, 14));
-        if form.spec().needs_sum {
-            model.fit_in(&mut workspace, Scope::Screen);
-            simplex(&mut model, &mut workspace, &indices, effort(0.7, 10));
-        }
+    } else if !form.spec().discrete {
+        let effort = Effort { scope: Scope::Screen, size: 1.0, evaluations: 14, spread: 1e-5 };
+        let indices = indices_of(&model, slot);
+        improve(&mut model, &mut workspace, &indices, effort);
     }
     let (_, select) = model.fit_in(&mut workspace, Scope::Both);
     Fitted { model, select }
@@ -157,19 +144,22 @@ pub fn polished(model: &Model, workspace: &mut Workspace<'_>, scope: Scope, eval
     let mut model = model.clone();
     let indices: Vec<usize> =
         (0..model.slots.len()).filter(|&slot| !model.slots[slot].form.spec().discrete).flat_map(|slot| indices_of(&model, slot)).collect();
-    let count = indices.len();
     let spread = if scope == Scope::Screen { 1e-4 } else { 1e-6 };
-    let effort = |size: f64, evaluations: usize| Effort { scope, size, evaluations, spread };
-    // Where effects act on the model's own output a search keeps its weights.
-    if model.needs_sum() || count == 0 {
-        model.fit_in(workspace, scope);
-    }
-    descend(&mut model, workspace, &indices, effort(0.4, evaluations * count));
-    if model.needs_sum() && count > 0 {
-        model.fit_in(workspace, Scope::Fit);
-        descend(&mut model, workspace, &indices, effort(0.2, evaluations * count / 2));
-    }
+    improve(&mut model, workspace, &indices, Effort { scope, size: 0.4, evaluations, spread });
     model
+}
+
+/// Improves the parameters at `indices`, by so many evaluations of each (`effort.evaluations`). Where effects act on the model's own output a search keeps its weights.
+fn improve(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], effort: Effort) {
+    let (count, needs_sum) = (indices.len(), model.needs_sum());
+    if needs_sum || count == 0 {
+        model.fit_in(workspace, effort.scope);
+    }
+    descend(model, workspace, indices, Effort { evaluations: effort.evaluations * count, ..effort });
+    if needs_sum && count > 0 {
+        model.fit_in(workspace, effort.scope);
+        descend(model, workspace, indices, Effort { evaluations: effort.evaluations * count / 2, size: 0.5 * effort.size, ..effort });
+    }
 }
 
 #[cfg(test)]

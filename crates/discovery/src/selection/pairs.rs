@@ -81,9 +81,6 @@ pub fn search(
         let again = |one: &Model, other: &Model| one.names().eq(other.names()) && !(left && one.forms() != other.forms());
         let fresh = |model: &Model| !begun.iter().any(|other| again(model, other));
         let held: Vec<Model> = alone.filter(|model| keeps_base(model) && fresh(model)).collect();
-        if held.is_empty() {
-            break;
-        }
         more_pairs(bench, &large, &held, Order::Usual, &mut pairs);
         begun.extend(held);
     }

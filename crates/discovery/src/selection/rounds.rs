@@ -35,7 +35,7 @@ const HOPELESS: f64 = 0.25;
 /// of what its valley does.
 pub const FAR_BEHIND: f64 = 0.15;
 
-/// How many deviations the blocked mean of `before - after` lies above zero.
+/// How many deviations the mean over blocks of `before - after` lies above zero.
 pub fn deviations(before: &[f64], after: &[f64]) -> f64 {
     let differences: Vec<f64> = before.iter().zip(after).map(|(x, y)| x - y).collect();
     let n = differences.len() as f64;
@@ -116,9 +116,9 @@ impl Bench<'_> {
             &started,
             |started| labour(started.form),
             |started| {
-                let Started { model, form, .. } = started;
-                let refine = || forms::refine_form(model, *form, self.session);
-                let fitted = if started.gain > worth { refine() } else { forms::settle_form(model, self.session) };
+                let Started { model, form, gain, .. } = started;
+                let settle = |mut model: Model| Fitted { select: model.fit(self.session, Scope::Both).1, model };
+                let fitted = if *gain > worth { forms::refine_form(model, *form, self.session) } else { settle(model.clone()) };
                 let deviations = deviations(&before, &self.selecting_blocks(&fitted.model));
                 Tried { fitted, form: *form, deviations }
             },

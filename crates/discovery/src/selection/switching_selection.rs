@@ -180,13 +180,11 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     best(|sight| sight.1) - best(|sight| sight.0) > JUMPS
 }
 
-/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. A valve that needs
-/// something smooth beside it does not count: its simulation, which a search for two effects may find yet, may need nothing.
+/// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. What needs something
+/// smooth beside it does not count: a search for two effects may find what needs no jumps, or a valve's simulation that needs nothing else.
 pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool {
-    if outcome.found.order.len() > 1 && outcome.found.order.contains(&VALVE) {
-        return false;
-    }
-    outcome.found.jump_scatter.is_some_and(|scatter| !Left::between(session, base, &outcome.model, scatter).is_too_much())
+    outcome.found.order.len() == 1
+        && outcome.found.jump_scatter.is_some_and(|scatter| !Left::between(session, base, &outcome.model, scatter).is_too_much())
 }
 
 /// Puts jumps in the place of what was found, or beside what of it pays beside them, where jumps explain the recordings better than
