@@ -188,9 +188,7 @@ impl Form for Held {
             let lates = if untied { 0..=0 } else { -2..=2 };
             let places = (-5..=5).flat_map(|step| lates.clone().map(move |late| (0.1 * f64::from(step), 0.06 * f64::from(late))));
             let score = |start: &Vec<f64>| if untied { best_looks(1, start) } else { score(1, start) };
-            let near = |(step, late): (f64, f64)| and_twice_as_long(1.0 / start[0] + step * spacing_hz, start[1] + late);
-            let of = |place| near(place).map(|(hz, first)| with(hz.max(slowest_hz), first));
-            best_starts(places.flat_map(of), score, 1)
+            best_starts(places.map(|(step, late)| with(1.0 / start[0] + step * spacing_hz, start[1] + late)), score, 1)
         };
         begun
             .into_iter()
@@ -238,11 +236,6 @@ impl Held {
         };
         first.rem_euclid(1.0)
     }
-}
-
-/// The frequency and first look of a clock, and of two of twice the period: half of the true period has all of its looks, and may be found for it.
-fn and_twice_as_long(hz: f64, first: f64) -> [(f64, f64); 3] {
-    [(hz, first), (0.5 * hz, 0.5 * first), (0.5 * hz, 0.5 * first + 0.5)]
 }
 
 /// Places of the first look, over the period, that are looked at where a period takes so many samples.

@@ -172,17 +172,6 @@ fn a_clock_that_runs_on_is_found_through_the_whole_session() {
 }
 
 #[test]
-fn twice_a_period_has_every_second_look_and_from_the_next_one_the_others() {
-    let looks = |(hz, first): (f64, f64)| (0..40).map(move |look| (f64::from(look) + first) / hz);
-    for (hz, first) in [(8.6, 0.0), (17.2, 0.62), (5.3, 0.999)] {
-        let [own, even, odd] = and_twice_as_long(hz, first).map(|clock| looks(clock).collect::<Vec<f64>>());
-        let mut both = [even, odd].concat();
-        both.sort_by(f64::total_cmp);
-        assert!(own.iter().zip(&both).all(|(own, both)| (own - both).abs() < 1e-9), "{own:?} and {both:?}");
-    }
-}
-
-#[test]
 fn what_is_held_may_be_older_than_the_look() {
     let session = session(&[0.3]);
     let run = &session.runs[0];
