@@ -87,8 +87,8 @@ fn solve(model: &mut Model, workspace: &mut Workspace<'_>, scope: Scope) -> f64 
 }
 
 /// How far every parameter has to go by the slopes here, where a mean square is left, and what would be left there if it were straight on, with
-/// what the steps cost. They are expected to be no longer than [`FARTHEST`] (Levenberg 1944): a parameter that changes next to nothing here stays where it is. Without that it has to go
-/// as far as rounding has it, and makes the steps of all others too short to count.
+/// what the steps cost. They are expected to be no longer than [`FARTHEST`] (Levenberg 1944): a parameter that changes next to nothing here stays
+/// where it is. Without that it has to go as far as rounding has it, and makes the steps of all others too short to count.
 fn aim(model: &Model, workspace: &mut Workspace<'_>, line: &Line, point: &[f64], (scope, square): (Scope, f64)) -> (Vec<f64>, f64) {
     let looked_at = |run: &Run| (scope != Scope::Screen || run.screens) && run.role.contains(&Role::Fit);
     let here = workspace.outputs(model, looked_at);

@@ -149,7 +149,8 @@ pub fn polished(model: &Model, workspace: &mut Workspace<'_>, scope: Scope, eval
     model
 }
 
-/// Improves the parameters at `indices`, by so many evaluations of each (`effort.evaluations`). Where effects act on the model's own output a search keeps its weights.
+/// Improves the parameters at `indices`, by so many evaluations of each (`effort.evaluations`). Where effects act on the model's own output a search
+/// keeps its weights.
 fn improve(model: &mut Model, workspace: &mut Workspace<'_>, indices: &[usize], effort: Effort) {
     let (count, needs_sum) = (indices.len(), model.needs_sum());
     if needs_sum || count == 0 {

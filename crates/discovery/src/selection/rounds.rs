@@ -85,7 +85,8 @@ impl Bench<'_> {
         })
     }
 
-    /// Logarithms of the mean squares of the selecting blocks: what is missed may differ by orders of magnitude between them, and few would outweigh all others.
+    /// Logarithms of the mean squares of the selecting blocks: what is missed may differ by orders of magnitude between them, and few would outweigh
+    /// all others.
     pub fn selecting_blocks(&self, model: &Model) -> Vec<f64> {
         let selects = |run: &Run| run.role.contains(&Role::Select);
         let outputs = model.outputs(self.session, selects);
@@ -189,10 +190,13 @@ impl Judged {
 
 #[cfg(test)]
 mod tests {
+    use virtual_rig::{self as rig, CaseConfig};
+
+    use crate::data::session::Session;
     use crate::effects::{offset_drift, periodic_disturbance};
     use crate::model::initial_state::InitialState;
-    use crate::model::structure::Model;
-    use crate::selection::rounds::{Judged, deviations};
+    use crate::model::structure::{Model, Scope};
+    use crate::selection::rounds::{Bench, Judged, deviations};
     use crate::selection::settings::LIKELY;
 
     #[test]
@@ -218,5 +222,18 @@ mod tests {
         assert!(deviations(&logarithms(before.clone()), &logarithms(after.clone())) > 2.0 * LIKELY);
         // Differences of the squares themselves are those of five blocks.
         assert!(deviations(&before, &after) < 1.5 * LIKELY);
+    }
+
+    #[test]
+    fn blocks_are_the_logarithms_of_what_is_missed_in_them() {
+        let case = rig::hide(&CaseConfig { seed: 575, ..CaseConfig::default() }).expect("a case");
+        let session = Session::new(&case.recordings[..12], &[]).expect("a session");
+        let bench = Bench { session: &session, forms: Vec::new(), threads: 1, watch: &|_| {} };
+        let mut model = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+        let (_, select) = model.fit(&session, Scope::Both);
+        let blocks = bench.selecting_blocks(&model);
+        let mean = blocks.iter().map(|block| block.exp()).sum::<f64>() / blocks.len() as f64;
+        // Blocks have a length, and short ends of recordings do not count.
+        assert!(blocks.len() > 20 && (mean / select - 1.0).abs() < 0.1, "{mean} in {} blocks, and {select} in all", blocks.len());
     }
 }
