@@ -308,6 +308,8 @@ pub struct OfOperators {
     pub set: fn(&[f64], &mut OperatorLaw),
     /// Changes the input.
     pub curve: fn(&[f64], &mut [f64]),
+    /// Simpler laws, as [`Form::nested_limits`].
+    pub nested: fn(&[f64]) -> Vec<(&'static dyn Form, Vec<f64>)>,
 }
 
 impl OfOperators {
@@ -319,7 +321,7 @@ impl OfOperators {
         starts: fn() -> Vec<Vec<f64>>,
         set: fn(&[f64], &mut OperatorLaw),
     ) -> Self {
-        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {} }
+        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {}, nested: |_| Vec::new() }
     }
 }
 
@@ -332,6 +334,9 @@ impl Form for OfOperators {
     }
     fn operator_law(&self, parameters: &[f64], law: &mut OperatorLaw) {
         (self.set)(parameters, law);
+    }
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        (self.nested)(parameters)
     }
 }
 

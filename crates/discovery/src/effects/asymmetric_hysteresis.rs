@@ -4,6 +4,7 @@
 use crate::chain::filters::{grid, row};
 use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 use crate::effects::smooth_hysteresis::{BoucWen, Dahl, LEANING as NAME};
+use crate::effects::static_nonlinearity;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
@@ -78,6 +79,7 @@ static EACH: OfOperators = OfOperators {
             *value += 0.5 * v * (1.0 - v) * (of[0] + of[1] + (of[2] + of[3]) * (1.0 - 2.0 * v));
         }
     },
+    nested: |of| vec![(static_nonlinearity::FORMS[0], vec![0.5 * (of[0] + of[1]), 0.5 * (of[2] + of[3]), 0.0])],
 };
 
 #[cfg(test)]

@@ -82,6 +82,9 @@ const FOLLOWS: Parameter = Parameter { name: "follow_time_constant", quantity: Q
 /// How old what is held is already: a converter that averages holds the middle of what it has seen. As short as can be it is fresh.
 const AGE: Parameter = Parameter { name: "age", ..FOLLOWS };
 
+/// The oldest that it can be, in periods: the middle of a whole one. What comes later than that is late for another reason.
+const OLDEST: f64 = 0.5;
+
 /// Longest period that is looked for, s.
 const LONGEST_S: f64 = 0.6;
 
@@ -211,7 +214,7 @@ impl Form for Held {
         let (&[look_s, _, follows_s, age_s] | &[look_s, follows_s, age_s]) = parameters else { return };
         if age_s > AGE.low {
             let fresh = path.to_vec();
-            shift(path, &fresh, |_| age_s / run.period_s);
+            shift(path, &fresh, |_| age_s.min(OLDEST * look_s) / run.period_s);
         }
         hold(path, look_s, self.first_look(parameters, run, path), follows_s, run.period_s);
     }
