@@ -201,6 +201,8 @@ pub struct Spec {
     pub steps: &'static [f64],
     /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free.
     pub simpler_at: &'static [(usize, f64)],
+    /// What [`Form::nested_limits`] says, where that hangs on the parameters alone.
+    pub nested_limits: fn(&[f64]) -> Vec<(&'static dyn Form, Vec<f64>)>,
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -241,6 +243,7 @@ impl Spec {
             starts: || vec![Vec::new()],
             steps: &[0.15],
             simpler_at: &[],
+            nested_limits: |_| Vec::new(),
             weights: 0,
             cost: None,
             is_narrow: false,
@@ -266,8 +269,8 @@ pub trait Form: Sync {
         None
     }
     /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
-    fn nested_limits(&self, _parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        Vec::new()
+    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+        (self.spec().nested_limits)(parameters)
     }
     /// Places in the session at which it changes everything, by the recordings' numbers.
     fn changes_at<'a>(&self, _parameters: &'a [f64]) -> &'a [f64] {
@@ -308,8 +311,6 @@ pub struct OfOperators {
     pub set: fn(&[f64], &mut OperatorLaw),
     /// Changes the input.
     pub curve: fn(&[f64], &mut [f64]),
-    /// Simpler laws, as [`Form::nested_limits`].
-    pub nested: fn(&[f64]) -> Vec<(&'static dyn Form, Vec<f64>)>,
 }
 
 impl OfOperators {
@@ -321,7 +322,7 @@ impl OfOperators {
         starts: fn() -> Vec<Vec<f64>>,
         set: fn(&[f64], &mut OperatorLaw),
     ) -> Self {
-        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {}, nested: |_| Vec::new() }
+        Self { spec: Spec { parameters, starts, ..Spec::new(name, form, Place::Operators) }, set, curve: |_, _| {} }
     }
 }
 
@@ -334,9 +335,6 @@ impl Form for OfOperators {
     }
     fn operator_law(&self, parameters: &[f64], law: &mut OperatorLaw) {
         (self.set)(parameters, law);
-    }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        (self.nested)(parameters)
     }
 }
 

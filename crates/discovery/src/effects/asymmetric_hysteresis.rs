@@ -67,6 +67,7 @@ static EACH: OfOperators = OfOperators {
             Parameter { name: "opening", quantity: Quantity::Ratio, low: -0.4, high: 0.8, logarithmic: false },
         ],
         is_static: true,
+        nested_limits: |of| vec![(static_nonlinearity::FORMS[0], vec![0.5 * (of[0] + of[1]), 0.5 * (of[2] + of[3]), 0.0])],
         starts: || {
             grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
         },
@@ -79,7 +80,6 @@ static EACH: OfOperators = OfOperators {
             *value += 0.5 * v * (1.0 - v) * (of[0] + of[1] + (of[2] + of[3]) * (1.0 - 2.0 * v));
         }
     },
-    nested: |of| vec![(static_nonlinearity::FORMS[0], vec![0.5 * (of[0] + of[1]), 0.5 * (of[2] + of[3]), 0.0])],
 };
 
 #[cfg(test)]
@@ -110,6 +110,12 @@ mod tests {
             let wanted = curve(envelope, input[sample]) + gap * (1.0 + input[sample]);
             assert!((operator[sample] - wanted).abs() < 3e-3, "{} instead of {wanted} at {sample}", operator[sample]);
         }
+        // Branches with one curve are no more than that curve of the input.
+        let alike = [0.2, 0.2, -0.1, -0.1, 0.0];
+        let (near, mut bent, mut path) = (EACH.nested_limits(&alike), input.clone(), input);
+        (EACH.curve)(&alike, &mut bent);
+        near[0].0.input(&near[0].1, &session.runs[0], &mut path);
+        assert!(near[0].0.name() == "static-nonlinearity" && bent.iter().zip(path).all(|(bent, v)| (bent - v).abs() < 1e-12));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::chain::filters::{grid, ladder, lag_coefficients, row};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
+use crate::effects::pneumatic_lag;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&HOLE, &REFILLED, &Turbulent, &Filling, &EITHER_WAY];
@@ -116,6 +117,8 @@ impl Form for Filling {
                 Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
             ],
             starts: || grid(&ladder(0.03, 0.4, 3), &[0.04, 0.15]),
+            // With no leak it is the lag by which it fills.
+            nested_limits: |of| vec![(pneumatic_lag::FORMS[0], of[..1].to_vec())],
             ..Spec::new("leakage", ("behind-restriction", "a hole behind the restriction that fills"), Place::Tube)
         }
     }
@@ -215,5 +218,11 @@ mod tests {
             }
             assert!((value - state).abs() < 3e-3, "sample {sample}: {value} and {state}");
         }
+        // Next to no leak leaves the lag that it comes near.
+        let [mut leaking, mut lagging] = [(); 2].map(|()| run.input.clone());
+        Filling.input(&[time_s, 1e-9], run, &mut leaking);
+        let near = Filling.nested_limits(&[time_s, 1e-9]);
+        near[0].0.input(&near[0].1, run, &mut lagging);
+        assert!(near[0].0.name() == "pneumatic-lag" && leaking.iter().zip(&lagging).all(|(x, y)| (x - y).abs() < 3e-3));
     }
 }

@@ -31,45 +31,36 @@ enum Clock {
     Untied,
 }
 
-static OF_EACH_RECORDING: Held = Held {
-    form: ("of-each-recording", "held for a period, counted from the start of each recording"),
-    place: Place::Supply,
-    parameters: &[PERIOD, FIRST_LOOK, FOLLOWS, AGE],
-    clock: Clock::Starts,
-};
+const fn command(form: Told, parameters: &'static [Parameter], clock: Clock) -> Held {
+    Held { form, place: Place::Supply, parameters, clock }
+}
 
-static RUNNING_ON: Held = Held {
-    form: ("of-the-session", "held for a period of a clock that runs on through the session"),
-    clock: Clock::RunsOn,
-    ..OF_EACH_RECORDING
-};
+const fn output(form: Told, parameters: &'static [Parameter], clock: Clock) -> Held {
+    Held { form, place: Place::Sensor, parameters, clock }
+}
 
-static UNTIED: Held = Held {
-    form: ("own-phase", "held for a period, at a phase of its own in each recording"),
-    parameters: &[PERIOD, FOLLOWS, AGE],
-    clock: Clock::Untied,
-    ..OF_EACH_RECORDING
-};
+static OF_EACH_RECORDING: Held =
+    command(("of-each-recording", "held for a period, counted from the start of each recording"), TIED, Clock::Starts);
 
-static OUTPUT_OF_EACH_RECORDING: Held = Held {
-    form: ("output-of-each-recording", "output held for a period, counted from the start of each recording"),
-    place: Place::Sensor,
-    parameters: &[PERIOD, FIRST_LOOK],
-    clock: Clock::Starts,
-};
+static RUNNING_ON: Held = command(("of-the-session", "held for a period of a clock that runs on through the session"), TIED, Clock::RunsOn);
 
-static OUTPUT_RUNNING_ON: Held = Held {
-    form: ("output-of-the-session", "output held for a period of a clock that runs on through the session"),
-    clock: Clock::RunsOn,
-    ..OUTPUT_OF_EACH_RECORDING
-};
+static UNTIED: Held =
+    command(("own-phase", "held for a period, at a phase of its own in each recording"), &[PERIOD, FOLLOWS, AGE], Clock::Untied);
 
-static OUTPUT_UNTIED: Held = Held {
-    form: ("output-own-phase", "output held for a period, at a phase of its own in each recording"),
-    parameters: &[PERIOD],
-    clock: Clock::Untied,
-    ..OUTPUT_OF_EACH_RECORDING
-};
+static OUTPUT_OF_EACH_RECORDING: Held =
+    output(("output-of-each-recording", "output held for a period, counted from the start of each recording"), SEEN, Clock::Starts);
+
+static OUTPUT_RUNNING_ON: Held =
+    output(("output-of-the-session", "output held for a period of a clock that runs on through the session"), SEEN, Clock::RunsOn);
+
+static OUTPUT_UNTIED: Held =
+    output(("output-own-phase", "output held for a period, at a phase of its own in each recording"), &[PERIOD], Clock::Untied);
+
+/// Of what holds the command, where the clock shows where it looks.
+const TIED: &[Parameter] = &[PERIOD, FIRST_LOOK, FOLLOWS, AGE];
+
+/// Of what holds the output, there.
+const SEEN: &[Parameter] = &[PERIOD, FIRST_LOOK];
 
 const PERIOD: Parameter = Parameter { name: "period", quantity: Quantity::Time, low: 1e-3, high: LONGEST_S, logarithmic: true };
 

@@ -158,11 +158,9 @@ impl Form for Overlap {
                 Parameter { name: "flow_time_constant", quantity: Quantity::Time, low: 5e-3, high: 1.0, logarithmic: true },
             ],
             starts: || [0.01, 0.03, 0.08].into_iter().flat_map(|band| [vec![band, 0.03], vec![band, 0.1], vec![band, 0.3]]).collect(),
+            nested_limits: |of| if of[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![of[1]])] } else { Vec::new() },
             ..Spec::new("valve-dead-band", ("overlap", "flow in proportion to the error beyond the band"), Place::Supply)
         }
-    }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
-        if parameters[0] < HARDLY_OVERLAPS { vec![(pneumatic_lag::FORMS[0], vec![parameters[1]])] } else { Vec::new() }
     }
     leads_input!(|self, parameters, run| Edge { band: parameters[0], lag: lag_coefficients(parameters[1], run.period_s) });
 }

@@ -385,11 +385,8 @@ fn signed_ranks(better: &[f64], worse: &[f64], margin: f64) -> Vec<f64> {
 fn simplest(set: &[Scored], margin: f64) -> Vec<Scored> {
     let more =
         |one: &Scored, other: &Scored| one.names.len() > other.names.len() && other.names.iter().all(|name| one.names.contains(name));
-    let price = |one: &Scored, alike: bool| (one.cost, if alike { one.parameters } else { 0 });
-    let dearer = |one: &Scored, other: &Scored| {
-        let alike = one.names == other.names;
-        price(one, alike) > price(other, alike) && one.mean() < other.mean() + margin
-    };
+    let price = |one: &Scored, other: &Scored| (one.cost, if one.names == other.names { one.parameters } else { 0 });
+    let dearer = |one: &Scored, other: &Scored| price(one, other) > price(other, one) && one.mean() < other.mean() + margin;
     let mut simplest: Vec<Scored> = Vec::new();
     for one in set.iter().filter(|one| !set.iter().any(|other| more(one, other) || dearer(one, other))) {
         if simplest.iter().all(|other| other.names != one.names) {

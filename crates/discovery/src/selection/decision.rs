@@ -46,8 +46,8 @@ pub fn decide(session: &Session, base: &Model, outcome: &Outcome, found: &Model,
     models.extend(others.filter(|model| is_wanted(model)).take(places).cloned());
     let mut models = rivals_of(session, models, threads);
     let mut compared = Comparison::new(session, &models, seed, threads);
-    // A rival may be simpler than the search has it, too.
-    let of_rivals = compared.set.iter().flat_map(|member| simpler(&models[member.index])).filter(is_wanted);
+    // A rival may be simpler than the search has it, too. What it does without was for the comparison to say.
+    let of_rivals = compared.set.iter().flat_map(|member| limits(&models[member.index])).filter(is_wanted);
     let of_rivals: Vec<Model> = of_rivals.map(|model| alone(session, model)).collect();
     if !of_rivals.is_empty() {
         models = rivals_of(session, [models, of_rivals].concat(), threads);
@@ -79,14 +79,16 @@ fn simpler(model: &Model) -> Vec<Model> {
     let without =
         |left_out: u32| (0..slots).rev().filter(|slot| left_out >> slot & 1 == 1).fold(model.clone(), |model, slot| model.without(slot));
     let wholes: Vec<Model> = (0..(1 << slots) - 1).map(without).collect();
-    let nested = |whole: &Model| -> Vec<Model> {
-        let of = |(at, slot): (usize, &Slot)| {
-            let limits = slot.form.nested_limits(&slot.parameters).into_iter();
-            limits.map(move |(form, parameters)| whole.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
-        };
-        whole.slots.iter().enumerate().flat_map(of).collect()
+    wholes.iter().skip(1).cloned().chain(wholes.iter().flat_map(limits)).collect()
+}
+
+/// The model with a law that one of its own has come near in the place of that.
+fn limits(model: &Model) -> Vec<Model> {
+    let of = |(at, slot): (usize, &Slot)| {
+        let limits = slot.form.nested_limits(&slot.parameters).into_iter();
+        limits.map(move |(form, parameters)| model.with_in_place_of(at, form, parameters)).collect::<Vec<_>>()
     };
-    wholes.iter().skip(1).cloned().chain(wholes.iter().flat_map(nested)).collect()
+    model.slots.iter().enumerate().flat_map(of).collect()
 }
 
 /// What some of the effects leave when their own parameters are all that is fitted.

@@ -186,4 +186,6 @@ fn what_is_held_may_be_older_than_the_look() {
         assert!((old[sample] - run.input[sample / 10 * 10 - 3]).abs() < 1e-4, "sample {sample}");
         assert!((fresh[sample] - run.input[sample / 10 * 10]).abs() < 1e-4, "sample {sample}");
     }
+    // The middle of a whole period is as old as it gets: what is later than that has a dead time.
+    assert!(through(0.0, 0.3) == through(0.0, 0.1) && through(0.0, 0.1) != old);
 }
