@@ -184,6 +184,9 @@ pub enum Place {
 /// A key for files, in lower case with hyphens, and a sentence for people.
 pub type Told = (&'static str, &'static str);
 
+/// Forms, each with parameters.
+pub type Limits = Vec<(&'static dyn Form, Vec<f64>)>;
+
 /// What a form says of itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
@@ -202,7 +205,7 @@ pub struct Spec {
     /// Parameters (by their numbers) and values at which its law is a simpler one that lacks them: no limits of the search, and for free.
     pub simpler_at: &'static [(usize, f64)],
     /// What [`Form::nested_limits`] says, where that hangs on the parameters alone.
-    pub nested_limits: fn(&[f64]) -> Vec<(&'static dyn Form, Vec<f64>)>,
+    pub nested_limits: fn(&[f64]) -> Limits,
     /// Number of linear weights that it adds.
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
@@ -269,7 +272,7 @@ pub trait Form: Sync {
         None
     }
     /// Simpler effects that it has come near with these parameters, in the form and with the parameters that come nearest.
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         (self.spec().nested_limits)(parameters)
     }
     /// Places in the session at which it changes everything, by the recordings' numbers.

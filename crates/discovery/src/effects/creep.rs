@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
@@ -105,7 +105,7 @@ impl Form for OfOutput {
             columns.push(false, |sample| slow[sample]);
         }
     }
-    fn nested_limits(&self, _: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, _: &[f64]) -> Limits {
         // Weights of zero, and nothing left of earlier recordings: the forms before this one.
         FORMS[..self.0].iter().map(|form| (*form, Vec::new())).collect()
     }

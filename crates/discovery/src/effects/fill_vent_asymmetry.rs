@@ -3,7 +3,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::{grid, ladder, lag_coefficients};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side;
 use crate::data::session::{Run, Session};
 use crate::effects::pneumatic_lag::{self, POWER, through_orifice_s};
@@ -88,7 +88,7 @@ impl Form for TwoLags {
             ..Spec::new("fill-vent-asymmetry", self.form, Place::Flow)
         }
     }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         let [fill_s, vent_s] = [parameters[0], parameters[1]];
         let lag: &'static dyn Form =
             if self.law == Law::Orifice { &pneumatic_lag::ORIFICE } else { pneumatic_lag::FORMS[usize::from(self.held)] };

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{grid, ladder};
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 use crate::effects::{dead_time, pneumatic_lag};
 
@@ -260,7 +260,7 @@ impl Form for Changing {
         starts.map(|(frequency, rest)| [&[frequency], &rest[..self.parameters.len() - 1]].concat()).collect()
     }
     /// With drag and stiffness in proportion.
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         vec![(if self.place == Place::Tip { &TIP } else { &PRESSURE }, parameters[..2].to_vec())]
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
@@ -283,7 +283,7 @@ impl Form for Swinging {
         grid(&ladder(1.2, 8.0, 8), &[0.08, 0.3]).iter().map(|of| [&of[..], &[0.5][..self.parameters.len() - 2]].concat()).collect()
     }
     /// What follows a slow command hardly differently from a swing that is damped so much.
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         let [frequency_hz, damping] = [parameters[0], parameters[1]];
         let behind_s = vec![damping / (PI * frequency_hz)];
         let limits = vec![(dead_time::FORMS[0], behind_s.clone()), (pneumatic_lag::FORMS[0], behind_s)];

@@ -3,7 +3,7 @@
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::grid;
-use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::Run;
 use crate::data::turning::large_turns;
 use crate::effects::creep;
@@ -26,7 +26,7 @@ pub const LEANING: &str = "asymmetric-hysteresis";
 const LEAN: Parameter = Parameter { name: "lean", quantity: Quantity::Ratio, low: -0.9, high: 0.9, logarithmic: false };
 
 /// The law that is alike in both directions in the place of one that leans, whose lean is its second parameter.
-fn without_lean(leans: bool, alike: &'static dyn Form, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+fn without_lean(leans: bool, alike: &'static dyn Form, parameters: &[f64]) -> Limits {
     if leans { vec![(alike, [&parameters[..1], &parameters[2..]].concat())] } else { Vec::new() }
 }
 
@@ -119,7 +119,7 @@ impl Form for BoucWen {
             ..shared(NAME, FORMS[usize::from(self.remembers)])
         }
     }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         without_lean(self.leans, FORMS[usize::from(self.remembers)], parameters)
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
@@ -182,7 +182,7 @@ impl Form for Dahl {
         let plain = Spec::new(NAME, FORMS[usize::from(self.remembers)], Place::Muscle);
         Spec { parameters: &[BOUND, SHARE], starts: || grid(&[0.05, 0.15, 0.4], &[0.7]), ..plain }
     }
-    fn nested_limits(&self, parameters: &[f64]) -> Vec<(&'static dyn Form, Vec<f64>)> {
+    fn nested_limits(&self, parameters: &[f64]) -> Limits {
         without_lean(self.leans, FORMS[2 + usize::from(self.remembers)], parameters)
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
