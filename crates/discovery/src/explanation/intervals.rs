@@ -11,6 +11,7 @@
 //! could be off by as much as changes the mean square by that excess, `sqrt(2 e / H)`, added in quadrature. An error of the form that is no larger
 //! than the mean square is known to cannot be seen: its standard error between recordings is part of the excess.
 
+use identification::nnls;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::data::session::{Role, Run, Session};
@@ -78,7 +79,7 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
     let quantile = StudentsT::new(0.0, 1.0, (count - 1) as f64).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975));
     for (axis, &index) in searched.iter().enumerate() {
         // A row of the inverse curvature; one that is not definite falls back on its diagonal.
-        let row = inverse_row(&curvature, n, axis).filter(|row| row[axis] > 0.0).unwrap_or_else(|| {
+        let row = inverse_row(&curvature, n, axis).unwrap_or_else(|| {
             let mut row = vec![0.0; n];
             row[axis] = 1.0 / curvature[axis * n + axis];
             row
@@ -121,29 +122,10 @@ fn clusters(model: &Model, session: &Session, workspace: &mut Workspace<'_>) -> 
     sums
 }
 
-/// A row of the inverse of a symmetric matrix, by Gauss and Jordan; nothing when it has none.
+/// A row of the inverse of a symmetric matrix; nothing where it is not positive definite.
 fn inverse_row(matrix: &[f64], n: usize, wanted: usize) -> Option<Vec<f64>> {
-    let mut left = matrix.to_vec();
-    let mut right = vec![0.0; n];
-    right[wanted] = 1.0;
-    for pivot in 0..n {
-        let best = (pivot..n).max_by(|&x, &y| left[x * n + pivot].abs().total_cmp(&left[y * n + pivot].abs()))?;
-        if left[best * n + pivot].abs() < 1e-300 {
-            return None;
-        }
-        for column in 0..n {
-            left.swap(pivot * n + column, best * n + column);
-        }
-        right.swap(pivot, best);
-        for row in (0..n).filter(|row| *row != pivot) {
-            let factor = left[row * n + pivot] / left[pivot * n + pivot];
-            for column in pivot..n {
-                left[row * n + column] -= factor * left[pivot * n + column];
-            }
-            right[row] -= factor * right[pivot];
-        }
-    }
-    Some((0..n).map(|row| right[row] / left[row * n + row]).collect())
+    let unit: Vec<f64> = (0..n).map(|row| f64::from(u8::from(row == wanted))).collect();
+    nnls::solve_definite(matrix, &unit, &vec![false; n], &vec![true; n])
 }
 
 #[cfg(test)]
