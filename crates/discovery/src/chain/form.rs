@@ -386,10 +386,10 @@ impl dyn Form + '_ {
         self.spec().jumps
     }
     /// Whether operators that remember earlier recordings must be told what it made of all of them, not of their turning points alone. A
-    /// delay changes none of these, and searching a narrow valley takes long enough without.
+    /// delay changes none of these.
     pub fn follows_history(&self) -> bool {
         let spec = self.spec();
-        spec.place < Place::Operators && !spec.is_static && !spec.is_narrow && !spec.keeps_turning_points
+        spec.place < Place::Operators && !spec.is_static && !spec.keeps_turning_points
     }
     /// Whether what it does shows in the operators' columns: it changes the input path or the operators. What only adds columns or filters
     /// all of them does not, and the operators' columns are kept while such a form is searched.

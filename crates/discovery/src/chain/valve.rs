@@ -1,8 +1,6 @@
 //! The law of a valve with a dead band: it opens when the error between command and pressure passes the band, lets the pressure follow, and closes when
 //! little error is left.
 
-use crate::data::session::Run;
-
 /// See the module; in units of the command.
 #[derive(Clone, Copy, Debug)]
 pub struct Valve {
@@ -15,9 +13,6 @@ pub struct Valve {
     /// What passes through it at most, per s.
     pub most_flow: f64,
 }
-
-/// Recordings before one that are gone through for the pressure at which it begins.
-const BACK: usize = 3;
 
 impl Valve {
     /// Lets the pressure follow a command that goes on a straight line from `from` to `to` within `left_s`, until the valve closes: at the most flow as
@@ -73,42 +68,11 @@ impl Valve {
             (before, *value) = (command, pressure);
         }
     }
-
-    /// Where the pressure stands when the command has been at `command` for long.
-    #[must_use]
-    pub fn settled(&self, pressure: f64, command: f64) -> f64 {
-        let error = command - pressure;
-        if error.abs() > self.band { command - self.closing.copysign(error) } else { pressure }
-    }
-
-    /// Where the pressure stood when the recordings before this one were over: at the command in the first of all. It is known where the command of one has begun far from where
-    /// that of the one before has ended; from there on, or from a few recordings before, the valve is led through them.
-    #[must_use]
-    pub fn stands(&self, run: &Run) -> f64 {
-        if run.session.is_empty() {
-            return run.earlier.as_ref().and_then(|earlier| earlier.pressure).unwrap_or(run.input[0]);
-        }
-        let end = |at: usize| run.session[at].input.last().copied().unwrap_or_default();
-        let is_known = |at: &usize| *at == 0 || (run.session[*at].input[0] - end(*at - 1)).abs() > 2.0 * self.band;
-        let least = run.index.saturating_sub(BACK);
-        let first = (least..=run.index).rev().find(is_known).unwrap_or(least);
-        let begin = if first == 0 { run.session[0].input[0] } else { end(first - 1) };
-        run.session[first..run.index].iter().fold(begin, |pressure, earlier| {
-            let mut path = earlier.input.clone();
-            self.lead(&mut path, self.settled(pressure, earlier.input[0]), earlier.period_s);
-            path[path.len() - 1]
-        })
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use recording::{Recording, Signal};
-
     use super::*;
-    use crate::data::session::Session;
 
     const VALVES: [Valve; 2] = [
         Valve { band: 0.06, closing: 0.012, flow_s: 0.02, most_flow: 1e3 },
@@ -136,34 +100,6 @@ mod tests {
             }
             // Where the command turns just beyond the band the moment of opening is hardly known.
             assert!(f64::sqrt(squares) < 0.02 * valve.band, "{} by {valve:?}", f64::sqrt(squares));
-        }
-    }
-
-    #[test]
-    fn a_recording_begins_where_those_before_have_left_the_pressure_and_a_far_command_leaves_it_at_the_edge() {
-        let sample = |sample: usize| command(0.02 * sample as f64);
-        let recording = |at: usize, from: f64| {
-            let time_s: Vec<f64> = (0..200).map(|sample| 0.02 * sample as f64).collect();
-            let input: Vec<f64> = (0..200).map(|step| from + sample(200 * at + step)).collect();
-            let path = format!("{at}.csv");
-            Recording::new(Path::new(&path), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
-                .expect("a recording")
-        };
-        for valve in VALVES {
-            let whole: Vec<Recording> = (0..3).map(|at| recording(at, 0.0)).collect();
-            let session = Session::new(&whole, &[]).expect("a session");
-            let mut path: Vec<f64> = session.runs.iter().flat_map(|run| run.input.clone()).collect();
-            valve.lead(&mut path, session.runs[0].input[0], 0.02);
-            for run in &session.runs[1..] {
-                let (own, wanted) = (valve.settled(valve.stands(run), run.input[0]), path[200 * run.index]);
-                // The valve may be open from one to the next.
-                assert!((own - wanted).abs() < 0.2 * valve.band, "{}: {own} and {wanted} by {valve:?}", run.name);
-            }
-            // The second begins far above: what the first left makes no difference.
-            let apart = Session::new(&[recording(0, 0.0), recording(1, 0.4)], &[]).expect("a session");
-            let run = &apart.runs[1];
-            let edge = run.input[0] - valve.settled(valve.stands(run), run.input[0]);
-            assert!((edge - valve.closing).abs() < 1e-12, "{edge} by {valve:?}");
         }
     }
 }

@@ -98,9 +98,6 @@ pub struct Earlier {
     /// Where the input of the recording before turned last, normalised, oldest first.
     #[serde(default)]
     pub turns: Vec<f64>,
-    /// Where the pressure behind the model's valve stood, normalised.
-    #[serde(default)]
-    pub pressure: Option<f64>,
 }
 
 /// Most further inputs.

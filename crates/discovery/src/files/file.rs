@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::chain::definition::Definition;
 use crate::chain::form::Quantity;
 use crate::data::session::{Beginning, Earlier, OtherInput, Role, Run, Session};
-use crate::effects::{catalogue, creep, earlier, other_input, valve_dead_band};
+use crate::effects::{catalogue, creep, earlier, other_input};
 use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Slot};
 
@@ -26,7 +26,7 @@ use crate::model::structure::{Model, Slot};
 pub const KIND: &str = "discovered";
 
 /// Version of the file.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// One effect in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -438,7 +438,6 @@ impl DiscoveredModel {
 
 /// Recordings of the session, with what the operators know when each begins.
 fn places(model: &Model, session: &Session) -> Vec<PlaceEntry> {
-    let valve = model.slots.iter().find_map(|slot| valve_dead_band::valve_of(slot.form, &slot.parameters));
     let of = |(run, beginning): (&Run, Beginning)| {
         let (memory, states) = match beginning {
             Beginning::After(memory) => (memory, Vec::new()),
@@ -451,7 +450,7 @@ fn places(model: &Model, session: &Session) -> Vec<PlaceEntry> {
             start_s: run.session_s[0],
             memory,
             states,
-            earlier: Some(earlier::earlier(run, valve.map(|valve| valve.stands(run)))),
+            earlier: Some(earlier::earlier(run)),
         }
     };
     session.runs.iter().zip(model.beginnings(session)).map(of).collect()

@@ -55,6 +55,7 @@ pub fn place(model: &mut Model, values: &[f64]) {
 }
 
 /// Some parameters of a model in units of the search.
+#[derive(Clone)]
 pub struct Line {
     axes: Vec<Axis>,
     indices: Vec<usize>,

@@ -164,8 +164,8 @@ mod tests {
         let case = rig::hide(&CaseConfig { effects: vec!["valve-dead-band".to_owned()], seed: 573, ..CaseConfig::default() });
         let case = case.expect("a case");
         let session = Session::new(&case.recordings[..8], &[]).expect("a session");
-        let mut model = Model::baseline(InitialState::carrying(case.truth.continuous), false)
-            .with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02, 0.0]);
+        let mut model =
+            Model::baseline(InitialState::carrying(case.truth.continuous), false).with(valve_dead_band::FORMS[0], vec![0.06, 0.05, 0.02]);
         let (before, _) = model.fit(&session, Scope::Fit);
         let effort = Effort { scope: Scope::Fit, size: 0.4, evaluations: 60, spread: 1e-6 };
         let after = descend(&mut model, &mut Workspace::new(&session), &[0, 1, 2], effort);

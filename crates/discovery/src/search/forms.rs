@@ -1,4 +1,4 @@
-//! Fitting parameters: one form's by a coarse grid and [`descend`]'s steps or points that are scattered; those of all forms together.
+//! Fitting parameters: one form's by a coarse grid and [`descend`]'s steps; those of all forms together.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -94,41 +94,13 @@ pub fn refine_form(started: &Model, form: &'static dyn Form, session: &Session) 
     let mut model = started.clone();
     let slot = model.slots.iter().position(|slot| slot.form.name() == form.name() && slot.form.form() == form.form()).unwrap_or(0);
     let mut workspace = Workspace::new(session);
-    if form.spec().is_narrow {
-        scatter(&mut model, &mut workspace, slot);
-    } else if !form.spec().discrete {
+    if !form.spec().discrete {
         let effort = Effort { scope: Scope::Screen, size: 1.0, evaluations: 14, spread: 1e-5 };
         let indices = indices_of(&model, slot);
         improve(&mut model, &mut workspace, &indices, effort);
     }
     let (_, select) = model.fit_in(&mut workspace, Scope::Both);
     Fitted { model, select }
-}
-
-/// Points that are scattered, each round of so many within six tenths of the reach of the one before, which is so many first steps at first.
-const SCATTER: (i32, i32, f64) = (1600, 160, 6.0);
-
-/// Moves the logarithmic parameters of a slot, three at most, to the best of points that lie evenly about the best so far, ever nearer (the additive
-/// recurrence of Roberts 2018), and the others to one end or the other: a simplex ends in the nearest of many valleys.
-fn scatter(model: &mut Model, workspace: &mut Workspace<'_>, slot: usize) {
-    const RATIOS: [f64; 4] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2, 0.5];
-    let (form, (points, round, first)) = (model.slots[slot].form, SCATTER);
-    let mut best = (objective(model, workspace, Scope::Screen), model.slots[slot].parameters.clone());
-    for number in 0..points {
-        let (reach, moved) = (first * 0.6_f64.powi(number / round), &mut model.slots[slot].parameters);
-        moved.clone_from(&best.1);
-        for ((axis, ratio), limits) in RATIOS.into_iter().enumerate().zip(form.parameters()) {
-            let place = 2.0 * (ratio * f64::from(number + 1)).fract() - 1.0;
-            let ends = if place < 0.0 { limits.low } else { limits.high };
-            let near = moved[axis] * (reach * form.step(axis) * place).exp();
-            moved[axis] = if limits.logarithmic { near.clamp(limits.low, limits.high) } else { ends };
-        }
-        let square = objective(model, workspace, Scope::Screen);
-        if square < best.0 {
-            best = (square, model.slots[slot].parameters.clone());
-        }
-    }
-    model.slots[slot].parameters = best.1;
 }
 
 /// Improves all parameters of all effects together, by the samples of `scope`.

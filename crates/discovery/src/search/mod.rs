@@ -1,5 +1,6 @@
 //! The search for the parameters of a form.
 
+pub mod cross_entropy;
 pub mod descent;
 pub mod forms;
 pub mod parallel;

@@ -38,7 +38,13 @@ pub fn effects(session: &Session, model: Model, pressure_path: Option<&[String]>
     let bench = Bench { session, forms, threads: config.threads, watch };
     let first = First::new(&bench, model.clone(), config.most_effects > 0);
     if first.wants_more(session) {
-        let alone = first.outcome();
+        let mut alone = first.outcome();
+        // A simulated valve that suffices needs no observer, and beside it only what suffices as well is an explanation.
+        if switching_selection::is_simulated(session, &model, &alone) {
+            alone.met.retain(|met| switching_selection::suffices(session, &model, met));
+            alone.tried.clear();
+            return alone;
+        }
         if switching_selection::may_jump(&bench, &model, &alone) {
             watch(Progress::Stage("what jumps"));
             let outcome = switching_selection::rename(&bench, &model, alone);
@@ -96,7 +102,15 @@ impl First {
             firsts.extend(bench.polished(&others, POLISH));
             firsts.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
         }
-        let pays = firsts.first().is_some_and(|first| any && first.pays(&bare, PENALTY));
+        let pays = |firsts: &[Judged]| firsts.first().is_some_and(|first| any && first.pays(&bare, PENALTY));
+        let standing = firsts.first().filter(|_| pays(&firsts)).unwrap_or(&bare);
+        if !firsts.is_empty() && leaves(bench.session, standing) {
+            (bench.watch)(Progress::Stage("a simulated valve"));
+            let valve = switching_selection::simulated_valve(bench, &base);
+            firsts.extend(bench.polished(valve.as_slice(), POLISH));
+            firsts.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
+        }
+        let pays = pays(&firsts);
         Self { base, bare, tried, firsts, pays, candidates }
     }
 

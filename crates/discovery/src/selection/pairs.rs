@@ -104,7 +104,7 @@ fn seconds(bench: &Bench<'_>, forms: &[&'static dyn Form], models: &[Model], ord
     // A narrow valley in several parameters takes as long as all other forms together: beside the best first effect only.
     let laborious = |form: &'static dyn Form| is_narrow(form) && form.parameters().len() > 1;
     let wanted = |first: usize, form: &&'static dyn Form| {
-        let is_other = models[first].names().all(|name| name != form.name());
+        let is_other = !form.spec().is_narrow && models[first].names().all(|name| name != form.name());
         let in_reach = first == 0 && order == Order::Usual || !laborious(*form);
         is_other && in_reach && (order == Order::Usual || models[first].turns_with(*form))
     };

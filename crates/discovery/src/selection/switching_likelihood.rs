@@ -1,9 +1,7 @@
 //! The log-likelihood for a law of jumps, and the best law: what the observers of [`super::jumps`] make of all recordings.
 
 use crate::chain::form::Drive;
-use crate::chain::valve::Valve;
 use crate::data::session::{Role, Run, Session};
-use crate::effects::valve_dead_band::{Start, valve_of};
 use crate::model::paths::Paths;
 use crate::model::structure::Model;
 use crate::observers::jumps;
@@ -217,17 +215,9 @@ impl<'a> QuasiStatic<'a> {
         crate::chain::filters::ladder(0.01, 0.16, 10).into_iter().flat_map(of).collect()
     }
 
-    /// The best law of jumps that break away by `drive`, of a ladder of laws and of the valves that a search `likely` begins at.
-    pub fn law(&self, drive: Drive, lag_s: f64, likely: &[Start]) -> SlipLaw {
-        let still = self.still(drive, lag_s);
-        let of_simulation = |valve: Valve| {
-            let (law, closing) = (SlipLaw { flow_s: valve.flow_s, most_flow: valve.most_flow, ..still }, valve.closing / valve.band);
-            [0.05, 0.15].map(|scatter| SlipLaw { break_away: valve.band, closing, scatter, ..law })
-        };
-        // Every valve is there twice, its pressure carried over or not.
-        let valves = likely.iter().step_by(2).filter_map(|(form, start)| valve_of(*form, start));
-        let laws = self.ladder(drive, lag_s).into_iter().chain(valves.flat_map(of_simulation));
-        self.best(laws.collect(), false).map_or(still, |best| self.tuned(best.1, &STEPS, false))
+    /// The best law of jumps that break away by `drive`, of a ladder of laws.
+    pub fn law(&self, drive: Drive, lag_s: f64) -> SlipLaw {
+        self.best(self.ladder(drive, lag_s), false).map_or_else(|| self.still(drive, lag_s), |best| self.tuned(best.1, &STEPS, false))
     }
 
     /// The best of a few laws, and its log-likelihood on the fitted samples; of none when none can be seen.

@@ -3,13 +3,10 @@
 use crate::chain::form::{Drive, Form};
 use crate::data::session::Session;
 use crate::effects::sticking::inferred_quasi_static;
-use crate::effects::valve_dead_band::Start;
 use crate::effects::{pneumatic_lag, sticking, valve_dead_band};
 use crate::model::structure::{Model, Scope};
-use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
-use crate::search::forms;
-use crate::search::simplex::objective;
+use crate::search::{cross_entropy, forms};
 use crate::selection::rounds::POLISH;
 use crate::selection::switching_likelihood::QuasiStatic;
 
@@ -153,23 +150,21 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
 }
 
 /// A valve as a simulation, beside the smooth effects of `beside`. The law of a staircase lies in a valley that a search from afar misses; the observer,
-/// which sees every jump from where the pressure stands, says where, by its `law`, and so do the forms, where they begin their own search (`likely`).
-pub fn simulated(session: &Session, beside: &Model, law: &SlipLaw, likely: &[Start]) -> Model {
+/// which sees every jump from where the pressure stands, says where, by its `law`.
+pub fn simulated(session: &Session, beside: &Model, law: &SlipLaw, threads: usize) -> Model {
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
-    let mut workspace = Workspace::new(session);
-    let mut judge = |form, model: Model| (objective(&model, &mut workspace, Scope::Fit), form, model);
-    let starts = valve_dead_band::nearest(&law.valve()).into_iter().chain(likely.iter().cloned());
-    let mut begun: Vec<(f64, &'static dyn Form, Model)> = starts.map(|(form, start)| judge(form, coarse.with(form, start))).collect();
-    begun.sort_by(|x, y| x.0.total_cmp(&y.0));
-    let searched = begun.into_iter().take(BEGUN).map(|(_, form, model)| judge(form, forms::refine_form(&model, form, session).model));
-    let best = searched.min_by(|x, y| x.0.total_cmp(&y.0)).map_or(coarse.clone(), |best| best.2);
+    let begun = valve_dead_band::nearest(&law.valve()).map(|(form, start)| coarse.with(form, start));
+    let best = nearest(session, &begun, threads).unwrap_or(coarse);
     let mut model = forms::polish(&best, session, Scope::Fit, 2 * POLISH).model.refined();
     model.fit(session, Scope::Both);
     model.pruned()
 }
 
-/// Starts of a simulated valve that are searched from.
-const BEGUN: usize = 4;
+/// The best simulated valve about these, which differ in the law of the valve.
+pub fn nearest(session: &Session, begun: &[Model], threads: usize) -> Option<Model> {
+    let slot = begun.first()?.slots.iter().position(|slot| slot.form.spec().is_narrow)?;
+    cross_entropy::search(begun, slot, session, threads)
+}
 
 /// How often weights are fitted again beside the jumps, and how their law is found again.
 pub struct Refits {

@@ -9,7 +9,6 @@ use crate::chain::form::{Drive, Form};
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
-use crate::effects::valve_dead_band::Start;
 use crate::model::structure::{Model, Scope};
 use crate::observers::law::SlipLaw;
 use crate::result::Candidate;
@@ -75,14 +74,7 @@ fn explanations(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> Vec<Model
 const VALVE: &str = "valve-dead-band";
 
 /// The best jumps of one form on every smooth explanation, those on the leading ones and on the first fitted in full.
-fn jumps(
-    session: &Session,
-    explanations: &[Model],
-    smoothest: usize,
-    form: &'static dyn Form,
-    likely: &[Start],
-    noise: f64,
-) -> Vec<Judged> {
+fn jumps(session: &Session, explanations: &[Model], smoothest: usize, form: &'static dyn Form, noise: f64) -> Vec<Judged> {
     let drive = form.jumps().unwrap_or(Drive::QuasiStatic);
     let feels = form.spec().feels_sensor;
     // Whether a stick position feels the sensor makes a difference where the sensor moves within the time that a stick position holds.
@@ -90,7 +82,7 @@ fn jumps(
     let on = |model: &Model, lag_s: f64| QuasiStatic::new(session, &with_lag(model, drive, lag_s), noise, feels);
     let of = |index: usize| {
         let (model, lag_s) = lagged(session, &explanations[index], drive, lags(drive));
-        on(&model, lag_s).law(drive, lag_s, if drive == Drive::Command { likely } else { &[] })
+        on(&model, lag_s).law(drive, lag_s)
     };
     let wanted: Vec<usize> = (0..explanations.len()).filter(|&index| differs(&explanations[index])).collect();
     let Some(&first) = wanted.first() else { return Vec::new() };
@@ -180,6 +172,27 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     best(|sight| sight.1) - best(|sight| sight.0) > JUMPS
 }
 
+/// The best simulated valve from afar, on the coarse grid.
+pub fn simulated_valve(bench: &Bench<'_>, base: &Model) -> Option<Model> {
+    let residual = base.residuals(bench.session);
+    let valves: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.spec().is_narrow).collect();
+    let begin = |form: &&'static dyn Form| {
+        let starts = form.starts(bench.session, &residual);
+        starts.into_iter().map(|at| base.with(*form, at)).collect::<Vec<Model>>()
+    };
+    switching_refits::nearest(bench.session, &parallel::in_parallel(&valves, bench.threads, begin).concat(), bench.threads)
+}
+
+/// Whether a model leaves no more than may stay unexplained.
+pub fn suffices(session: &Session, base: &Model, model: &Model) -> bool {
+    !Left::between(session, base, model, 0.0).is_too_much()
+}
+
+/// Whether what was found is a simulated valve and leaves too little for anything else to be looked for.
+pub fn is_simulated(session: &Session, base: &Model, outcome: &Outcome) -> bool {
+    outcome.found.order == [VALVE] && suffices(session, base, &outcome.model)
+}
+
 /// Whether what was found jumps, and leaves nothing that stands out of the noise and of what the times of jumps scatter by. What needs something
 /// smooth beside it does not count: a search for two effects may find what needs no jumps, or a valve's simulation that needs nothing else.
 pub fn explains_all(session: &Session, base: &Model, outcome: &Outcome) -> bool {
@@ -193,10 +206,9 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let session = bench.session;
     let forms: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.jumps().is_some()).collect();
     let simulated = outcome.found.order.contains(&VALVE);
-    let left = Left::between(session, base, &outcome.model, 0.0);
     // What a simulated valve misses of its jumps may pass for another effect beside it.
-    let beside_simulated = simulated && outcome.found.order.len() > 1;
-    let is_met = if simulated { !beside_simulated && !left.is_too_much() } else { !left.stands_out };
+    let is_met =
+        if simulated { is_simulated(session, base, &outcome) } else { !Left::between(session, base, &outcome.model, 0.0).stands_out };
     if forms.is_empty() || is_met {
         return outcome;
     }
@@ -205,12 +217,7 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     let base = &explanations[0];
     let smooth = parallel::in_parallel(&explanations, bench.threads, |model| QuasiStatic::new(session, model, noise, false).smooth());
     let smoothest = (0..smooth.len()).max_by(|&x, &y| smooth[x].mean().total_cmp(&smooth[y].mean())).unwrap_or(0);
-    // What a simulated valve begins its search at is where the observer of one may begin, too.
-    let residual = base.residuals(session);
-    let simulated_valves = bench.forms.iter().filter(|form| form.name() == VALVE && form.spec().is_narrow);
-    let starts = |form: &&'static dyn Form| form.starts(session, &residual).into_iter().map(|start| (*form, start)).collect::<Vec<Start>>();
-    let likely: Vec<Start> = simulated_valves.flat_map(starts).collect();
-    let of_forms = parallel::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, &likely, noise));
+    let of_forms = parallel::in_parallel(&forms, bench.threads, |form| jumps(session, &explanations, smoothest, *form, noise));
     let mut judged: Vec<Vec<Judged>> = Vec::new();
     for of_form in of_forms.into_iter().filter(|of_form| !of_form.is_empty()) {
         match judged.iter_mut().find(|others| others[0].form.name() == of_form[0].form.name()) {
@@ -259,9 +266,9 @@ pub fn rename(bench: &Bench<'_>, base: &Model, mut outcome: Outcome) -> Outcome 
     if simulated {
         outcome.met.insert(0, simulation);
     }
-    if name == VALVE && !likely.is_empty() {
+    if name == VALVE && bench.forms.iter().any(|form| form.spec().is_narrow) {
         // Of several models of the same forms the first is compared: the one that leaves less.
-        let simulation = switching_refits::simulated(session, beside, &one.law, &likely);
+        let simulation = switching_refits::simulated(session, beside, &one.law, bench.threads);
         let left = |model: &Model| model.clone().fit(session, Scope::Both).1;
         if outcome.met.iter().find(|met| met.forms() == simulation.forms()).is_none_or(|met| left(&simulation) < left(met)) {
             outcome.met.insert(0, simulation);

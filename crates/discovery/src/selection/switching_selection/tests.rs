@@ -86,7 +86,7 @@ fn the_ladder_of_laws_tells_slips_that_take_several_samples_from_slips_at_once()
         let mut model = Model::baseline(InitialState::Fresh, false).refined();
         model.fit(&session, Scope::Both);
         let noise = noise::floor(&session, &model.residuals(&session));
-        let law = QuasiStatic::new(&session, &model, noise, false).law(Drive::QuasiStatic, 0.0, &[]);
+        let law = QuasiStatic::new(&session, &model, noise, false).law(Drive::QuasiStatic, 0.0);
         // To a sample: the response that it stands on is fitted as if what jumps were noise.
         assert!((law.slip_s - slip_s).abs() < 0.02, "{} s instead of {slip_s} s", law.slip_s);
     }
