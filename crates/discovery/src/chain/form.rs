@@ -210,7 +210,7 @@ pub struct Spec {
     pub weights: usize,
     /// Number of parameters it counts as when effects compete, where these are not its parameters and weights.
     pub cost: Option<usize>,
-    /// Whether the valley of its search is much narrower than any grid.
+    /// Whether the valley of its search is much narrower than any grid: no round tries it, it has a search of its own.
     pub is_narrow: bool,
     /// Whether its input path has no memory.
     pub is_static: bool,

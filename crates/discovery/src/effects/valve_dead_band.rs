@@ -33,7 +33,7 @@ static SEEN: Sticking = Sticking {
 /// Length of the stretches whose steps a valve is matched with, s: within one an error of the law hardly adds up.
 const STRETCH_S: f64 = 1.2;
 
-/// Best laws of a grid that are improved, each with another travel.
+/// Best laws of a grid that a search begins at, each with another travel.
 const TRAVELS: usize = 8;
 
 const BAND: Parameter = Parameter { name: "band", quantity: Quantity::Input, low: 2e-3, high: 0.5, logarithmic: true };

@@ -1,4 +1,4 @@
-//! The search: a first effect; what jumps, if it shows at first sight; two together where the first leaves something; and a third. Which of them stay is
+//! The search: a first effect; where it leaves something a simulated valve, what jumps, if it shows at first sight, and two together; and a third. Which of them stay is
 //! decided where all explanations are compared.
 
 use crate::data::noise;

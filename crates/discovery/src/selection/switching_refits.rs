@@ -1,4 +1,4 @@
-//! Fitting a smooth model beside what sticks and slips, and the law of that again on the model.
+//! Fitting a smooth model beside what sticks and slips, the law of that again on the model, and a valve as a simulation.
 
 use crate::chain::form::{Drive, Form};
 use crate::data::session::Session;
