@@ -17,8 +17,8 @@ const POINTS: (usize, usize) = (40, 8);
 /// Standard deviation at first, in first steps of each parameter.
 const SPREAD: f64 = 3.0;
 
-/// Rounds after which the best clouds go on alone, how many these are, and their further rounds.
-const ROUNDS: (usize, usize, usize) = (6, 4, 14);
+/// Rounds after which the better half of the clouds goes on (successive halving, Karnin et al. 2013), and the further ones of the last two.
+const ROUNDS: (usize, usize) = (3, 11);
 
 /// Points about the best, of all parameters of a slot.
 #[derive(Clone)]
@@ -77,16 +77,24 @@ impl Cloud {
     }
 }
 
-/// The best point about these models, which differ in the parameters of one slot: about each for a few rounds, then about the best few.
-pub fn search(models: &[Model], slot: usize, session: &Session, threads: usize) -> Option<Model> {
-    let (first, few, further) = ROUNDS;
-    let contracted = |cloud: &Cloud, rounds: usize| {
-        let mut cloud = cloud.clone();
-        cloud.contract(rounds, &mut Workspace::new(session));
-        cloud
+/// The best point about these models, which differ in the parameters of their narrow form, if any soon leaves less of the fitted samples than `bar`.
+pub fn search(models: &[Model], bar: f64, session: &Session, threads: usize) -> Option<Model> {
+    let slot = models.first()?.slots.iter().position(|slot| slot.form.spec().is_narrow)?;
+    let contracted = |clouds: &[Cloud], rounds: usize| {
+        let mut clouds = in_parallel(clouds, threads, |cloud| {
+            let mut cloud = cloud.clone();
+            cloud.contract(rounds, &mut Workspace::new(session));
+            cloud
+        });
+        clouds.retain(|cloud| cloud.square < bar);
+        clouds.sort_by(|x, y| x.square.total_cmp(&y.square));
+        clouds
     };
-    let mut clouds = in_parallel(models, threads, |model| contracted(&Cloud::about(model, slot), first));
-    clouds.sort_by(|x, y| x.square.total_cmp(&y.square));
-    let last = in_parallel(&clouds[..few.min(clouds.len())], threads, |cloud| contracted(cloud, further));
-    last.into_iter().min_by(|x, y| x.square.total_cmp(&y.square)).map(|cloud| cloud.model)
+    let mut clouds: Vec<Cloud> = models.iter().map(|model| Cloud::about(model, slot)).collect();
+    while clouds.len() > 2 {
+        let half = clouds.len().div_ceil(2);
+        clouds = contracted(&clouds, ROUNDS.0);
+        clouds.truncate(half);
+    }
+    contracted(&clouds, ROUNDS.1).into_iter().next().map(|cloud| cloud.model)
 }

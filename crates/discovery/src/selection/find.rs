@@ -106,7 +106,7 @@ impl First {
         let standing = firsts.first().filter(|_| pays(&firsts)).unwrap_or(&bare);
         if !firsts.is_empty() && leaves(bench.session, standing) {
             (bench.watch)(Progress::Stage("a simulated valve"));
-            let valve = switching_selection::simulated_valve(bench, &base);
+            let valve = switching_selection::simulated_valve(bench, &base, &standing.model);
             firsts.extend(bench.polished(valve.as_slice(), POLISH));
             firsts.sort_by(|x, y| x.penalised().total_cmp(&y.penalised()));
         }

@@ -154,16 +154,10 @@ pub fn without_mean_error(model: &Model, mean_error: f64) -> Model {
 pub fn simulated(session: &Session, beside: &Model, law: &SlipLaw, threads: usize) -> Model {
     let coarse = Model { slots: beside.slots.clone(), ..Model::baseline(beside.initial_state, beside.stops) };
     let begun = valve_dead_band::nearest(&law.valve()).map(|(form, start)| coarse.with(form, start));
-    let best = nearest(session, &begun, threads).unwrap_or(coarse);
+    let best = cross_entropy::search(&begun, f64::INFINITY, session, threads).unwrap_or(coarse);
     let mut model = forms::polish(&best, session, Scope::Fit, 2 * POLISH).model.refined();
     model.fit(session, Scope::Both);
     model.pruned()
-}
-
-/// The best simulated valve about these, which differ in the law of the valve.
-pub fn nearest(session: &Session, begun: &[Model], threads: usize) -> Option<Model> {
-    let slot = begun.first()?.slots.iter().position(|slot| slot.form.spec().is_narrow)?;
-    cross_entropy::search(begun, slot, session, threads)
 }
 
 /// How often weights are fitted again beside the jumps, and how their law is found again.

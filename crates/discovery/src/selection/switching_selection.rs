@@ -10,13 +10,15 @@ use crate::data::noise;
 use crate::data::session::Session;
 use crate::data::statistics::tail;
 use crate::model::structure::{Model, Scope};
+use crate::model::workspace::Workspace;
 use crate::observers::law::SlipLaw;
 use crate::result::Candidate;
-use crate::search::parallel;
+use crate::search::simplex::objective;
+use crate::search::{cross_entropy, parallel};
 use crate::selection::found::Outcome;
 use crate::selection::leaves::Left;
 use crate::selection::rounds;
-use crate::selection::rounds::Bench;
+use crate::selection::rounds::{Bench, FAR_BEHIND};
 use crate::selection::settings::{BESIDE_JUMPS, FEW, JUMPS, LIKELY, MOST_COMPARED, MOST_SCATTER};
 use crate::selection::switching_likelihood::{LogLikelihood, QuasiStatic, lags};
 use crate::selection::switching_refits::{self, FIRST_REFITS, LAST_REFITS, lagged, refitted, with_lag};
@@ -172,15 +174,18 @@ pub fn may_jump(bench: &Bench<'_>, base: &Model, outcome: &Outcome) -> bool {
     best(|sight| sight.1) - best(|sight| sight.0) > JUMPS
 }
 
-/// The best simulated valve from afar, on the coarse grid.
-pub fn simulated_valve(bench: &Bench<'_>, base: &Model) -> Option<Model> {
+/// The best simulated valve from afar, on the coarse grid, unless valves are soon seen to be far behind the model of `standing`.
+pub fn simulated_valve(bench: &Bench<'_>, base: &Model, standing: &Model) -> Option<Model> {
+    let mut workspace = Workspace::new(bench.session);
+    let [was, is] = [base, standing].map(|model| objective(model, &mut workspace, Scope::Fit));
     let residual = base.residuals(bench.session);
     let valves: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.spec().is_narrow).collect();
     let begin = |form: &&'static dyn Form| {
         let starts = form.starts(bench.session, &residual);
         starts.into_iter().map(|at| base.with(*form, at)).collect::<Vec<Model>>()
     };
-    switching_refits::nearest(bench.session, &parallel::in_parallel(&valves, bench.threads, begin).concat(), bench.threads)
+    let begun = parallel::in_parallel(&valves, bench.threads, begin).concat();
+    cross_entropy::search(&begun, was - FAR_BEHIND * (was - is), bench.session, bench.threads)
 }
 
 /// Whether a model leaves no more than may stay unexplained.
