@@ -6,13 +6,14 @@ use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
 use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
-use crate::data::session::{Run, Session};
+use crate::data::session::{Earlier, Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
     &OfOutput(0),
     &OfOutput(1),
     &OfOutput(2),
+    &OfOutput(3),
     &OfInput,
     &Activated { of_input: true },
     &Activated { of_input: false },
@@ -28,9 +29,13 @@ const SQUARED: usize = 3;
 /// Share of what a recording has left in the material below which earlier recordings are not looked at.
 const FORGOTTEN: f64 = 0.01;
 
-/// By its number in [`FORMS`]: the plain one; one that goes on from recording to recording; and one that, beside that, gives by the square of the load as
-/// well (Leaderman 1943, Schapery 1969).
+/// By its number in [`FORMS`]: the plain one; one that goes on from recording to recording; one that, beside that, gives by the square of the load as
+/// well (Leaderman 1943, Schapery 1969); and one that goes on under an input that is held where a recording ended.
 struct OfOutput(usize);
+
+const CURVED: usize = 2;
+
+const HELD: usize = 3;
 
 struct OfInput;
 
@@ -40,27 +45,28 @@ struct Activated {
     of_input: bool,
 }
 
-/// What earlier recordings have left of themselves, at the start of this one, in the input behind a lag of `time_s`: the lagged input over
-/// the input at rest. Between recordings the input rests.
-pub fn left_of_earlier(run: &Run, time_s: f64) -> f64 {
-    let start_s = run.session_s[0];
-    let mut left = 0.0;
-    for earlier in run.session.iter().take(run.index).rev() {
-        let age_s = |sample: usize| start_s - earlier.session_s[sample];
-        let rest = earlier.input[0];
-        if (-age_s(earlier.input.len() - 1) / time_s).exp() < FORGOTTEN {
-            break;
-        }
+/// What earlier recordings have left, at the start of this one, in the input behind a lag of `time_s`: the lagged input over that of this start. Between
+/// recordings the input rests where the next one starts, or where the last one ended (`held`).
+pub fn left_of_earlier(run: &Run, time_s: f64, held: bool) -> f64 {
+    let (start_s, start) = (run.session_s[0], run.input[0]);
+    let fades_to = |from_s: f64| ((from_s - start_s) / time_s).exp();
+    let (mut left, mut next) = (0.0, run);
+    for earlier in run.session.iter().take(run.index).rev().take_while(|_| fades_to(next.session_s[0]) > FORGOTTEN) {
+        let last = earlier.input.len() - 1;
         let (share, keep) = (earlier.period_s / time_s, (-earlier.period_s / time_s).exp());
-        let at_its_end = earlier.input.iter().fold(0.0, |left, value| left * keep + value - rest);
-        left += share * at_its_end * (-age_s(earlier.input.len() - 1) / time_s).exp();
+        let at_its_end = earlier.input.iter().fold(0.0, |left, value| left * keep + value - start);
+        let [end, resumed] = [earlier.session_s[last], next.session_s[0]].map(fades_to);
+        let rest = if held { earlier.input[last] } else { next.input[0] };
+        left += (resumed - end) * (rest - start) + share * at_its_end * end;
+        next = earlier;
     }
-    left
+    left + fades_to(next.session_s[0]) * (next.input[0] - start)
 }
 
 /// The same for a lag of [`TIMES_S`], as a file tells or by the recordings before.
-fn left(run: &Run, at: usize) -> f64 {
-    run.earlier.as_ref().map_or_else(|| left_of_earlier(run, TIMES_S[at]), |earlier| earlier.creeping[at])
+fn left(run: &Run, at: usize, held: bool) -> f64 {
+    let of_file = |earlier: &Earlier| earlier.creeping[if held { TIMES_S.len() + at } else { at }];
+    run.earlier.as_ref().map_or_else(|| left_of_earlier(run, TIMES_S[at], held), of_file)
 }
 
 /// How much of the output goes with a unit of the input in one recording.
@@ -75,13 +81,14 @@ pub fn gain(input: &[f64], output: &[f64]) -> f64 {
 
 impl Form for OfOutput {
     fn spec(&self) -> Spec {
-        const NAMES: [Told; 3] = [
+        const NAMES: [Told; 4] = [
             ("of-the-displacement", "of the displacement"),
             ("of-the-displacement-going-on", "of the displacement, going on from recording to recording"),
             ("of-the-displacement-curved", "of the displacement and its square, going on from recording to recording"),
+            ("of-the-displacement-held", "of the displacement, going on where the last recording ended"),
         ];
         // Weights that must not be negative are rarely all in use.
-        let (weights, cost) = if self.0 > 1 { (TIMES_S.len() + SQUARED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
+        let (weights, cost) = if self.0 == CURVED { (TIMES_S.len() + SQUARED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
         Spec { weights, cost, needs_sum: true, ..Spec::new("creep", NAMES[self.0], Place::Material) }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
@@ -90,7 +97,7 @@ impl Form for OfOutput {
             lag(&mut slow, time_s, run.period_s);
             if self.0 > 0 {
                 // The displacement of earlier recordings is in proportion to their input, closely enough for what is left of it.
-                let left = gain(&run.input, sum) * left(run, at);
+                let left = gain(&run.input, sum) * left(run, at, self.0 == HELD);
                 let keep = (-run.period_s / time_s).exp();
                 slow.iter_mut().fold(left, |left, value| {
                     *value += left;
@@ -99,7 +106,7 @@ impl Form for OfOutput {
             }
             columns.push(false, |sample| slow[sample]);
         }
-        for time_s in TIMES_S.into_iter().take(if self.0 > 1 { SQUARED } else { 0 }) {
+        for time_s in TIMES_S.into_iter().take(if self.0 == CURVED { SQUARED } else { 0 }) {
             let mut slow: Vec<f64> = sum.iter().map(|value| value * value.abs()).collect();
             lag(&mut slow, time_s, run.period_s);
             columns.push(false, |sample| slow[sample]);
@@ -107,7 +114,7 @@ impl Form for OfOutput {
     }
     fn nested_limits(&self, _: &[f64]) -> Limits {
         // Weights of zero, and nothing left of earlier recordings: the forms before this one.
-        FORMS[..self.0].iter().map(|form| (*form, Vec::new())).collect()
+        FORMS[..if self.0 == HELD { 1 } else { self.0 }].iter().map(|form| (*form, Vec::new())).collect()
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         // Of the whole stroke, which is one long.
@@ -211,7 +218,7 @@ impl Form for Activated {
 fn flowed_before(run: &Run, time_s: f64) -> f64 {
     let distance = |lag_s: &f64| (lag_s / time_s).ln().abs();
     let nearest = (1..TIMES_S.len()).fold(0, |best, at| if distance(&TIMES_S[at]) < distance(&TIMES_S[best]) { at } else { best });
-    run.input[0] + left(run, nearest)
+    run.input[0] + left(run, nearest, false)
 }
 
 /// One step of [`Activated`], exact for what holds during it: `tanh((x - z) / (2 A))` decays exponentially.
@@ -222,7 +229,7 @@ fn flow(flowed: f64, towards: f64, time_s: f64, activation: f64, period_s: f64) 
 
 #[cfg(test)]
 mod tests {
-    use super::{OfOutput, TIMES_S};
+    use super::{CURVED, HELD, OfOutput, TIMES_S};
     use crate::chain::columns::Columns;
     use crate::chain::filters::lag;
     use crate::chain::form::Form;
@@ -237,28 +244,29 @@ mod tests {
         let record = |recording: u32| {
             let time_s: Vec<f64> = (0..900).map(|sample| f64::from(sample) * PERIOD_S).collect();
             let top = 1.0 + 0.3 * f64::from(recording);
-            let input: Vec<f64> = time_s.iter().map(|time| top * (-0.1 * time).exp() * (1.0 - (1.9 * time).cos())).collect();
+            let input: Vec<f64> =
+                time_s.iter().map(|time| top * (-0.1 * time).exp() * (1.0 - (1.9 * time + f64::from(recording)).cos())).collect();
             Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input)
                 .expect("a recording")
         };
         let session = Session::new(&(0..5).map(record).collect::<Vec<_>>(), &[]).expect("a session");
         let last = session.runs.last().expect("recordings");
         for time_s in [2.0, 8.0, 32.0] {
-            // One signal with the rest between recordings in it; it rests at the same input everywhere.
-            let mut whole = Vec::new();
-            for run in &session.runs[..last.index] {
-                let start = (run.session_s[0] / PERIOD_S).round() as usize;
-                whole.resize(start, run.input[0]);
-                whole.extend(&run.input);
+            for held in [false, true] {
+                // One signal with the rest between recordings in it.
+                let mut whole: Vec<f64> = Vec::new();
+                for run in &session.runs[..=last.index] {
+                    let start = (run.session_s[0] / PERIOD_S).round() as usize;
+                    whole.resize(start, if held { *whole.last().unwrap_or(&run.input[0]) } else { run.input[0] });
+                    whole.extend(&run.input[..if run.index == last.index { 1 } else { run.input.len() }]);
+                }
+                lag(&mut whole, time_s, PERIOD_S);
+                let exact = whole.last().expect("samples") - last.input[0];
+                let left = left_of_earlier(last, time_s, held);
+                assert!((left - exact).abs() < 0.02 * exact.abs() + 0.004, "{time_s} s, {held}: {left} instead of {exact}");
             }
-            let rest = last.input[0];
-            whole.resize((last.session_s[0] / PERIOD_S).round() as usize + 1, rest);
-            lag(&mut whole, time_s, PERIOD_S);
-            let exact = whole.last().expect("samples") - rest;
-            let left = left_of_earlier(last, time_s);
-            assert!((left - exact).abs() < 0.02 * exact + 0.002, "{time_s} s: {left} instead of {exact}");
         }
-        assert_eq!(left_of_earlier(&session.runs[0], 8.0), 0.0);
+        assert_eq!(left_of_earlier(&session.runs[0], 8.0, true), 0.0);
     }
 
     #[test]
@@ -272,7 +280,7 @@ mod tests {
             let run = &session.runs[0];
             let sum: Vec<f64> = run.time_s.iter().map(|time| if *time < 1.0 { 0.0 } else { load }).collect();
             let mut columns = Columns::of(sum.len());
-            OfOutput(2).output(&[], run, &sum, &mut columns);
+            OfOutput(CURVED).output(&[], run, &sum, &mut columns);
             let at_the_end = |column: usize| *columns.column(column).last().expect("samples");
             // In proportion to the load, and to its square, with a time constant of 2 s.
             [at_the_end(1), at_the_end(TIMES_S.len() + 1)]
@@ -285,8 +293,10 @@ mod tests {
 
     #[test]
     fn what_creeps_by_the_square_is_compared_with_all_that_is_simpler() {
-        let simpler: Vec<&str> = OfOutput(2).nested_limits(&[]).iter().map(|(form, _)| form.key()).collect();
+        let simpler: Vec<&str> = OfOutput(CURVED).nested_limits(&[]).iter().map(|(form, _)| form.key()).collect();
         assert_eq!(simpler, ["of-the-displacement", "of-the-displacement-going-on"]);
+        let simpler: Vec<&str> = OfOutput(HELD).nested_limits(&[]).iter().map(|(form, _)| form.key()).collect();
+        assert_eq!(simpler, ["of-the-displacement"]);
         assert!(OfOutput(0).nested_limits(&[]).is_empty());
     }
 

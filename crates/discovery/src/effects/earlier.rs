@@ -8,7 +8,7 @@ pub(crate) fn earlier(run: &Run) -> Earlier {
     Earlier {
         travelled: first_cycle_softening::travelled_before(run),
         highest: first_cycle_softening::highest_before(run),
-        creeping: creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s)).to_vec(),
+        creeping: [false, true].map(|held| creep::TIMES_S.map(|time_s| creep::left_of_earlier(run, time_s, held))).concat(),
         turns: smooth_hysteresis::turns_before(run),
     }
 }

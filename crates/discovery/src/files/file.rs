@@ -26,7 +26,7 @@ use crate::model::structure::{Model, Slot};
 pub const KIND: &str = "discovered";
 
 /// Version of the file.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// One effect in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -243,9 +243,9 @@ impl DiscoveredModel {
         if own != model.others.len() || model.others.iter().any(|other| !(other.scale > 0.0 && other.scale.is_finite())) {
             return Err(invalid(format!("it has {} further inputs, and operators of {own}, or one without a span", model.others.len())));
         }
-        let times = creep::TIMES_S.len();
+        let times = 2 * creep::TIMES_S.len();
         if model.session.iter().filter_map(|place| place.earlier.as_ref()).any(|earlier| earlier.creeping.len() != times) {
-            return Err(invalid(format!("what earlier recordings left creeping is told for {times} time constants")));
+            return Err(invalid(format!("what earlier recordings left creeping is told by {times} numbers")));
         }
         model.build().map_err(invalid)?;
         Ok(model)

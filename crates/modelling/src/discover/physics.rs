@@ -75,7 +75,7 @@ fn stage(effect: &Slot) -> Option<Stage> {
         ("rate-dependent-hysteresis", "overstress-asinh" | "overstress-fading" | "share-asinh" | "viscous" | "viscous-stiffening") => {
             Stage::Operators
         }
-        ("creep", "of-the-displacement" | "of-the-displacement-going-on") => Stage::Creep,
+        ("creep", "of-the-displacement" | "of-the-displacement-going-on" | "of-the-displacement-held") => Stage::Creep,
         ("activation-threshold", "of-the-displacement") => Stage::Readout,
         ("static-nonlinearity", form) if form.starts_with("output-") => Stage::Readout,
         ("pneumatic-lag", "behind" | "two-behind") | ("resonance", "tip" | "shaken-tip" | "part-of-tip") => Stage::Tip,
