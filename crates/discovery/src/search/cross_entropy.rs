@@ -17,8 +17,8 @@ const POINTS: (usize, usize) = (40, 8);
 /// Standard deviation at first, in first steps of each parameter.
 const SPREAD: f64 = 3.0;
 
-/// Rounds after which the better half of the clouds goes on (successive halving, Karnin et al. 2013), and the further ones of the last two.
-const ROUNDS: (usize, usize) = (3, 11);
+/// Rounds after which the better half of the clouds goes on (successive halving, Karnin et al. 2013), and how many the last two have in all.
+const ROUNDS: (usize, usize) = (3, 20);
 
 /// Points about the best, of all parameters of a slot.
 #[derive(Clone)]
@@ -91,10 +91,12 @@ pub fn search(models: &[Model], bar: f64, session: &Session, threads: usize) -> 
         clouds
     };
     let mut clouds: Vec<Cloud> = models.iter().map(|model| Cloud::about(model, slot)).collect();
+    let mut further = ROUNDS.1;
     while clouds.len() > 2 {
+        further = further.saturating_sub(ROUNDS.0);
         let half = clouds.len().div_ceil(2);
         clouds = contracted(&clouds, ROUNDS.0);
         clouds.truncate(half);
     }
-    contracted(&clouds, ROUNDS.1).into_iter().next().map(|cloud| cloud.model)
+    contracted(&clouds, further).into_iter().next().map(|cloud| cloud.model)
 }
