@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Ceilings: lower them when it shrinks.
 const MOST_LINES: usize = 12_056;
 
-const MOST_NUMBERS: usize = 41;
+const MOST_NUMBERS: usize = 40;
 
 const MOST_SETTINGS: usize = 15;
 

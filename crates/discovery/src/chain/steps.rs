@@ -308,7 +308,7 @@ mod tests {
     use recording::{Recording, Signal};
 
     use super::*;
-    use crate::data::closed_form::deviates;
+    use crate::tests::deviates;
 
     #[test]
     fn jumps_and_the_path_that_they_make_have_the_same_products() {

@@ -89,8 +89,8 @@ fn steps(input: &[f64]) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
-    use crate::data::closed_form::deviates;
     use crate::data::session::{Role, Session};
+    use crate::tests::deviates;
     use recording::{Recording, Signal};
     use std::path::Path;
 

@@ -1,8 +1,6 @@
 //! Recordings made ready: common scales, rest, roles, outliers, noise.
 
 pub mod bursts;
-#[cfg(test)]
-pub mod closed_form;
 pub mod fast_noise;
 pub mod frozen;
 pub mod late_steps;

@@ -6,7 +6,7 @@ use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
 use crate::chain::form::{Form, Limits, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
-use crate::data::session::{Earlier, Run, Session};
+use crate::data::session::{Run, Session};
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
@@ -65,8 +65,8 @@ pub fn left_of_earlier(run: &Run, time_s: f64, held: bool) -> f64 {
 
 /// The same for a lag of [`TIMES_S`], as a file tells or by the recordings before.
 fn left(run: &Run, at: usize, held: bool) -> f64 {
-    let of_file = |earlier: &Earlier| earlier.creeping[if held { TIMES_S.len() + at } else { at }];
-    run.earlier.as_ref().map_or_else(|| left_of_earlier(run, TIMES_S[at], held), of_file)
+    let place = if held { TIMES_S.len() + at } else { at };
+    run.earlier.as_ref().map_or_else(|| left_of_earlier(run, TIMES_S[at], held), |earlier| earlier.creeping[place])
 }
 
 /// How much of the output goes with a unit of the input in one recording.

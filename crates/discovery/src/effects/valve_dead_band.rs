@@ -190,10 +190,10 @@ impl Filter<2> for Edge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::closed_form::deviates;
     use crate::model::initial_state::InitialState;
     use crate::model::structure::{Model, Scope};
     use crate::search::cross_entropy;
+    use crate::tests::deviates;
     use recording::{Recording, Signal};
     use std::path::Path;
 

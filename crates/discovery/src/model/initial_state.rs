@@ -48,11 +48,11 @@ impl InitialState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::closed_form::deviates;
     use crate::data::session::Session;
     use crate::discover;
     use crate::model::structure::{Model, Scope};
     use crate::result::{DiscoverConfig, Discovery, Verdict};
+    use crate::tests::deviates;
     use recording::{Recording, Signal};
     use std::path::Path;
 

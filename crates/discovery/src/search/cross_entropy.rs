@@ -80,23 +80,21 @@ impl Cloud {
 /// The best point about these models, which differ in the parameters of their narrow form, if any soon leaves less of the fitted samples than `bar`.
 pub fn search(models: &[Model], bar: f64, session: &Session, threads: usize) -> Option<Model> {
     let slot = models.first()?.slots.iter().position(|slot| slot.form.spec().is_narrow)?;
-    let contracted = |clouds: &[Cloud], rounds: usize| {
-        let mut clouds = in_parallel(clouds, threads, |cloud| {
+    let halved = |clouds: &[Cloud], rounds: usize| {
+        let mut better = in_parallel(clouds, threads, |cloud| {
             let mut cloud = cloud.clone();
             cloud.contract(rounds, &mut Workspace::new(session));
             cloud
         });
-        clouds.retain(|cloud| cloud.square < bar);
-        clouds.sort_by(|x, y| x.square.total_cmp(&y.square));
-        clouds
+        better.retain(|cloud| cloud.square < bar);
+        better.sort_by(|x, y| x.square.total_cmp(&y.square));
+        better.truncate(clouds.len().div_ceil(2));
+        better
     };
-    let mut clouds: Vec<Cloud> = models.iter().map(|model| Cloud::about(model, slot)).collect();
-    let mut further = ROUNDS.1;
+    let (mut clouds, mut further) = (models.iter().map(|model| Cloud::about(model, slot)).collect::<Vec<Cloud>>(), ROUNDS.1);
     while clouds.len() > 2 {
+        clouds = halved(&clouds, ROUNDS.0);
         further = further.saturating_sub(ROUNDS.0);
-        let half = clouds.len().div_ceil(2);
-        clouds = contracted(&clouds, ROUNDS.0);
-        clouds.truncate(half);
     }
-    contracted(&clouds, further).into_iter().next().map(|cloud| cloud.model)
+    halved(&clouds, further).pop().map(|cloud| cloud.model)
 }

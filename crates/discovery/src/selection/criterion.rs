@@ -410,7 +410,7 @@ mod tests {
 
     /// Deviations without a mean, the same every time.
     fn scatter(seed: u64, size: f64, count: usize) -> Vec<f64> {
-        let mut deviate = crate::data::closed_form::deviates(seed);
+        let mut deviate = crate::tests::deviates(seed);
         (0..count).map(|_| size * deviate()).collect()
     }
 

@@ -180,11 +180,9 @@ pub fn simulated_valve(bench: &Bench<'_>, base: &Model, standing: &Model) -> Opt
     let [was, is] = [base, standing].map(|model| objective(model, &mut workspace, Scope::Fit));
     let residual = base.residuals(bench.session);
     let valves: Vec<&'static dyn Form> = bench.forms.iter().copied().filter(|form| form.spec().is_narrow).collect();
-    let begin = |form: &&'static dyn Form| {
-        let starts = form.starts(bench.session, &residual);
-        starts.into_iter().map(|at| base.with(*form, at)).collect::<Vec<Model>>()
-    };
-    let begun = parallel::in_parallel(&valves, bench.threads, begin).concat();
+    let starts = |form: &&'static dyn Form| form.starts(bench.session, &residual);
+    let starts = valves.iter().zip(parallel::in_parallel(&valves, bench.threads, starts));
+    let begun: Vec<Model> = starts.flat_map(|(form, starts)| starts.into_iter().map(|at| base.with(*form, at))).collect();
     cross_entropy::search(&begun, was - FAR_BEHIND * (was - is), bench.session, bench.threads)
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::chain::form::Drive;
-use crate::data::closed_form::deviates;
+use crate::tests::deviates;
 
 const TIP: SlipLaw = SlipLaw { break_away: 0.05, overshoot: 0.6, scatter: 0.05, model_error: 0.001, ..SlipLaw::plain(Drive::QuasiStatic) };
 const PERIOD_S: f64 = 0.02;

@@ -1,7 +1,6 @@
 //! Tests of the switching selection.
 
 use crate::chain::form::Drive;
-use crate::data::closed_form::deviates;
 use crate::data::noise;
 use crate::data::session::Session;
 use crate::discover;
@@ -9,6 +8,7 @@ use crate::model::initial_state::InitialState;
 use crate::model::structure::{Model, Scope};
 use crate::result::{DiscoverConfig, Discovery, Verdict};
 use crate::selection::switching_likelihood::QuasiStatic;
+use crate::tests::deviates;
 use recording::{Recording, Signal};
 use std::collections::BTreeMap;
 use std::path::Path;
