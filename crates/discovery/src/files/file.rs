@@ -25,7 +25,7 @@ use crate::model::structure::{Model, Slot};
 /// What the file calls its kind.
 pub const KIND: &str = "discovered";
 
-/// Version of the file.
+/// Version of the file; one such file is kept for the fuzz targets, `fuzz/files/discovered.toml`, and changes with it.
 pub const VERSION: u32 = 4;
 
 /// One effect in the file.
