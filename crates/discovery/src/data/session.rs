@@ -93,7 +93,7 @@ pub struct Earlier {
     pub travelled: f64,
     /// The highest input, normalised.
     pub highest: f64,
-    /// What lags of the input hold, normalised, for each time constant of creep: where pauses are at the next start, then where they are at the last end.
+    /// What lags of the input hold, normalised, for each time constant of creep: with pauses at the next start, then with pauses at the last end.
     pub creeping: Vec<f64>,
     /// Where the input of the recording before turned last, normalised, oldest first.
     #[serde(default)]

@@ -245,7 +245,7 @@ impl DiscoveredModel {
         }
         let times = 2 * creep::TIMES_S.len();
         if model.session.iter().filter_map(|place| place.earlier.as_ref()).any(|earlier| earlier.creeping.len() != times) {
-            return Err(invalid(format!("what earlier recordings left creeping is told by {times} numbers")));
+            return Err(invalid(format!("what earlier recordings left creeping takes {times} numbers")));
         }
         model.build().map_err(invalid)?;
         Ok(model)

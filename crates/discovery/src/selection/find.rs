@@ -1,5 +1,5 @@
-//! The search: a first effect; where it leaves something a simulated valve, what jumps, if it shows at first sight, and two together; and a third. Which of them stay is
-//! decided where all explanations are compared.
+//! The search: a first effect; where it leaves something a simulated valve, what jumps, if it shows at first sight, and two together; and a third.
+//! Which of them stay is decided where all explanations are compared.
 
 use crate::data::noise;
 use crate::data::session::Session;
