@@ -19,13 +19,14 @@ impl Form for OfThePressure {
         Spec {
             parameters: &[
                 Parameter { name: "missing_share", quantity: Quantity::Ratio, low: -0.5, high: 0.5, logarithmic: false },
+                Parameter { name: "missing_pressure", quantity: Quantity::Input, low: -0.3, high: 0.3, logarithmic: false },
                 Parameter { name: "distance_in_input_spans", quantity: Quantity::Ratio, low: 0.3, high: 20.0, logarithmic: true },
-                Parameter { name: "power_of_the_stroke", quantity: Quantity::Ratio, low: 0.0, high: 4.0, logarithmic: false },
+                Parameter { name: "power_of_the_stroke", quantity: Quantity::Ratio, low: -0.7, high: 4.0, logarithmic: false },
             ],
-            simpler_at: &[(2, 0.0)],
+            simpler_at: &[(0, 0.0), (1, 0.0), (3, 0.0)],
             starts: || {
-                let of = |size: f64| grid(&[1.0, 4.0], &[0.0, 2.0]).into_iter().map(move |rest| [&[size][..], &rest].concat());
-                [-0.12, 0.12].into_iter().flat_map(of).collect()
+                let of = |sizes: [f64; 2]| grid(&[1.0, 4.0], &[-0.5, 2.0]).into_iter().map(move |rest| [&sizes[..], &rest].concat());
+                [[-0.12, 0.0], [0.12, 0.0], [0.0, 0.08]].into_iter().flat_map(of).collect()
             },
             ..Spec::new(
                 "first-cycle-softening",
@@ -34,13 +35,14 @@ impl Form for OfThePressure {
             )
         }
     }
-    leads_input!(|self, parameters, _run| Virgin { missing: parameters[0], spans: parameters[1], power: parameters[2] });
+    leads_input!(|self, parameters, _run| Virgin { missing: parameters[0], offset: parameters[1], spans: parameters[2], power: parameters[3] });
 }
 
 /// What [`OfThePressure`] does to the input; its memory is the last input, where the stroke turned and which way it goes, and what has worked it.
 #[derive(PartialEq)]
 struct Virgin {
     missing: f64,
+    offset: f64,
     spans: f64,
     power: f64,
 }
@@ -60,7 +62,8 @@ impl Filter<4> for Virgin {
         let up_to = |place: f64| elementary::power((place - *turned).abs(), self.power + 1.0);
         *worked += up_to(value) - up_to(*last);
         *last = value;
-        value * (1.0 - self.missing * (-*worked / self.spans).exp())
+        let left = elementary::exp(-*worked / self.spans);
+        (value * (1.0 - self.missing * left) - self.offset * left).max(0.0_f64.min(value))
     }
 }
 
@@ -76,7 +79,7 @@ mod tests {
         for (power, of_short, of_long) in [(0.0, 2.0, 2.0), (2.0, 0.5, 2.0)] {
             for (input, worked) in [(&short[..], of_short), (&long[..], of_long)] {
                 let mut path = [input, &[1.0]].concat();
-                Virgin { missing: 0.2, spans: 1.5, power }.run(&mut path);
+                Virgin { missing: 0.2, offset: 0.0, spans: 1.5, power }.run(&mut path);
                 // The last step is a way of one more.
                 let expected = 1.0 - 0.2 * (-(worked + 1.0) / 1.5_f64).exp();
                 assert!((path[input.len()] - expected).abs() < 1e-6, "{power}: {} instead of {expected}", path[input.len()]);
