@@ -20,7 +20,7 @@ pub const MAX_MORE_INPUTS: usize = MAX_INPUTS - 1;
 /// Most play operators a front end may have.
 pub const MAX_PLAY: usize = 24;
 /// Most creep filters a front end may have.
-pub const MAX_CREEP: usize = 4;
+pub const MAX_CREEP: usize = 5;
 /// Most bends of the readout's curve.
 pub const MAX_BENDS: usize = 8;
 /// Longest dead time of the input path, in samples.

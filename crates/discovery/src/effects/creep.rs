@@ -1,6 +1,7 @@
 //! `creep`: the material goes on giving for seconds, over decades of time constants.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::filters::{Lag, grid, ladder, lag};
@@ -20,11 +21,11 @@ pub const FORMS: &[&dyn Form] = &[
     crate::effects::offset_drift::LEFT_BY_CREEP,
 ];
 
-/// Retardation times, s: a decade takes about two of them.
-pub const TIMES_S: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
+/// Retardation times, s: a decade takes about two of them, and what creeps over decades has begun before the second is over.
+pub const TIMES_S: [f64; 5] = [0.12, 0.5, 2.0, 8.0, 32.0];
 
-/// How many of them creep by the square of the load as well: what earlier recordings have left of that is not known, so none that outlasts a pause.
-const SQUARED: usize = 3;
+/// Those of them that creep by the square of the load as well: what earlier recordings have left of that is not known, so none that outlasts a pause.
+const SQUARED: Range<usize> = 1..4;
 
 /// Share of what a recording has left in the material below which earlier recordings are not looked at.
 const FORGOTTEN: f64 = 0.01;
@@ -88,7 +89,7 @@ impl Form for OfOutput {
             ("of-the-displacement-held", "of the displacement, going on where the last recording ended"),
         ];
         // Weights that must not be negative are rarely all in use.
-        let (weights, cost) = if self.0 == CURVED { (TIMES_S.len() + SQUARED, Some(4)) } else { (TIMES_S.len(), Some(2)) };
+        let (weights, cost) = if self.0 == CURVED { (TIMES_S.len() + SQUARED.len(), Some(4)) } else { (TIMES_S.len(), Some(2)) };
         Spec { weights, cost, needs_sum: true, ..Spec::new("creep", NAMES[self.0], Place::Material) }
     }
     fn output(&self, _: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
@@ -106,7 +107,7 @@ impl Form for OfOutput {
             }
             columns.push(false, |sample| slow[sample]);
         }
-        for time_s in TIMES_S.into_iter().take(if self.0 == CURVED { SQUARED } else { 0 }) {
+        for &time_s in if self.0 == CURVED { &TIMES_S[SQUARED] } else { &[] } {
             let mut slow: Vec<f64> = sum.iter().map(|value| value * value.abs()).collect();
             lag(&mut slow, time_s, run.period_s);
             columns.push(false, |sample| slow[sample]);
@@ -118,7 +119,8 @@ impl Form for OfOutput {
     }
     fn tell(&self, _: &[f64], weights: &[f64], _: &Session) -> BTreeMap<String, f64> {
         // Of the whole stroke, which is one long.
-        let of = |at: usize| weights.iter().skip(at).step_by(TIMES_S.len()).sum();
+        let squared = |at: usize| SQUARED.clone().position(|squared| squared == at).map(|at| TIMES_S.len() + at);
+        let of = |at: usize| [Some(at), squared(at)].into_iter().flatten().filter_map(|at| weights.get(at)).sum();
         let at_times = TIMES_S.iter().enumerate().map(|(at, time_s)| (format!("compliance_at_{time_s}_s"), of(at)));
         at_times.chain([("total_compliance".to_owned(), weights.iter().sum())]).collect()
     }
@@ -283,10 +285,10 @@ mod tests {
             OfOutput(CURVED).output(&[], run, &sum, &mut columns);
             let at_the_end = |column: usize| *columns.column(column).last().expect("samples");
             // In proportion to the load, and to its square, with a time constant of 2 s.
-            [at_the_end(1), at_the_end(TIMES_S.len() + 1)]
+            [at_the_end(2), at_the_end(TIMES_S.len() + 1)]
         };
         let ([once, squared], [twice, fourfold]) = (crept(0.4), crept(0.8));
-        let exact = 1.0 - (-(8.0 - 1.0) / TIMES_S[1]).exp();
+        let exact = 1.0 - (-(8.0 - 1.0) / 2.0).exp();
         assert!((once / (0.4 * exact) - 1.0).abs() < 0.01 && (twice / once - 2.0).abs() < 1e-9, "{once} and {twice}");
         assert!((squared / (0.16 * exact) - 1.0).abs() < 0.01 && (fourfold / squared - 4.0).abs() < 1e-9, "{squared} and {fourfold}");
     }

@@ -1,5 +1,6 @@
-//! `first-cycle-softening` before the hysteresis: the virgin muscle makes another use of the pressure, `v = u (1 - A F(c))`. What works it, `c`, is the way
-//! of the input since the recording began, and a long stroke may work it more than short ones: `dc = (q + 1) x^q |du|`, a way `x` after a turn.
+//! `first-cycle-softening` before the hysteresis: the virgin muscle makes another use of the pressure, and needs one to begin with,
+//! `v = u (1 - A F(c)) - B F(c)`, not below rest. What works it, `c`, is the way of the input since the recording began. Long strokes may work it more than
+//! as many short ones, or hardly more, so that strokes count: `dc = (q + 1) x^q |du|`, a way `x` after a turn.
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
@@ -35,14 +36,17 @@ impl Form for OfThePressure {
             )
         }
     }
-    leads_input!(|self, parameters, _run| Virgin { missing: parameters[0], offset: parameters[1], spans: parameters[2], power: parameters[3] });
+    leads_input!(|self, parameters, _run| {
+        let [missing, begins_at, spans, power] = [0, 1, 2, 3].map(|at: usize| parameters[at]);
+        Virgin { missing, begins_at, spans, power }
+    });
 }
 
 /// What [`OfThePressure`] does to the input; its memory is the last input, where the stroke turned and which way it goes, and what has worked it.
 #[derive(PartialEq)]
 struct Virgin {
     missing: f64,
-    offset: f64,
+    begins_at: f64,
     spans: f64,
     power: f64,
 }
@@ -63,12 +67,14 @@ impl Filter<4> for Virgin {
         *worked += up_to(value) - up_to(*last);
         *last = value;
         let left = elementary::exp(-*worked / self.spans);
-        (value * (1.0 - self.missing * left) - self.offset * left).max(0.0_f64.min(value))
+        (value - (self.missing * value + self.begins_at) * left).max(value.min(0.0))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::SQRT_2;
+
     use super::*;
 
     #[test]
@@ -76,14 +82,22 @@ mod tests {
         // A half up, and down again, twice; or all of it at once.
         let short = [0.0, 0.25, 0.5, 0.2, 0.0, 0.5, 0.0];
         let long = [0.0, 0.5, 1.0, 0.4, 0.0];
-        for (power, of_short, of_long) in [(0.0, 2.0, 2.0), (2.0, 0.5, 2.0)] {
+        for (power, of_short, of_long) in [(0.0, 2.0, 2.0), (2.0, 0.5, 2.0), (-0.5, 2.0 * SQRT_2, 2.0)] {
             for (input, worked) in [(&short[..], of_short), (&long[..], of_long)] {
                 let mut path = [input, &[1.0]].concat();
-                Virgin { missing: 0.2, offset: 0.0, spans: 1.5, power }.run(&mut path);
+                Virgin { missing: 0.2, begins_at: 0.0, spans: 1.5, power }.run(&mut path);
                 // The last step is a way of one more.
                 let expected = 1.0 - 0.2 * (-(worked + 1.0) / 1.5_f64).exp();
                 assert!((path[input.len()] - expected).abs() < 1e-6, "{power}: {} instead of {expected}", path[input.len()]);
             }
         }
+    }
+    #[test]
+    fn a_pressure_to_begin_with_is_gone_after_strokes_and_never_below_rest() {
+        let mut path = vec![0.0, 0.04, 1.0, 0.0, 1.0];
+        Virgin { missing: 0.0, begins_at: 0.1, spans: 1.5, power: 0.0 }.run(&mut path);
+        let missing = |travelled: f64| 0.1 * (-travelled / 1.5).exp();
+        assert_eq!(path[..2], [0.0, 0.0]);
+        assert!((path[2] - (1.0 - missing(1.0))).abs() < 1e-12 && (path[4] - (1.0 - missing(3.0))).abs() < 1e-12, "{path:?}");
     }
 }
