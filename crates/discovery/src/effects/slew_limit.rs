@@ -1,14 +1,15 @@
-//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, or such that set in gradually.
+//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, of a pressure that lags or follows at once; or
+//! such that set in gradually.
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
-use crate::chain::filters::{grid, ladder};
+use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &GRADUAL, &GRADUAL_HELD];
+pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &LAGGING, &GRADUAL, &GRADUAL_HELD];
 
 /// A limit of the rate, or one for each direction.
 struct Limit {
@@ -38,17 +39,21 @@ static TWO_SIDED: Limit = limit(("two-sided", "a limit for each direction"), &[R
 static TWO_SIDED_HELD: Limit =
     limit(("two-sided-held", "a limit for each direction, of a command that holds between samples"), &[RISING, FALLING], true);
 
-/// Limits that set in gradually.
-struct Gradual {
+/// Limits of a pressure that lags.
+struct Lagging {
     form: Told,
+    /// Whether they set in gradually.
+    gradual: bool,
     /// As in [`Limit`].
     held: bool,
 }
 
-static GRADUAL: Gradual = Gradual { form: ("gradual", "limits that set in gradually"), held: false };
+static LAGGING: Lagging = Lagging { form: ("lagging", "limits of a pressure that lags"), gradual: false, held: false };
 
-static GRADUAL_HELD: Gradual =
-    Gradual { form: ("gradual-held", "limits that set in gradually, of a command that holds between samples"), held: true };
+static GRADUAL: Lagging = Lagging { form: ("gradual", "limits that set in gradually"), gradual: true, held: false };
+
+static GRADUAL_HELD: Lagging =
+    Lagging { form: ("gradual-held", "limits that set in gradually, of a command that holds between samples"), gradual: true, held: true };
 
 impl Form for Limit {
     fn spec(&self) -> Spec {
@@ -80,7 +85,7 @@ impl Form for Limit {
     }
 }
 
-impl Form for Gradual {
+impl Form for Lagging {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[
@@ -101,30 +106,32 @@ impl Form for Gradual {
     leads_input!(|self, parameters, run| {
         let step_s = 0.5 * run.period_s;
         let rising = parameters[0] * step_s;
-        let follow = 1.0 - (-step_s / parameters[1]).exp();
-        Saturating { follow, falling: rising * parameters[2], rising, held: self.held }
+        let lag = lag_coefficients(parameters[1], step_s);
+        Saturating { lag, falling: rising * parameters[2], rising, gradual: self.gradual, held: self.held }
     });
 }
 
-/// What [`Gradual`] does to the input: a lag while the error is small, the limit when it is large, `a e / (1 + |a e / S h|^3)^(1/3)` a step of
-/// length `h`. A square in place of the cube would come to the limit so late that other effects look like what is missing.
+/// What [`Lagging`] does to the input: a lag while the error is small, the limit when it is large; gradually, `w / (1 + |w / S h|^3)^(1/3)` in a step of
+/// length `h` in which the lag would go by `w`. A square in place of the cube would come to the limit so late that other effects look like what is missing.
 #[derive(PartialEq)]
 struct Saturating {
-    /// Share of the error that a step takes away.
-    follow: f64,
-    /// The most that it takes away, and that it brings.
+    lag: (f64, f64, f64),
+    /// The most that a step takes away, and that it brings.
     falling: f64,
     rising: f64,
+    gradual: bool,
     held: bool,
 }
 
 impl Saturating {
-    /// What a step, half a sample, makes of the state.
+    /// What a step, half a sample, in which the command goes straight makes of the state.
     #[inline(always)]
-    fn towards(&self, target: f64, state: f64) -> f64 {
-        let wanted = self.follow * (target - state);
+    fn towards(&self, [from, to]: [f64; 2], state: f64) -> f64 {
+        let (keep, now, before) = self.lag;
+        let wanted = keep * state + now * to + before * from - state;
         let steep = (wanted / if wanted < 0.0 { self.falling } else { self.rising }).abs();
-        state + wanted * elementary::power(1.0 + steep * steep * steep, -1.0 / 3.0)
+        let share = if self.gradual { elementary::power(1.0 + steep * steep * steep, -1.0 / 3.0) } else { 1.0 / steep.max(1.0) };
+        state + wanted * share
     }
 }
 
@@ -135,9 +142,9 @@ impl Filter<2> for Saturating {
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
         // Written out, for a loop in here would keep recordings from going side by side.
-        let middle = if self.held { *last } else { *last + 0.5 * (value - *last) };
-        let half = self.towards(middle, *state);
-        *state = self.towards(if self.held { *last } else { value }, half);
+        let [middle, end] = if self.held { [*last; 2] } else { [*last + 0.5 * (value - *last), value] };
+        let half = self.towards([*last, middle], *state);
+        *state = self.towards([middle, end], half);
         *last = value;
         *state
     }
@@ -166,5 +173,24 @@ mod tests {
         assert_eq!(through(&SYMMETRIC, &[5.0]), [0, 0, 10, 20, 30, 40]);
         assert_eq!(through(&SYMMETRIC_HELD, &[5.0]), [0, 0, 0, 10, 20, 30]);
         assert_eq!(through(&TWO_SIDED, &[10.0, 5.0]), [0, 0, 20, 40, 60, 80]);
+    }
+
+    #[test]
+    fn a_pressure_that_lags_follows_its_law_within_the_limits() {
+        let (period_s, time_s, [rising, falling]) = (0.02, 0.03, [2.0, 3.0]);
+        let input: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (4.0 * f64::from(sample) * period_s).cos()).collect();
+        let mut path = input.clone();
+        let lag = lag_coefficients(time_s, 0.5 * period_s);
+        Saturating { lag, falling: 0.5 * falling * period_s, rising: 0.5 * rising * period_s, gradual: false, held: false }.run(&mut path);
+        // Small steps of Euler's.
+        let mut state = input[0];
+        for (sample, value) in path.iter().enumerate().skip(1) {
+            for look in 0..200 {
+                let share = (f64::from(look) + 0.5) / 200.0;
+                let command = input[sample - 1] + share * (input[sample] - input[sample - 1]);
+                state += 1e-4 * ((command - state) / time_s).clamp(-falling, rising);
+            }
+            assert!((value - state).abs() < 3e-3, "sample {sample}: {value} instead of {state}");
+        }
     }
 }
