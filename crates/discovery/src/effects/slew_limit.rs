@@ -1,15 +1,13 @@
-//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, of a pressure that lags or follows at once; or
-//! such that set in gradually.
+//! `slew-limit`: the valve passes only so much air, `|dv/dt| <= S`; one limit, or one for each direction, of a pressure that follows at once or lags.
 
 use crate::chain::columns::Filter;
-use crate::chain::elementary;
 use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &LAGGING, &GRADUAL, &GRADUAL_HELD];
+pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &Lagging];
 
 /// A limit of the rate, or one for each direction.
 struct Limit {
@@ -40,20 +38,7 @@ static TWO_SIDED_HELD: Limit =
     limit(("two-sided-held", "a limit for each direction, of a command that holds between samples"), &[RISING, FALLING], true);
 
 /// Limits of a pressure that lags.
-struct Lagging {
-    form: Told,
-    /// Whether they set in gradually.
-    gradual: bool,
-    /// As in [`Limit`].
-    held: bool,
-}
-
-static LAGGING: Lagging = Lagging { form: ("lagging", "limits of a pressure that lags"), gradual: false, held: false };
-
-static GRADUAL: Lagging = Lagging { form: ("gradual", "limits that set in gradually"), gradual: true, held: false };
-
-static GRADUAL_HELD: Lagging =
-    Lagging { form: ("gradual-held", "limits that set in gradually, of a command that holds between samples"), gradual: true, held: true };
+struct Lagging;
 
 impl Form for Limit {
     fn spec(&self) -> Spec {
@@ -95,8 +80,8 @@ impl Form for Lagging {
             ],
             simpler_at: &[(1, 1e-3), (2, 1.0)],
             // While the limit is out of reach this is a lag.
-            cost: Some(2 + usize::from(self.held)),
-            ..Spec::new("slew-limit", self.form, Place::Flow)
+            cost: Some(2),
+            ..Spec::new("slew-limit", ("lagging", "limits of a pressure that lags"), Place::Flow)
         }
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
@@ -106,45 +91,38 @@ impl Form for Lagging {
     leads_input!(|self, parameters, run| {
         let step_s = 0.5 * run.period_s;
         let rising = parameters[0] * step_s;
-        let lag = lag_coefficients(parameters[1], step_s);
-        Saturating { lag, falling: rising * parameters[2], rising, gradual: self.gradual, held: self.held }
+        Within { lag: lag_coefficients(parameters[1], step_s), falling: rising * parameters[2], rising }
     });
 }
 
-/// What [`Lagging`] does to the input: a lag while the error is small, the limit when it is large; gradually, `w / (1 + |w / S h|^3)^(1/3)` in a step of
-/// length `h` in which the lag would go by `w`. A square in place of the cube would come to the limit so late that other effects look like what is missing.
+/// What [`Lagging`] does to the input.
 #[derive(PartialEq)]
-struct Saturating {
+struct Within {
     lag: (f64, f64, f64),
     /// The most that a step takes away, and that it brings.
     falling: f64,
     rising: f64,
-    gradual: bool,
-    held: bool,
 }
 
-impl Saturating {
+impl Within {
     /// What a step, half a sample, in which the command goes straight makes of the state.
     #[inline(always)]
     fn towards(&self, [from, to]: [f64; 2], state: f64) -> f64 {
         let (keep, now, before) = self.lag;
-        let wanted = keep * state + now * to + before * from - state;
-        let steep = (wanted / if wanted < 0.0 { self.falling } else { self.rising }).abs();
-        let share = if self.gradual { elementary::power(1.0 + steep * steep * steep, -1.0 / 3.0) } else { 1.0 / steep.max(1.0) };
-        state + wanted * share
+        (keep * state + now * to + before * from).max(state - self.falling).min(state + self.rising)
     }
 }
 
-impl Filter<2> for Saturating {
+impl Filter<2> for Within {
     fn begin(&self, first: f64) -> [f64; 2] {
         [first; 2]
     }
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
         // Written out, for a loop in here would keep recordings from going side by side.
-        let [middle, end] = if self.held { [*last; 2] } else { [*last + 0.5 * (value - *last), value] };
+        let middle = *last + 0.5 * (value - *last);
         let half = self.towards([*last, middle], *state);
-        *state = self.towards([middle, end], half);
+        *state = self.towards([middle, value], half);
         *last = value;
         *state
     }
@@ -181,7 +159,7 @@ mod tests {
         let input: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (4.0 * f64::from(sample) * period_s).cos()).collect();
         let mut path = input.clone();
         let lag = lag_coefficients(time_s, 0.5 * period_s);
-        Saturating { lag, falling: 0.5 * falling * period_s, rising: 0.5 * rising * period_s, gradual: false, held: false }.run(&mut path);
+        Within { lag, falling: 0.5 * falling * period_s, rising: 0.5 * rising * period_s }.run(&mut path);
         // Small steps of Euler's.
         let mut state = input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {
