@@ -288,7 +288,7 @@ mod tests {
             [at_the_end(2), at_the_end(TIMES_S.len() + 1)]
         };
         let ([once, squared], [twice, fourfold]) = (crept(0.4), crept(0.8));
-        let exact = 1.0 - (-(8.0 - 1.0) / 2.0).exp();
+        let exact = 1.0 - f64::exp(-(8.0 - 1.0) / 2.0);
         assert!((once / (0.4 * exact) - 1.0).abs() < 0.01 && (twice / once - 2.0).abs() < 1e-9, "{once} and {twice}");
         assert!((squared / (0.16 * exact) - 1.0).abs() < 0.01 && (fourfold / squared - 4.0).abs() < 1e-9, "{squared} and {fourfold}");
     }
