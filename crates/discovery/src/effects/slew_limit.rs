@@ -79,8 +79,6 @@ impl Form for Lagging {
                 Parameter { name: "falling_over_rising", quantity: Quantity::Ratio, low: 0.2, high: 5.0, logarithmic: true },
             ],
             simpler_at: &[(1, 1e-3), (2, 1.0)],
-            // While the limit is out of reach this is a lag.
-            cost: Some(2),
             ..Spec::new("slew-limit", ("lagging", "limits of a pressure that lags"), Place::Flow)
         }
     }
