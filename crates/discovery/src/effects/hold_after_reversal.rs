@@ -8,6 +8,7 @@ use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::chain::steps::Steps;
 use crate::data::session::{Run, Session};
+use crate::effects::slew_limit;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[&ONCE, &ANEW, &ONCE_FROM_REST, &ANEW_FROM_REST];
@@ -61,6 +62,8 @@ impl Form for Held {
                 Parameter { name: "trough_over_peak", quantity: Quantity::Ratio, low: 0.0, high: 3.0, logarithmic: false },
                 Parameter { name: "error_that_ends_it", quantity: Quantity::Input, low: 0.02, high: ANY_ERROR, logarithmic: true },
             ],
+            // Without a hold, a pressure that lags within a limit.
+            nested_limits: |of| vec![(&slew_limit::LAGGING, vec![of[2], of[1], 1.0])],
             simpler_at: &[(0, FOR_EVER_S), (1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0), (4, ANY_ERROR)],
             ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }

@@ -7,7 +7,7 @@ use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &Lagging];
+pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &LAGGING];
 
 /// A limit of the rate, or one for each direction.
 struct Limit {
@@ -38,7 +38,10 @@ static TWO_SIDED_HELD: Limit =
     limit(("two-sided-held", "a limit for each direction, of a command that holds between samples"), &[RISING, FALLING], true);
 
 /// Limits of a pressure that lags.
-struct Lagging;
+pub struct Lagging;
+
+/// It as a form.
+pub static LAGGING: Lagging = Lagging;
 
 impl Form for Limit {
     fn spec(&self) -> Spec {
