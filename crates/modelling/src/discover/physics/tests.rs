@@ -79,7 +79,7 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
     let cases = [
         (vec![], false, 1e-9),
         (vec![], true, 1e-9),
-        (one("creep", "of-the-displacement", &[], &[0.05, 0.0, 0.04, 0.02]), false, 2e-2),
+        (one("creep", "of-the-displacement", &[], &[0.0, 0.05, 0.0, 0.04, 0.02]), false, 2e-2),
         // Nothing of these moves on in a run of 20 s that ends a session of 100 s, but the drift by 20 s in 600 s.
         (one("setup-change", "one-step", &[2.5], &[0.03, 0.08]), false, 1e-9),
         (one("offset-drift", "smooth-curve", &[600.0], &[0.02, 0.0, 0.0, 0.0]), false, 1e-2),
@@ -133,7 +133,7 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
                 entry("dead-time", "constant", &[0.04], &[]),
                 entry(curve, "input-rational", &[1.3, 1.0], &[]),
                 entry(asymmetry, "thresholds-grow", &[0.8], &[]),
-                entry("creep", "of-the-displacement", &[], &[0.05, 0.0, 0.04, 0.02]),
+                entry("creep", "of-the-displacement", &[], &[0.0, 0.05, 0.0, 0.04, 0.02]),
                 entry(curve, "output-cubic", &[], &[0.2, -0.1]),
                 entry("resonance", "tip", &[3.0, 0.1], &[]),
                 entry("setup-change", "one-step", &[2.5], &[0.03, 0.08]),
