@@ -294,6 +294,22 @@ mod tests {
     }
 
     #[test]
+    fn a_time_is_told_what_gives_by_the_load_and_by_its_square() {
+        let values: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), values.clone(), values.clone(), values);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let told = |form: &OfOutput, weights: &[f64]| -> Vec<f64> {
+            let told = form.tell(&[], weights, &session);
+            let at_times = TIMES_S.iter().map(|time_s| told[&format!("compliance_at_{time_s}_s")]);
+            at_times.chain([told["total_compliance"]]).collect()
+        };
+        assert_eq!(told(&OfOutput(0), &[1.0, 2.0, 4.0, 8.0, 16.0]), [1.0, 2.0, 4.0, 8.0, 16.0, 31.0]);
+        let squared = [32.0, 64.0, 128.0];
+        assert_eq!(told(&OfOutput(CURVED), &[&[1.0, 2.0, 4.0, 8.0, 16.0][..], &squared].concat()), [1.0, 34.0, 68.0, 136.0, 16.0, 255.0]);
+    }
+
+    #[test]
     fn what_creeps_by_the_square_is_compared_with_all_that_is_simpler() {
         let simpler: Vec<&str> = OfOutput(CURVED).nested_limits(&[]).iter().map(|(form, _)| form.key()).collect();
         assert_eq!(simpler, ["of-the-displacement", "of-the-displacement-going-on"]);

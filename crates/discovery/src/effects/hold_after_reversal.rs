@@ -193,6 +193,29 @@ mod tests {
     }
 
     #[test]
+    fn without_a_hold_it_is_the_slew_limit_that_it_is_compared_with() {
+        let time_s: Vec<f64> = (0..600).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (4.0 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        // The fastest stroke is at two spans a second.
+        let held = [0.0, 0.03, 1.2, 1.0, ANY_ERROR];
+        let through = |form: &dyn Form, parameters: &[f64]| {
+            let mut path = run.input.clone();
+            form.input(parameters, run, &mut path);
+            path
+        };
+        let apart = |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
+        let limits = ONCE.nested_limits(&held);
+        let (limit, at) = &limits[0];
+        assert_eq!((limits.len(), limit.name()), (1, "slew-limit"));
+        let (with, without) = (through(&ONCE, &held), through(*limit, at));
+        assert!(apart(&with, &without) < 5e-3 && apart(&without, &run.input) > 0.1, "{}", apart(&with, &without));
+    }
+
+    #[test]
     fn each_form_is_what_small_steps_make_of_its_law() {
         let period_s = 0.02;
         let time_s: Vec<f64> = (0..1000).map(|sample| f64::from(sample) * period_s).collect();

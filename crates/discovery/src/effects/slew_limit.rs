@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_pressure_that_lags_follows_its_law_within_the_limits() {
-        let (period_s, time_s, [rising, falling]) = (0.02, 0.03, [2.0, 3.0]);
+        let (period_s, time_s, [rising, falling]) = (0.02, 0.03, [1.0, 1.5]);
         let input: Vec<f64> = (0..600).map(|sample| 0.5 - 0.5 * (4.0 * f64::from(sample) * period_s).cos()).collect();
         let mut path = input.clone();
         let lag = lag_coefficients(time_s, 0.5 * period_s);
