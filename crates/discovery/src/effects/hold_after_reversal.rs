@@ -63,7 +63,7 @@ impl Form for Held {
                 Parameter { name: "error_that_ends_it", quantity: Quantity::Input, low: 0.02, high: ANY_ERROR, logarithmic: true },
             ],
             // Without a hold, a pressure that lags within a limit.
-            nested_limits: |of| vec![(&slew_limit::LAGGING, vec![of[2], of[1], 1.0])],
+            nested_limits: |of| vec![(&slew_limit::Lagging, vec![of[2], of[1], 1.0])],
             simpler_at: &[(0, FOR_EVER_S), (1, AT_ONCE_S), (2, ANY_RATE), (3, 1.0), (3, 0.0), (4, ANY_ERROR)],
             ..Spec::new("hold-after-reversal", self.form, Place::Supply)
         }

@@ -7,7 +7,7 @@ use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &LAGGING];
+pub const FORMS: &[&dyn Form] = &[&SYMMETRIC, &SYMMETRIC_HELD, &TWO_SIDED, &TWO_SIDED_HELD, &Lagging];
 
 /// A limit of the rate, or one for each direction.
 struct Limit {
@@ -40,9 +40,6 @@ static TWO_SIDED_HELD: Limit =
 /// Limits of a pressure that lags.
 pub struct Lagging;
 
-/// It as a form.
-pub static LAGGING: Lagging = Lagging;
-
 impl Form for Limit {
     fn spec(&self) -> Spec {
         Spec {
@@ -62,8 +59,7 @@ impl Form for Limit {
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         let (up, down) = (parameters[0] * run.period_s, parameters[parameters.len() - 1] * run.period_s);
-        let mut state = path[0];
-        let mut last = path[0];
+        let (mut state, mut last) = (path[0], path[0]);
         for value in path {
             let target = if self.held { last } else { *value };
             state += (target - state).clamp(-down, up);
