@@ -102,19 +102,25 @@ pub(crate) fn ladder(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..count).map(|step| low * (high / low).powf(step as f64 / (count - 1) as f64)).collect()
 }
 
-/// A grid of one parameter.
-pub(crate) fn row(values: &[f64]) -> Vec<Vec<f64>> {
-    values.iter().map(|value| vec![*value]).collect()
+/// Every value of the first parameter with every one of the second, and so on; the last changes first.
+pub(crate) fn grid(axes: &[&[f64]]) -> Vec<Vec<f64>> {
+    axes.iter().fold(vec![Vec::new()], |points, axis| with(points, axis))
 }
 
-/// Every first parameter with every second one.
-pub(crate) fn grid(first: &[f64], second: &[f64]) -> Vec<Vec<f64>> {
-    first.iter().flat_map(|one| second.iter().map(move |other| vec![*one, *other])).collect()
+/// Every point with every value of one parameter more.
+pub(crate) fn with(points: Vec<Vec<f64>>, values: &[f64]) -> Vec<Vec<f64>> {
+    points.iter().flat_map(|point| values.iter().map(|value| [&point[..], &[*value]].concat())).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{lag, shift};
+    use super::{grid, lag, shift};
+
+    #[test]
+    fn a_grid_has_every_value_with_every_other_and_the_last_changes_first() {
+        let points = [[1.0, 3.0, 4.0], [1.0, 3.0, 5.0], [2.0, 3.0, 4.0], [2.0, 3.0, 5.0]];
+        assert_eq!(grid(&[&[1.0, 2.0], &[3.0], &[4.0, 5.0]]), points);
+    }
 
     #[test]
     fn the_lag_is_exact_on_a_ramp() {

@@ -49,7 +49,7 @@ impl Form for Opens {
                 Parameter { name: "opening", quantity: Quantity::Ratio, low: 2e-3, high: 0.2, logarithmic: true },
             ],
             is_static: true,
-            starts: || grid(&[0.06, 0.12, 0.18, 0.25, 0.35], &[0.01, 0.04]),
+            starts: || grid(&[&[0.06, 0.12, 0.18, 0.25, 0.35], &[0.01, 0.04]]),
             ..Spec::new("activation-threshold", ("opens", "nothing below, all of it above"), Place::Muscle)
         }
     }

@@ -1,7 +1,7 @@
 //! `asymmetric-hysteresis`: the loop is not its own mirror image: friction grows with the pressure, on both branches or on one, the branches
 //! bend apart, or they part the more the higher the pressure is; or smooth friction has a bound for each direction.
 
-use crate::chain::filters::{grid, row};
+use crate::chain::filters::grid;
 use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 use crate::effects::smooth_hysteresis::{BoucWen, Dahl, LEANING as NAME};
 use crate::effects::static_nonlinearity;
@@ -25,7 +25,7 @@ const GROWTH: &[Parameter] = &[Parameter { name: "growth", quantity: Quantity::P
 
 /// Where the search for [`GROWTH`] begins.
 fn growths() -> Vec<Vec<f64>> {
-    row(&[-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0])
+    grid(&[&[-0.7, -0.3, 0.3, 0.8, 1.5, 3.0, 6.0]])
 }
 
 /// Thresholds that grow with the input, on both branches or on one; the other keeps its thresholds.
@@ -51,7 +51,7 @@ static GROWS_LOADING: OfOperators = OfOperators::new(
 static BENDS: OfOperators = OfOperators::new(
     (NAME, ("bend-apart", "the branches bend apart")),
     BEND,
-    || row(&[-0.3, -0.1, 0.08, 0.2, 0.35, 0.5]),
+    || grid(&[&[-0.3, -0.1, 0.08, 0.2, 0.35, 0.5]]),
     |parameters, law| law.envelopes[1] = parameters[0],
 );
 
@@ -68,9 +68,7 @@ static EACH: OfOperators = OfOperators {
         ],
         is_static: true,
         nested_limits: |of| vec![(static_nonlinearity::FORMS[0], vec![0.5 * (of[0] + of[1]), 0.5 * (of[2] + of[3]), 0.0])],
-        starts: || {
-            grid(&[-0.25, 0.25], &[-0.25, 0.25]).iter().flat_map(|of| [0.0, 0.1].map(|open| [of, &[0.0, 0.0, open][..]].concat())).collect()
-        },
+        starts: || grid(&[&[-0.25, 0.25], &[-0.25, 0.25], &[0.0], &[0.0], &[0.0, 0.1]]),
         ..Spec::new(NAME, ("each-curves", "each branch has a curve of its own"), Place::Operators)
     },
     set: |of, law| law.envelopes = [0.5 * of[4], 0.5 * (of[1] - of[0]), 0.5 * (of[3] - of[2])],

@@ -1,6 +1,6 @@
 //! `clock-skew`: input and output are stamped by clocks of different speed, the delay grows through each recording.
 
-use crate::chain::filters::{ladder, row, shift};
+use crate::chain::filters::{grid, ladder, shift};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
 
@@ -28,7 +28,7 @@ impl Form for Skew {
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if !self.runs_on {
-            return row(&[-0.012, -0.005, -0.002, 0.002, 0.005, 0.012]);
+            return grid(&[&[-0.012, -0.005, -0.002, 0.002, 0.005, 0.012]]);
         }
         // Half a second at the end of the session is the most that still looks like the same stroke.
         ladder(0.02, 0.5, 5).into_iter().flat_map(|end_s| [vec![end_s / session.length_s], vec![-end_s / session.length_s]]).collect()

@@ -38,7 +38,8 @@ const CURVED: usize = 2;
 
 const HELD: usize = 3;
 
-struct OfInput;
+/// Of the pressure before the hysteresis.
+pub struct OfInput;
 
 /// Thermally activated flow (Eyring 1936): `z' = (A / T) sinh((x - z) / A)`, which creeps as the logarithm of time; of the pressure
 /// before the hysteresis, `v = u + B z(u)`, or of the displacement behind it.
@@ -132,18 +133,20 @@ impl Form for OfInput {
             parameters: &[
                 Parameter { name: "total_compliance", quantity: Quantity::Ratio, low: 1e-3, high: 1.0, logarithmic: true },
                 Parameter { name: "first_time_constant", quantity: Quantity::Time, low: 0.1, high: 8.0, logarithmic: true },
+                Parameter { name: "times_as_long", quantity: Quantity::Ratio, low: 1.0, high: 10.0, logarithmic: true },
             ],
-            starts: || ladder(0.02, 0.3, 3).into_iter().flat_map(|size| [vec![size, 0.4], vec![size, 2.0]]).collect(),
+            simpler_at: &[(2, 1.0)],
+            starts: || grid(&[&ladder(0.02, 0.3, 3), &[0.4, 2.0], &[1.0, 5.0]]),
             ..Spec::new("creep", ("of-the-pressure", "of the pressure's effect"), Place::Muscle)
         }
     }
     leads_input!(|self, parameters, run| Giving {
         share: parameters[0] / 3.0,
-        lags: [1.0, 5.0, 25.0].map(|factor| Lag::new(parameters[1] * factor, run.period_s)),
+        lags: [0, 1, 2].map(|lag| Lag::new(parameters[1] * parameters[2].powi(lag), run.period_s)),
     });
 }
 
-/// What [`OfInput`] does to the input: three lags beside it, each five times as long as the one before.
+/// What [`OfInput`] does to the input: three lags beside it, each so many times as long as the one before: one element, or a spectrum.
 #[derive(PartialEq)]
 struct Giving {
     share: f64,
@@ -177,12 +180,7 @@ impl Form for Activated {
         if self.of_input {
             Spec {
                 parameters: &FLOW,
-                starts: || {
-                    grid(&[2.0, 10.0], &[0.15, 0.5])
-                        .into_iter()
-                        .flat_map(|of| [0.05, 0.2].map(|size| [&of[..], &[size]].concat()))
-                        .collect()
-                },
+                starts: || grid(&[&[2.0, 10.0], &[0.15, 0.5], &[0.05, 0.2]]),
                 ..Spec::new("creep", ("of-the-pressure-activated", "of the pressure's effect, thermally activated"), Place::Muscle)
             }
         } else {
@@ -190,7 +188,7 @@ impl Form for Activated {
                 parameters: &[FLOW[0], FLOW[1]],
                 weights: 1,
                 needs_sum: true,
-                starts: || grid(&[2.0, 10.0], &[0.15, 0.5]),
+                starts: || grid(&[&[2.0, 10.0], &[0.15, 0.5]]),
                 ..Spec::new("creep", ("of-the-displacement-activated", "of the displacement, thermally activated"), Place::Material)
             }
         }
@@ -231,7 +229,7 @@ fn flow(flowed: f64, towards: f64, time_s: f64, activation: f64, period_s: f64) 
 
 #[cfg(test)]
 mod tests {
-    use super::{CURVED, HELD, OfOutput, TIMES_S};
+    use super::{CURVED, HELD, OfInput, OfOutput, TIMES_S};
     use crate::chain::columns::Columns;
     use crate::chain::filters::lag;
     use crate::chain::form::Form;
@@ -269,6 +267,32 @@ mod tests {
             }
         }
         assert_eq!(left_of_earlier(&session.runs[0], 8.0, true), 0.0);
+    }
+
+    #[test]
+    fn creep_of_the_pressure_is_one_element_or_a_spectrum_of_three() {
+        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.1 * time).collect();
+        let recording = Recording::new(
+            Path::new("run.csv"),
+            Signal::pressure_bar(),
+            Signal::displacement_mm(),
+            time_s.clone(),
+            input.clone(),
+            input.clone(),
+        );
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        for (times, lags_s) in [(1.0, [2.0, 2.0, 2.0]), (3.0, [2.0, 6.0, 18.0])] {
+            let mut path = input.clone();
+            OfInput.input(&[0.3, 2.0, times], run, &mut path);
+            for (at, time_s) in time_s.iter().enumerate() {
+                // The answer of a lag T to a ramp: a (t - T + T exp(-t / T)).
+                let lagged = |lag_s: f64| 0.1 * (time_s - lag_s + lag_s * (-time_s / lag_s).exp());
+                let exact = input[at] + 0.1 * lags_s.map(lagged).iter().sum::<f64>();
+                assert!((path[at] - exact).abs() < 1e-9, "{times} at {time_s} s: {} instead of {exact}", path[at]);
+            }
+        }
     }
 
     #[test]

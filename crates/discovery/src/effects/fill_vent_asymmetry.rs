@@ -101,7 +101,7 @@ impl Form for TwoLags {
         let of = |pair: &Vec<f64>| [pair[0], pair[1], third, NEVER_FULL][..self.spec().parameters.len()].to_vec();
         // Open in full at a small error, it follows a small one soon.
         let soon = |pair: &Vec<f64>| vec![0.1 * pair[0], 0.1 * pair[1], 0.9, 0.1];
-        let pairs: Vec<Vec<f64>> = grid(&times, &times).into_iter().filter(|pair| pair[0] != pair[1]).collect();
+        let pairs: Vec<Vec<f64>> = grid(&[&times, &times]).into_iter().filter(|pair| pair[0] != pair[1]).collect();
         let opened = pairs.iter().filter(|_| self.law == Law::Drive).map(soon);
         pairs.iter().map(of).chain(opened).collect()
     }

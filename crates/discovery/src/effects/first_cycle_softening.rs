@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use statrs::function::erf::erf;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::{grid, ladder, row};
+use crate::chain::filters::{grid, ladder};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 use crate::effects::softening_of_pressure::OF_THE_PRESSURE;
@@ -114,30 +114,27 @@ impl Form for Softening {
             (Wear::Distance, false) => Spec {
                 parameters: &[DISTANCE, RECOVERY],
                 simpler_at: &[(1, NEVER_S)],
-                starts: || grid(&ladder(0.3, 6.0, 6), &[20.0, NEVER_S]),
+                starts: || grid(&[&ladder(0.3, 6.0, 6), &[20.0, NEVER_S]]),
                 ..plain
             },
-            (Wear::Distance, true) => Spec { parameters: &[DISTANCE], starts: || row(&ladder(0.3, 6.0, 4)), ..plain },
-            (Wear::Strokes, true) => Spec { parameters: &[STROKES], starts: || row(&[0.5, 1.5, 4.0]), ..plain },
+            (Wear::Distance, true) => Spec { parameters: &[DISTANCE], starts: || grid(&[&ladder(0.3, 6.0, 4)]), ..plain },
+            (Wear::Strokes, true) => Spec { parameters: &[STROKES], starts: || grid(&[&[0.5, 1.5, 4.0]]), ..plain },
             (Wear::Strokes, false) => Spec {
                 parameters: &[STROKES, SLOWING],
                 simpler_at: &[(1, EVENLY)],
-                starts: || grid(&[0.5, 1.5, 4.0], &[EVENLY, 1.0]),
+                starts: || grid(&[&[0.5, 1.5, 4.0], &[EVENLY, 1.0]]),
                 ..plain
             },
             (Wear::Crossings, _) => Spec {
                 parameters: &[STROKES, SLOWING, LEVEL],
                 simpler_at: &[(1, EVENLY)],
-                starts: || {
-                    let counts = grid(&[0.5, 1.5, 4.0], &[EVENLY, 1.0]);
-                    counts.iter().flat_map(|count| [0.2, 0.35, 0.5, 0.65].map(|level| vec![count[0], count[1], level])).collect()
-                },
+                starts: || grid(&[&[0.5, 1.5, 4.0], &[EVENLY, 1.0], &[0.2, 0.35, 0.5, 0.65]]),
                 ..plain
             },
-            (Wear::Load, _) => Spec { parameters: &[UNDER_LOAD], starts: || row(&[0.5, 1.5, 5.0]), ..plain },
+            (Wear::Load, _) => Spec { parameters: &[UNDER_LOAD], starts: || grid(&[&[0.5, 1.5, 5.0]]), ..plain },
             // First cycles are few: what goes on for many recordings is a drift of the gain. Over like strokes a gain that drifts towards a limit
             // does the same: where that does as well, it is drift.
-            (Wear::Lasting, _) => Spec { parameters: &[SPANS], cost: Some(3), starts: || row(&ladder(1.0, 15.0, 4)), ..plain },
+            (Wear::Lasting, _) => Spec { parameters: &[SPANS], cost: Some(3), starts: || grid(&[&ladder(1.0, 15.0, 4)]), ..plain },
             (Wear::Largest { .. }, _) => Spec { cost: Some(1 + plain.weights), ..plain },
         }
     }
@@ -259,7 +256,7 @@ impl Form for BelowPeak {
         Spec {
             parameters: &[BELOW, RECOVERY],
             simpler_at: &[(1, NEVER_S)],
-            starts: || grid(&[0.1, 0.3, 1.0], &[10.0, NEVER_S]),
+            starts: || grid(&[&[0.1, 0.3, 1.0], &[10.0, NEVER_S]]),
             weights: 1,
             needs_sum: true,
             ..Spec::new(NAME, ("below-peak", "below the highest displacement since the recording began"), Place::Material)
@@ -285,7 +282,7 @@ impl Form for RunningIn {
         const WIDTH: Parameter = Parameter { name: "half_width", quantity: Quantity::Output, low: 5e-3, high: 0.3, logarithmic: true };
         Spec {
             parameters: &[DISTANCE, WIDTH],
-            starts: || grid(&[0.5, 1.5, 4.0], &[0.02, 0.06]),
+            starts: || grid(&[&[0.5, 1.5, 4.0], &[0.02, 0.06]]),
             weights: 1,
             needs_sum: true,
             ..Spec::new(NAME, ("running-in", "a loop that is gone when the displacement has travelled so far"), Place::Material)

@@ -6,7 +6,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
-use crate::chain::filters::{grid, ladder, lag_coefficients, row};
+use crate::chain::filters::{grid, ladder, lag_coefficients};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
@@ -65,9 +65,9 @@ impl Form for Hole {
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if self.parameters.len() == 1 {
-            return row(&ladder(2.0, 100.0, 7));
+            return grid(&[&ladder(2.0, 100.0, 7)]);
         }
-        grid(&ladder(2.0, 30.0, 4), &[0.15, 0.5]).iter().flat_map(|of| [0.0, 0.4].map(|lifts| [&of[..], &[lifts]].concat())).collect()
+        grid(&[&ladder(2.0, 30.0, 4), &[0.15, 0.5], &[0.0, 0.4]])
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         // A unipolar line cannot go below the room's pressure.
@@ -116,7 +116,7 @@ impl Form for Filling {
                 Parameter { name: "fill_time_constant", quantity: Quantity::Time, low: 5e-3, high: 2.0, logarithmic: true },
                 Parameter { name: "leak", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
             ],
-            starts: || grid(&ladder(0.03, 0.4, 3), &[0.04, 0.15]),
+            starts: || grid(&[&ladder(0.03, 0.4, 3), &[0.04, 0.15]]),
             // With no leak it is the lag by which it fills.
             nested_limits: |of| vec![(pneumatic_lag::FORMS[0], of[..1].to_vec())],
             ..Spec::new("leakage", ("behind-restriction", "a hole behind the restriction that fills"), Place::Tube)

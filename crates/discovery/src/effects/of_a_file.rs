@@ -20,7 +20,7 @@ use serde::Deserialize;
 pub use crate::chain::definition::{Definition, Shape, Side, Unit};
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::ladder;
+use crate::chain::filters::{ladder, with};
 use crate::chain::form::{Form, OperatorLaw, Parameter, Place, Quantity, Spec, ThresholdLaw};
 use crate::data::session::{Run, Session};
 
@@ -298,7 +298,7 @@ impl Form for OfAFile {
                 let at = |point: usize| parameter.low + (parameter.high - parameter.low) * (point as f64 + 0.5) / points as f64;
                 (0..points).map(at).collect()
             };
-            starts = starts.iter().flat_map(|start| values.iter().map(|value| [start.as_slice(), &[*value]].concat())).collect();
+            starts = with(starts, &values);
         }
         starts
     }

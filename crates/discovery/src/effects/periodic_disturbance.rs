@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::row;
+use crate::chain::filters::grid;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::phasors;
 use crate::data::session::{Run, Session};
@@ -215,7 +215,7 @@ impl Form for Beat {
         let lines = Line::all(session, residual);
         let of = |peak: f64| tuned(session, &lines, &spectrum, peak).map(|found| found / spectrum.harmonic_of(peak) as f64);
         let found: Vec<f64> = if self.triggered { spectrum.bases() } else { spectrum.peaks().into_iter().filter_map(of).collect() };
-        apart_from_input(session, residual, row(&found), STRONG_HARMONICS)
+        apart_from_input(session, residual, grid(&[&found]), STRONG_HARMONICS)
     }
     fn output(&self, parameters: &[f64], run: &Run, _: &[f64], columns: &mut Columns) {
         push_harmonics(parameters[0], if self.triggered { &run.time_s } else { &run.session_s }, columns);
@@ -304,7 +304,7 @@ impl Form for Loose {
     fn starts(&self, session: &Session, residual: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spectrum = Spectrum::new(session, residual);
         let found = if self.harmonics > 1 { spectrum.bases() } else { spectrum.peaks() };
-        apart_from_input(session, residual, row(&found), self.harmonics.min(STRONG_HARMONICS))
+        apart_from_input(session, residual, grid(&[&found]), self.harmonics.min(STRONG_HARMONICS))
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         // Nothing but the recording itself knows the phase: it is read from what the model leaves of the measured output. Where there is

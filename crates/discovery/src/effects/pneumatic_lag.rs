@@ -6,7 +6,7 @@
 
 use crate::chain::columns::{Columns, Filter};
 use crate::chain::elementary;
-use crate::chain::filters::{Lag, grid, ladder, lag, lag_coefficients, lag_of_held, row};
+use crate::chain::filters::{Lag, grid, ladder, lag, lag_coefficients, lag_of_held};
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
@@ -65,8 +65,8 @@ impl Form for Restriction {
         }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let two = || grid(&ladder(0.03, 0.7, 5), &[0.05, 0.23]);
-        if self.parameters.len() == 1 { row(&ladder(0.02, 1.0, 7)) } else { two() }
+        let two = || grid(&[&ladder(0.03, 0.7, 5), &[0.05, 0.23]]);
+        if self.parameters.len() == 1 { grid(&[&ladder(0.02, 1.0, 7)]) } else { two() }
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {
         if self.place > Place::Operators {
@@ -158,7 +158,7 @@ impl Form for Changing {
         Spec { parameters: self.parameters, steps: &[0.15, 0.4], ..Spec::new("pneumatic-lag", self.form, Place::Flow) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(0.03, 0.8, 5), &[if self.slows { 0.5 } else { 2.0 }])
+        grid(&[&ladder(0.03, 0.8, 5), &[if self.slows { 0.5 } else { 2.0 }]])
     }
     leads_input!(|self, parameters, run| {
         let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
@@ -208,7 +208,7 @@ impl Form for Orifice {
     fn spec(&self) -> Spec {
         Spec {
             parameters: &[TIME, POWER],
-            starts: || grid(&ladder(0.03, 0.6, 5), &[0.75]),
+            starts: || grid(&[&ladder(0.03, 0.6, 5), &[0.75]]),
             simpler_at: &[(1, 1.0)],
             ..Spec::new("pneumatic-lag", ("orifice", "an orifice before the hysteresis, flow with a power of the difference"), Place::Flow)
         }

@@ -8,9 +8,10 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::{grid, ladder, row};
+use crate::chain::filters::{grid, ladder, with};
 use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec, Told};
 use crate::data::session::{Run, Session};
+use crate::effects::creep;
 
 /// All forms.
 pub const FORMS: &[&dyn Form] = &[
@@ -71,7 +72,7 @@ static ADDITIVE: OfOperators = {
 static ADDITIVE_FADING: OfOperators = OfOperators::new(
     (NAME, ("overstress-fading", "every threshold grows by the same, in proportion to the rate, and builds up and fades")),
     &[Parameter { name: "viscous_time", quantity: Quantity::Time, high: 0.5, ..OVERSTRESS }, FADING],
-    || grid(&ladder(0.01, 0.1, 3), &[0.02, 0.06]),
+    || grid(&[&ladder(0.01, 0.1, 3), &[0.02, 0.06]]),
     |of, law| [law.extra_per_rate, law.rate_memory_s] = [of[0], of[1]],
 );
 
@@ -79,12 +80,7 @@ static PROPORTIONAL: OfOperators = {
     let mut own = OfOperators::new(
         (NAME, ("share-asinh", "every threshold grows by a share of itself, with the inverse hyperbolic sine of the rate")),
         &[GROWTH, RATE, FADING],
-        || {
-            starts(&ladder(0.05, 1.0, 4))
-                .iter()
-                .flat_map(|start| [FADING.low, 0.04].map(|memory| [&start[..], &[memory]].concat()))
-                .collect()
-        },
+        || with(starts(&ladder(0.05, 1.0, 4)), &[FADING.low, 0.04]),
         // As short as can be it is none.
         |of, law| [law.growth_per_rate, law.rate_scale_per_s, law.rate_memory_s] = [of[0], of[1], of[2] * f64::from(of[2] > FADING.low)],
     );
@@ -97,7 +93,7 @@ static VISCOUS: OfOperators = {
     let mut own = OfOperators::new(
         (NAME, ("viscous", "operators follow their bounds late")),
         &[RELAXATION, Parameter { name: "power_of_the_threshold", quantity: Quantity::Ratio, low: 0.0, high: 1.0, logarithmic: false }],
-        || grid(&ladder(0.01, 2.0, 8), &[0.0, 0.6]),
+        || grid(&[&ladder(0.01, 2.0, 8), &[0.0, 0.6]]),
         |of, law| [law.viscous_s, law.viscous_power] = [of[0], of[1]],
     );
     own.spec.simpler_at = &[(1, 0.0)];
@@ -110,7 +106,7 @@ static STIFFENING: OfOperators = OfOperators::new(
         Parameter { low: 5e-3, ..RELAXATION },
         Parameter { name: "stiffening_distance", quantity: Quantity::Input, low: 1e-3, high: 1.0, logarithmic: true },
     ],
-    || grid(&[0.05, 0.2, 0.8], &[0.01, 0.03, 0.1]),
+    || grid(&[&[0.05, 0.2, 0.8], &[0.01, 0.03, 0.1]]),
     |parameters, law| [law.viscous_s, law.stiffening] = [parameters[0], parameters[1]],
 );
 
@@ -122,9 +118,9 @@ impl Form for Relaxing {
                 Parameter { name: "slip", quantity: Quantity::Input, low: 5e-3, high: 0.3, logarithmic: true },
                 Parameter { name: "relaxation_time", quantity: Quantity::Time, low: 0.05, high: 5.0, logarithmic: true },
             ],
-            starts: || {
-                grid(&[0.15, 0.4], &[0.03, 0.08]).into_iter().flat_map(|of| [0.2, 0.8].map(|slow| [&of[..], &[slow]].concat())).collect()
-            },
+            // A slider that does not slip is an element of Kelvin and Voigt.
+            nested_limits: |of| vec![(&creep::OfInput, vec![of[0] / (1.0 - of[0]), of[2], 1.0])],
+            starts: || grid(&[&[0.15, 0.4], &[0.03, 0.08], &[0.2, 0.8]]),
             ..Spec::new(NAME, ("relaxing-slider", "a slider holds the input back, and its spring relaxes"), Place::Muscle)
         }
     }
@@ -147,7 +143,7 @@ impl Form for Weights {
         if self.logarithmic {
             Spec {
                 parameters: &[Parameter { low: 1e-2, high: 5.0, ..RATE }],
-                starts: || row(&[0.05, 0.4]),
+                starts: || grid(&[&[0.05, 0.4]]),
                 ..of(("weights-logarithmic", "weights change with the logarithm of the rate"), 4)
             }
         } else {
@@ -218,6 +214,30 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_slider_that_never_slips_is_the_creep_that_it_is_compared_with() {
+        let time_s: Vec<f64> = (0..2000).map(|sample| f64::from(sample) * 0.01).collect();
+        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * time).cos()).collect();
+        let recording =
+            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
+        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let run = &session.runs[0];
+        let (mut slid, stiffness) = (run.input.clone(), 0.3);
+        let parameters = [stiffness, 0.3, 1.0];
+        Relaxing.input(&parameters, run, &mut slid);
+        // No more than the spring's share of the stroke, with which it does not slip.
+        assert!(run.input.iter().zip(&slid).all(|(input, slid)| (input - slid).abs() < 0.299));
+        for (form, parameters) in Relaxing.nested_limits(&parameters) {
+            let mut crept = run.input.clone();
+            form.input(&parameters, run, &mut crept);
+            for (sample, (slid, crept)) in slid.iter().zip(&crept).enumerate() {
+                let crept = (1.0 - stiffness) * crept;
+                assert!((slid - crept).abs() < 5e-3, "sample {sample}: {slid} instead of {crept}");
+            }
+        }
+        assert_eq!(Relaxing.nested_limits(&parameters).len(), 1);
     }
 
     #[test]

@@ -280,7 +280,7 @@ impl Form for Swinging {
         Spec { parameters: self.parameters, ..Spec::new("resonance", self.form, self.place) }
     }
     fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&ladder(1.2, 8.0, 8), &[0.08, 0.3]).iter().map(|of| [&of[..], &[0.5][..self.parameters.len() - 2]].concat()).collect()
+        grid(&[&ladder(1.2, 8.0, 8), &[0.08, 0.3]]).iter().map(|of| [&of[..], &[0.5][..self.parameters.len() - 2]].concat()).collect()
     }
     /// What follows a slow command hardly differently from a swing that is damped so much.
     fn nested_limits(&self, parameters: &[f64]) -> Limits {

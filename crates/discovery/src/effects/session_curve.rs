@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
-use crate::chain::filters::row;
+use crate::chain::filters::grid;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec, Told};
 use crate::data::noise;
 use crate::data::session::{Run, Session};
@@ -94,7 +94,7 @@ impl Form for TowardsALimit {
     }
     fn starts(&self, session: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let is_only_one = session.worked().all(|run| run.source.0 == 0);
-        if self.inside == is_only_one { row(&[0.1, 0.3, 1.0, 5.0].map(|share| share * session.length_s)) } else { Vec::new() }
+        if self.inside == is_only_one { grid(&[&[0.1, 0.3, 1.0, 5.0].map(|share| share * session.length_s)]) } else { Vec::new() }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
         columns.push(true, |sample| -self.drifts.of(sum, sample) * (-run.session_s[sample] / parameters[0]).exp_m1());

@@ -54,7 +54,7 @@ impl Form for Limit {
             return ladder(0.05, 0.97, 9).into_iter().map(|share| vec![of_fastest(share)]).collect();
         }
         // Limits that differ little show at the fastest strokes only: pairs near each other as well as far apart.
-        let shares = grid(&[0.15, 0.4, 0.6, 0.8], &[0.15, 0.4, 0.6, 0.8]).into_iter().filter(|pair| pair[0] != pair[1]);
+        let shares = grid(&[&[0.15, 0.4, 0.6, 0.8], &[0.15, 0.4, 0.6, 0.8]]).into_iter().filter(|pair| pair[0] != pair[1]);
         shares.map(|pair| pair.into_iter().map(of_fastest).collect()).collect()
     }
     fn input(&self, parameters: &[f64], run: &Run, path: &mut [f64]) {

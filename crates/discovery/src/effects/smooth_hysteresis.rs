@@ -106,7 +106,7 @@ impl Form for BoucWen {
             return Spec {
                 parameters: &[ONSET, LEAN, TURNING, EXPONENT],
                 simpler_at: &[(2, 0.0), (3, 1.0)],
-                starts: || grid(&[0.08, 0.3], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.0, 1.2]].concat()).collect(),
+                starts: || grid(&[&[0.08, 0.3], &[-0.4, 0.4], &[0.0], &[1.2]]),
                 ..shared(LEANING, FORMS[usize::from(self.remembers)])
             };
         }
@@ -115,7 +115,7 @@ impl Form for BoucWen {
         Spec {
             parameters: &[ONSET, TURNING, EXPONENT],
             simpler_at: &[(1, 0.0), (2, 1.0)],
-            starts: || grid(&[0.08, 0.3], &[-0.5, 0.0]).into_iter().map(|of| [&of[..], &[1.2]].concat()).collect(),
+            starts: || grid(&[&[0.08, 0.3], &[-0.5, 0.0], &[1.2]]),
             ..shared(NAME, FORMS[usize::from(self.remembers)])
         }
     }
@@ -174,13 +174,13 @@ impl Form for Dahl {
             ];
             return Spec {
                 parameters: &[BOUND, LEAN, SHARE],
-                starts: || grid(&[0.05, 0.15], &[-0.4, 0.4]).into_iter().map(|of| [&of[..], &[0.7]].concat()).collect(),
+                starts: || grid(&[&[0.05, 0.15], &[-0.4, 0.4], &[0.7]]),
                 ..Spec::new(LEANING, FORMS[usize::from(self.remembers)], Place::Muscle)
             };
         }
         const FORMS: [Told; 2] = [("dahl", "Dahl friction"), ("dahl-going-on", "Dahl friction, going on from recording to recording")];
         let plain = Spec::new(NAME, FORMS[usize::from(self.remembers)], Place::Muscle);
-        Spec { parameters: &[BOUND, SHARE], starts: || grid(&[0.05, 0.15, 0.4], &[0.7]), ..plain }
+        Spec { parameters: &[BOUND, SHARE], starts: || grid(&[&[0.05, 0.15, 0.4], &[0.7]]), ..plain }
     }
     fn nested_limits(&self, parameters: &[f64]) -> Limits {
         without_lean(self.leans, FORMS[2 + usize::from(self.remembers)], parameters)

@@ -4,7 +4,7 @@
 
 use crate::chain::columns::Filter;
 use crate::chain::elementary;
-use crate::chain::filters::grid;
+use crate::chain::filters::with;
 use crate::chain::form::{Form, Parameter, Place, Quantity, Spec};
 use crate::chain::side_by_side::leads_input;
 use crate::data::session::Run;
@@ -26,8 +26,8 @@ impl Form for OfThePressure {
             ],
             simpler_at: &[(0, 0.0), (1, 0.0), (3, 0.0)],
             starts: || {
-                let of = |sizes: [f64; 2]| grid(&[1.0, 4.0], &[-0.5, 2.0]).into_iter().map(move |rest| [&sizes[..], &rest].concat());
-                [[-0.12, 0.0], [0.12, 0.0], [0.0, 0.08]].into_iter().flat_map(of).collect()
+                let sizes = [[-0.12, 0.0], [0.12, 0.0], [0.0, 0.08]].map(Vec::from).to_vec();
+                with(with(sizes, &[1.0, 4.0]), &[-0.5, 2.0])
             },
             ..Spec::new(
                 "first-cycle-softening",

@@ -79,7 +79,7 @@ impl Form for Power {
             ],
             is_static: true,
             simpler_at: &[(1, 1.0)],
-            starts: || [grid(&[0.6, 0.85, 1.2, 1.6], &[1.0]), grid(&[1.2, 2.2], &[2.0, 5.0]), grid(&[1.0, 2.0], &[0.4])].concat(),
+            starts: || [grid(&[&[0.6, 0.85, 1.2, 1.6], &[1.0]]), grid(&[&[1.2, 2.2], &[2.0, 5.0]]), grid(&[&[1.0, 2.0], &[0.4]])].concat(),
             ..Spec::new(
                 "static-nonlinearity",
                 ("input-rational", "power of the input that saturates or steepens: v = b u^n / (1 + (b - 1) u^n)"),
@@ -127,7 +127,7 @@ impl Form for SShaped {
             ],
             weights: 1,
             needs_sum: true,
-            starts: || grid(&[5.0, 12.0], &[0.25, 0.5, 0.75]),
+            starts: || grid(&[&[5.0, 12.0], &[0.25, 0.5, 0.75]]),
             ..Spec::new("static-nonlinearity", ("output-logistic", "logistic curve of the output, or a share of it"), Place::Material)
         }
     }

@@ -33,7 +33,7 @@ impl Form for Corner {
             parameters: &[LIMIT, Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true }],
             simpler_at: &[(1, 1e-3)],
             is_static: true,
-            starts: || grid(&[0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96], &[0.005, 0.04]),
+            starts: || grid(&[&[0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96], &[0.005, 0.04]]),
             ..Spec::new(NAME, ("rounded", "rounded corner"), Place::Supply)
         }
     }
@@ -51,7 +51,7 @@ impl Form for Drooping {
             parameters: &[LIMIT, Parameter { name: "sharpness", quantity: Quantity::Ratio, low: 4.0, high: SHARP, logarithmic: true }],
             simpler_at: &[(1, SHARP)],
             is_static: true,
-            starts: || grid(&[0.55, 0.65, 0.75, 0.85, 0.94], &[10.0, 30.0]),
+            starts: || grid(&[&[0.55, 0.65, 0.75, 0.85, 0.94], &[10.0, 30.0]]),
             ..Spec::new(NAME, ("drooping", "a regulator that droops towards its limit"), Place::Supply)
         }
     }
@@ -77,10 +77,7 @@ impl Form for Tank {
                 Parameter { name: "emptied", quantity: Quantity::Ratio, low: 0.01, high: 1.0, logarithmic: true },
                 Parameter { name: "filling_time", quantity: Quantity::Time, low: 0.1, high: 20.0, logarithmic: true },
             ],
-            starts: || {
-                let limits = grid(&[0.6, 0.75, 0.9], &[0.05, 0.2]);
-                limits.iter().flat_map(|of| [0.6, 3.0].map(|time_s| [&of[..], &[time_s]].concat())).collect()
-            },
+            starts: || grid(&[&[0.6, 0.75, 0.9], &[0.05, 0.2], &[0.6, 3.0]]),
             ..Spec::new(NAME, ("tank", "a small tank that filling empties"), Place::Supply)
         }
     }
@@ -124,7 +121,7 @@ impl Form for Inlet {
                 Parameter { name: "following_time", quantity: Quantity::Time, low: AT_ONCE_S, high: 0.1, logarithmic: true },
             ],
             simpler_at: &[(2, AT_ONCE_S)],
-            starts: || grid(&[0.6, 0.75, 0.9], &[0.03, 0.12]).iter().map(|of| [&of[..], &[0.01]].concat()).collect(),
+            starts: || grid(&[&[0.6, 0.75, 0.9], &[0.03, 0.12], &[0.01]]),
             ..Spec::new(NAME, ("inlet", "through an inlet that fills by what the supply has above the muscle"), Place::Supply)
         }
     }
