@@ -1,6 +1,7 @@
 //! What discovery promises: it names what was hidden, keeps quiet when nothing was, and repeats itself.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use virtual_rig::{self as rig, Case, CaseConfig, Generator};
 
@@ -13,6 +14,15 @@ use super::*;
 
 /// Seeds of these tests; tuning used 100 to 199, figures are reported on 1000 and above.
 const SEED: u64 = 500;
+
+/// A session of one recording whose output is its input, a function of the time, s.
+pub fn session_of(samples: u32, period_s: f64, input: impl Fn(f64) -> f64) -> Session {
+    let time_s: Vec<f64> = (0..samples).map(|sample| f64::from(sample) * period_s).collect();
+    let input: Vec<f64> = time_s.iter().map(|time_s| input(*time_s)).collect();
+    let signals = (Signal::pressure_bar(), Signal::displacement_mm());
+    let recording = Recording::new(Path::new("run.csv"), signals.0, signals.1, time_s, input.clone(), input);
+    Session::new(&[recording.expect("a recording")], &[]).expect("a session")
+}
 
 /// Nearly normal deviates of unit variance, the same for equal seeds: the sum of twelve uniform ones (xorshift; Marsaglia 2003).
 pub fn deviates(seed: u64) -> impl FnMut() -> f64 {

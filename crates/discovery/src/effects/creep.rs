@@ -235,6 +235,7 @@ mod tests {
     use crate::chain::form::Form;
     use crate::data::session::Session;
     use crate::effects::creep::{gain, left_of_earlier};
+    use crate::tests::session_of;
     use recording::{Recording, Signal};
     use std::path::Path;
 
@@ -271,25 +272,17 @@ mod tests {
 
     #[test]
     fn creep_of_the_pressure_is_one_element_or_a_spectrum_of_three() {
-        let time_s: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
-        let input: Vec<f64> = time_s.iter().map(|time| 0.1 * time).collect();
-        let recording = Recording::new(
-            Path::new("run.csv"),
-            Signal::pressure_bar(),
-            Signal::displacement_mm(),
-            time_s.clone(),
-            input.clone(),
-            input.clone(),
-        );
-        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        // One span long.
+        let slope = 1.0 / (399.0 * 0.02);
+        let session = session_of(400, 0.02, |time_s| slope * time_s);
         let run = &session.runs[0];
         for (times, lags_s) in [(1.0, [2.0, 2.0, 2.0]), (3.0, [2.0, 6.0, 18.0])] {
-            let mut path = input.clone();
+            let mut path = run.input.clone();
             OfInput.input(&[0.3, 2.0, times], run, &mut path);
-            for (at, time_s) in time_s.iter().enumerate() {
+            for (at, time_s) in run.time_s.iter().enumerate() {
                 // The answer of a lag T to a ramp: a (t - T + T exp(-t / T)).
-                let lagged = |lag_s: f64| 0.1 * (time_s - lag_s + lag_s * (-time_s / lag_s).exp());
-                let exact = input[at] + 0.1 * lags_s.map(lagged).iter().sum::<f64>();
+                let lagged = |lag_s: f64| slope * (time_s - lag_s + lag_s * (-time_s / lag_s).exp());
+                let exact = run.input[at] + 0.1 * lags_s.map(lagged).iter().sum::<f64>();
                 assert!((path[at] - exact).abs() < 1e-9, "{times} at {time_s} s: {} instead of {exact}", path[at]);
             }
         }
@@ -319,10 +312,7 @@ mod tests {
 
     #[test]
     fn a_time_is_told_what_gives_by_the_load_and_by_its_square() {
-        let values: Vec<f64> = (0..400).map(|sample| f64::from(sample) * 0.02).collect();
-        let recording =
-            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), values.clone(), values.clone(), values);
-        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let session = session_of(400, 0.02, |time_s| time_s);
         let told = |form: &OfOutput, weights: &[f64]| -> Vec<f64> {
             let told = form.tell(&[], weights, &session);
             let at_times = TIMES_S.iter().map(|time_s| told[&format!("compliance_at_{time_s}_s")]);

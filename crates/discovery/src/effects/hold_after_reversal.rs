@@ -194,11 +194,7 @@ mod tests {
 
     #[test]
     fn without_a_hold_it_is_the_slew_limit_that_it_is_compared_with() {
-        let time_s: Vec<f64> = (0..600).map(|sample| f64::from(sample) * 0.02).collect();
-        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (4.0 * time).cos()).collect();
-        let recording =
-            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
-        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let session = crate::tests::session_of(600, 0.02, |time_s| 0.5 - 0.5 * (4.0 * time_s).cos());
         let run = &session.runs[0];
         // The fastest stroke is at two spans a second.
         let held = [0.0, 0.03, 1.2, 1.0, ANY_ERROR];

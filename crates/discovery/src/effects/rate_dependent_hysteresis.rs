@@ -184,8 +184,6 @@ mod tests {
     use crate::chain::columns::{AHEAD, Rows, SIDE};
     use crate::chain::form::OperatorLaw;
     use crate::chain::operators::{self, Begin, Lead};
-    use recording::{Recording, Signal};
-    use std::path::Path;
 
     #[test]
     fn operators_that_follow_late_are_slower_by_a_power_of_their_thresholds() {
@@ -218,11 +216,7 @@ mod tests {
 
     #[test]
     fn a_slider_that_never_slips_is_the_creep_that_it_is_compared_with() {
-        let time_s: Vec<f64> = (0..2000).map(|sample| f64::from(sample) * 0.01).collect();
-        let input: Vec<f64> = time_s.iter().map(|time| 0.5 - 0.5 * (2.0 * time).cos()).collect();
-        let recording =
-            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
-        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let session = crate::tests::session_of(2000, 0.01, |time_s| 0.5 - 0.5 * (2.0 * time_s).cos());
         let run = &session.runs[0];
         let (mut slid, stiffness) = (run.input.clone(), 0.3);
         let parameters = [stiffness, 0.3, 1.0];
@@ -242,11 +236,7 @@ mod tests {
 
     #[test]
     fn a_relaxing_slider_holds_back_what_its_spring_keeps_and_no_more_than_it_slips_at() {
-        let time_s: Vec<f64> = (0..2000).map(|sample| f64::from(sample) * 0.01).collect();
-        let input: Vec<f64> = time_s.iter().map(|time| 0.05 * time).collect();
-        let recording =
-            Recording::new(Path::new("run.csv"), Signal::pressure_bar(), Signal::displacement_mm(), time_s, input.clone(), input);
-        let session = Session::new(&[recording.expect("a recording")], &[]).expect("a session");
+        let session = crate::tests::session_of(2000, 0.01, |time_s| 0.05 * time_s);
         let run = &session.runs[0];
         let held = |slip: f64| {
             let mut path = run.input.clone();
