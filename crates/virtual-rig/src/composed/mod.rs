@@ -15,6 +15,7 @@ mod ladders_of_time;
 mod laws;
 mod motion;
 mod muscle;
+mod ninth_laws;
 mod reporting;
 mod second_laws;
 mod second_reporting;
@@ -64,6 +65,9 @@ pub const FIRST_OF_SEVENTH: u64 = 8300;
 /// First of a hundred seeds to tune on that draw one of as many others.
 pub const FIRST_OF_EIGHTH: u64 = 8400;
 
+/// First of a hundred seeds to tune on that draw one supply of five.
+pub const FIRST_OF_NINTH: u64 = 8500;
+
 /// Makes one hidden case of this rig.
 pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command, mut noise]: [ChaCha8Rng; 4]) -> Result<Case, RigError> {
     let span_bar = plant.random_range(1.5..2.9);
@@ -88,6 +92,9 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
     for name in names {
         let drawn = match set {
             _ if name == "smooth-hysteresis" => smooth_laws::smooth_hysteresis(set, &mut draw),
+            Set::Tuning if name == "supply-saturation" && (FIRST_OF_NINTH..FIRST_OF_NINTH + 100).contains(&config.seed) => {
+                ninth_laws::supply_saturation(config.seed, &mut draw)
+            }
             Set::Tuning if (FIRST_OF_EIGHTH..FIRST_OF_EIGHTH + 100).contains(&config.seed) => {
                 seventh_laws::tuning(&eighth_laws::LAWS, name, config.seed, &mut draw)
             }
@@ -193,7 +200,7 @@ pub fn hide(config: &CaseConfig, set: Set, [mut plant, mut effects, mut command,
 mod tests {
     //! Every one of many laws stays finite and shows.
 
-    use super::{FIRST_OF_EIGHTH, FIRST_OF_SEVENTH, seventh_laws::COUNTS};
+    use super::{FIRST_OF_EIGHTH, FIRST_OF_NINTH, FIRST_OF_SEVENTH, ninth_laws::SUPPLIES, seventh_laws::COUNTS};
     use crate::{Case, CaseConfig, Excitation, Generator, hide};
 
     fn make(effects: Vec<String>, seed: u64) -> Case {
@@ -203,12 +210,13 @@ mod tests {
 
     #[test]
     fn every_law_of_an_outsider_stays_finite_and_shows_on_some_recordings() {
-        for seed in [FIRST_OF_SEVENTH, FIRST_OF_EIGHTH].into_iter().flat_map(|first| first..first + 6) {
+        for seed in [FIRST_OF_SEVENTH, FIRST_OF_EIGHTH, FIRST_OF_NINTH].into_iter().flat_map(|first| first..first + 6) {
             let plain = make(Vec::new(), seed);
             let range = plain.recordings.iter().flat_map(|run| &run.output).fold(0.0_f64, |top, value| top.max(*value));
             // As many seeds in a row as there are laws draw each of them.
-            for (name, _) in COUNTS.into_iter().filter(|(_, count)| seed % 100 < *count) {
-                let hidden = make(vec![name.to_owned()], seed);
+            let counts = if seed < FIRST_OF_NINTH { &COUNTS[..] } else { &[("supply-saturation", SUPPLIES)] };
+            for (name, _) in counts.iter().filter(|(_, count)| seed % 100 < *count) {
+                let hidden = make(vec![(*name).to_owned()], seed);
                 let pairs = plain.recordings.iter().zip(&hidden.recordings);
                 let shares = pairs.map(|(before, after)| {
                     assert!(after.output.iter().all(|value| value.is_finite() && value.abs() < 3.0 * range), "{seed}: {name}");
