@@ -45,14 +45,6 @@ pub struct Start {
     pub discovered: Option<DiscoveredModel>,
 }
 
-impl Start {
-    /// From the predictions of a model; `discovered` is that model when discovery wrote it.
-    #[must_use]
-    pub fn new(predictions: Vec<Vec<f64>>, discovered: Option<DiscoveredModel>) -> Self {
-        Self { predictions, discovered }
-    }
-}
-
 /// Finds what the model lacks in `recordings`; `kept` take no part in any choice (some of `recordings` are set apart when empty).
 ///
 /// # Errors

@@ -12,7 +12,7 @@ use crate::chain::side_by_side::leads_input;
 use crate::data::session::{Run, Session};
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Beside, &DENSE, &GROWING, &ORIFICE];
+pub const FORMS: &[&dyn Form] = &[&BEFORE, &HELD, &BEHIND, &TWO_POLES, &TWO_POLES_BEHIND, &Beside, &Changing, &ORIFICE];
 
 /// One lag, or two in a row.
 struct Restriction {
@@ -130,40 +130,25 @@ impl Filter<3> for Both {
     }
 }
 
-/// A lag whose time constant changes with the pressure: `T k(v) / k(1/2) dv/dt = u - v`.
-struct Changing {
-    form: Told,
-    parameters: &'static [Parameter],
-    /// Whether it slows.
-    slows: bool,
-}
-
-/// Laminar flow of a compressible gas: the flow goes with the difference of the squares of the pressures, `(u - v)(u + v + 2 P)` with the
-/// room's pressure `P`, so that a tube under pressure is a faster one: `k = 1 / (1 + c (u + v) / 2)`, and `c` is `1 / P`.
-static DENSE: Changing = Changing {
-    form: ("faster-under-pressure", "before the hysteresis, faster under pressure"),
-    parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: 0.05, high: 10.0, logarithmic: true }],
-    slows: false,
-};
-
-/// A muscle that grows as it fills takes the longer to fill, the fuller it is: `k = 1 + c v`.
-static GROWING: Changing = Changing {
-    form: ("slower-under-pressure", "before the hysteresis, slower under pressure"),
-    parameters: &[TIME, Parameter { name: "slower", quantity: Quantity::PerInput, low: 0.05, high: 5.0, logarithmic: true }],
-    slows: true,
-};
+/// A lag whose time constant changes with the pressure: `T k(v) / k(1/2) dv/dt = u - v`. Laminar flow of a compressible gas goes with the difference of
+/// the squares of the pressures, `(u - v)(u + v + 2 P)` with the room's pressure `P`, so that a tube under pressure is a faster one:
+/// `k = 1 / (1 + c (u + v) / 2)`, and `c` is `1 / P`. A muscle that grows as it fills takes the longer to fill, the fuller it is: `k = 1 - c v`, `c < 0`.
+struct Changing;
 
 impl Form for Changing {
     fn spec(&self) -> Spec {
-        Spec { parameters: self.parameters, steps: &[0.15, 0.4], ..Spec::new("pneumatic-lag", self.form, Place::Flow) }
-    }
-    fn starts(&self, _: &Session, _: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        grid(&[&ladder(0.03, 0.8, 5), &[if self.slows { 0.5 } else { 2.0 }]])
+        Spec {
+            parameters: &[TIME, Parameter { name: "faster", quantity: Quantity::PerInput, low: -5.0, high: 10.0, logarithmic: false }],
+            steps: &[0.15, 0.2],
+            simpler_at: &[(1, 0.0)],
+            starts: || grid(&[&ladder(0.03, 0.8, 5), &[-0.5, 2.0]]),
+            ..Spec::new("pneumatic-lag", ("faster-under-pressure", "before the hysteresis, faster under pressure"), Place::Flow)
+        }
     }
     leads_input!(|self, parameters, run| {
-        let (faster, slower) = if self.slows { (0.0, parameters[1]) } else { (parameters[1], 0.0) };
-        let time_s = parameters[0] * (1.0 + 0.5 * faster) / (1.0 + 0.5 * slower);
-        Condensing { time_s, faster, slower, step_s: run.period_s / LOOKS as f64 }
+        let faster = parameters[1];
+        let at_half = if faster > 0.0 { 1.0 + 0.5 * faster } else { 1.0 / (1.0 - 0.5 * faster) };
+        Condensing { time_s: parameters[0] * at_half, faster, step_s: run.period_s / LOOKS as f64 }
     });
 }
 
@@ -172,7 +157,6 @@ impl Form for Changing {
 struct Condensing {
     time_s: f64,
     faster: f64,
-    slower: f64,
     step_s: f64,
 }
 
@@ -183,8 +167,8 @@ impl Filter<2> for Condensing {
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
         follow([state, last], value, self.step_s, |between, state| {
-            let sensitivities = (1.0 + 0.5 * self.faster * (between + state)).max(0.1);
-            self.time_s * (1.0 + self.slower * state).max(0.1) / sensitivities
+            let slows = 1.0 - self.faster * state;
+            self.time_s * if self.faster > 0.0 { 1.0 / (1.0 + 0.5 * self.faster * (between + state)).max(0.1) } else { slows.max(0.1) }
         })
     }
 }
@@ -290,8 +274,8 @@ mod tests {
             (&BEFORE, &[TIME_S]),
             (&TWO_POLES, &[TIME_S, 0.2]),
             (&Beside, &[TIME_S, 0.15, 0.4]),
-            (&DENSE, &[TIME_S, 3.0]),
-            (&GROWING, &[TIME_S, 2.0]),
+            (&Changing, &[TIME_S, 3.0]),
+            (&Changing, &[TIME_S, -2.0]),
             (&ORIFICE, &[TIME_S, 1.0]),
         ];
         for (form, parameters) in linear {
@@ -307,7 +291,7 @@ mod tests {
         let (time_s, slower) = (0.15, 0.8);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        GROWING.input(&[time_s * (1.0 + 0.5 * slower), slower], &run, &mut path);
+        Changing.input(&[time_s * (1.0 + 0.5 * slower), -slower], &run, &mut path);
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {
             for look in 0..2000 {
@@ -341,7 +325,7 @@ mod tests {
         let (time_s, faster) = (0.2, 3.0);
         let run = run((0..1000).map(|sample| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * 0.8 * f64::from(sample) * 0.02).cos()).collect());
         let mut path = run.input.clone();
-        DENSE.input(&[time_s / (1.0 + 0.5 * faster), faster], &run, &mut path);
+        Changing.input(&[time_s / (1.0 + 0.5 * faster), faster], &run, &mut path);
         // T v' = c / 2 ((u + 1/c)^2 - (v + 1/c)^2), in small steps of Euler's.
         let mut state = run.input[0];
         for (sample, value) in path.iter().enumerate().skip(1) {

@@ -9,26 +9,15 @@ use std::collections::BTreeMap;
 
 use crate::chain::columns::Columns;
 use crate::chain::filters::{grid, ladder, with};
-use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec, Told};
+use crate::chain::form::{Form, OfOperators, Parameter, Place, Quantity, Spec};
 use crate::data::session::{Run, Session};
 use crate::effects::creep;
 
 /// All forms.
-pub const FORMS: &[&dyn Form] = &[
-    &ADDITIVE,
-    &ADDITIVE_FADING,
-    &PROPORTIONAL,
-    &VISCOUS,
-    &STIFFENING,
-    &Weights { logarithmic: false },
-    &Weights { logarithmic: true },
-    &Relaxing,
-];
+pub const FORMS: &[&dyn Form] = &[&ADDITIVE, &ADDITIVE_FADING, &PROPORTIONAL, &VISCOUS, &STIFFENING, &Weights, &Relaxing];
 
-/// Weights that change with the rate, or its logarithm.
-struct Weights {
-    logarithmic: bool,
-}
+/// Weights that change with the logarithm of the rate, or in proportion to it.
+struct Weights;
 
 /// A slider on a spring (Maxwell slip) whose force relaxes: `f' = k v' - f / T`, no more than it slips at, holds the input back by `f`. Fast strokes
 /// drag it to where it slips; slow ones let it go.
@@ -135,36 +124,29 @@ impl Form for Relaxing {
     }
 }
 
-/// `y = s + f (a s + b u)`: all weights change by one share of `f`, and the one without a threshold by another. `f` is the rate, or `ln(1 + |du/dt| / r)`:
-/// what Eyring's law makes of thermally activated friction, far above the rate `r`.
+/// `y = s + f (a s + b u)`: all weights change by one share of `f`, and the one without a threshold by another, with `f = ln(1 + |du/dt| / r)`:
+/// what Eyring's law makes of thermally activated friction, far above the rate `r`, and below it in proportion to the rate.
 impl Form for Weights {
     fn spec(&self) -> Spec {
-        let of = |form: Told, cost: usize| Spec { weights: 2, cost: Some(cost), needs_sum: true, ..Spec::new(NAME, form, Place::Material) };
-        if self.logarithmic {
-            Spec {
-                parameters: &[Parameter { low: 1e-2, high: 5.0, ..RATE }],
-                starts: || grid(&[&[0.05, 0.4]]),
-                ..of(("weights-logarithmic", "weights change with the logarithm of the rate"), 4)
-            }
-        } else {
-            of(("weights-linear", "weights change with the rate"), 3)
+        Spec {
+            parameters: &[RATE],
+            starts: || grid(&[&[0.05, 0.4, LINEAR]]),
+            simpler_at: &[(0, LINEAR)],
+            weights: 2,
+            cost: Some(4),
+            needs_sum: true,
+            ..Spec::new(NAME, ("weights", "weights change with the rate, fast ones with its logarithm"), Place::Material)
         }
     }
     fn output(&self, parameters: &[f64], run: &Run, sum: &[f64], columns: &mut Columns) {
-        let mut change = rates(&run.input, run.period_s);
-        if self.logarithmic {
-            change.iter_mut().for_each(|rate| *rate = (*rate / parameters[0]).ln_1p());
-        }
+        let change: Vec<f64> = rates(&run.input, run.period_s).into_iter().map(|rate| (rate / parameters[0]).ln_1p()).collect();
         columns.push(true, |sample| change[sample] * sum[sample]);
         columns.push(true, |sample| change[sample] * run.input[sample]);
     }
-    fn tell(&self, _: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
-        let per_rate = (format!("per_{}_per_s", session.input_unit), session.input_scale);
-        let (per, scale) = if self.logarithmic { ("per_e_fold".to_owned(), 1.0) } else { per_rate };
-        BTreeMap::from([
-            (format!("weights_change_{per}"), weights[0] / scale),
-            (format!("of_the_weight_without_threshold_{per}"), (weights[0] + weights[1]) / scale),
-        ])
+    fn tell(&self, parameters: &[f64], weights: &[f64], session: &Session) -> BTreeMap<String, f64> {
+        let told = [("weights_change", weights[0]), ("of_the_weight_without_threshold", weights[0] + weights[1])];
+        let per_rate = |value: f64| value / (parameters[0] * session.input_scale);
+        told.map(|(name, value)| (format!("{name}_per_{}_per_s", session.input_unit), per_rate(value))).into()
     }
 }
 

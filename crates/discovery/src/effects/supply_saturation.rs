@@ -1,5 +1,5 @@
-//! `supply-saturation`: the supply's pressure is the most there is, `v = min(u, L)` with a rounded corner: of a width of its own, or, where a regulator
-//! droops long before its limit, `v = u / (1 + (u / L)^n)^(1 / n)`. A small tank, `p`, is emptied by filling the muscle and fills again, `v = min(u, p)`,
+//! `supply-saturation`: the supply's pressure is the most there is, `v = min(u, L)`, or hardly more: a relief valve lets `o (u - L)` pass. With a rounded
+//! corner: of a width of its own, or, where a regulator droops long before its limit, `v = u / (1 + (u / L)^n)^(1 / n)`. A small tank, `p`, is emptied by filling the muscle and fills again, `v = min(u, p)`,
 //! `dp/dt = (L - p) / T - k max(dv/dt, 0)`. Or the muscle fills through an inlet by what the
 //! supply has above it, or follows the command where that is slower, `dv/dt = min((u - v) / S, (L - v) / T)`.
 
@@ -30,17 +30,21 @@ const SHARP: f64 = 300.0;
 impl Form for Corner {
     fn spec(&self) -> Spec {
         Spec {
-            parameters: &[LIMIT, Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true }],
-            simpler_at: &[(1, 1e-3)],
+            parameters: &[
+                LIMIT,
+                Parameter { name: "rounding", quantity: Quantity::Ratio, low: 1e-3, high: 0.15, logarithmic: true },
+                Parameter { name: "override", quantity: Quantity::Ratio, low: 0.0, high: 0.2, logarithmic: false },
+            ],
+            simpler_at: &[(1, 1e-3), (2, 0.0)],
             is_static: true,
-            starts: || grid(&[&[0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96], &[0.005, 0.04]]),
+            starts: || grid(&[&[0.5, 0.6, 0.7, 0.78, 0.85, 0.91, 0.96], &[0.005, 0.04], &[0.0, 0.06]]),
             ..Spec::new(NAME, ("rounded", "rounded corner"), Place::Supply)
         }
     }
     fn input(&self, parameters: &[f64], _: &Run, path: &mut [f64]) {
         for value in path {
             let beyond = *value - parameters[0];
-            *value -= 0.5 * (beyond + (beyond * beyond + parameters[1] * parameters[1]).sqrt());
+            *value -= 0.5 * (1.0 - parameters[2]) * (beyond + (beyond * beyond + parameters[1] * parameters[1]).sqrt());
         }
     }
 }
@@ -125,7 +129,10 @@ impl Form for Inlet {
             ..Spec::new(NAME, ("inlet", "through an inlet that fills by what the supply has above the muscle"), Place::Supply)
         }
     }
-    leads_input!(|self, parameters, run| Let::new(parameters, run.period_s));
+    leads_input!(|self, parameters, run| {
+        let of = |time_s: f64| 1.0 - (-run.period_s / LOOKS as f64 / time_s).exp();
+        Let { limit: parameters[0], filled: of(parameters[1]), followed: of(parameters[2]) }
+    });
 }
 
 /// What follows at once, s.
@@ -141,13 +148,6 @@ struct Let {
     /// Share of what is missing to the limit, and to the command, that a look brings.
     filled: f64,
     followed: f64,
-}
-
-impl Let {
-    fn new(parameters: &[f64], period_s: f64) -> Self {
-        let of = |time_s: f64| 1.0 - (-period_s / LOOKS as f64 / time_s).exp();
-        Self { limit: parameters[0], filled: of(parameters[1]), followed: of(parameters[2]) }
-    }
 }
 
 impl Filter<2> for Let {
@@ -168,6 +168,7 @@ impl Filter<2> for Let {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::session_of;
 
     /// What a tank makes of a ramp to twice its limit and a hold, `period_s` apart.
     fn supplied(parameters: [f64; 3], period_s: f64) -> Vec<f64> {
@@ -189,11 +190,23 @@ mod tests {
     }
 
     #[test]
+    fn a_relief_valve_passes_its_limit_by_its_override() {
+        let run = session_of(400, 0.01, |time_s| time_s).runs.remove(0);
+        let mut path = vec![0.3, 0.8, 1.0];
+        Corner.input(&[0.6, 1e-3, 0.1], &run, &mut path);
+        for (value, expected) in path.iter().zip([0.3, 0.62, 0.64]) {
+            assert!((value - expected).abs() < 2e-3, "{path:?}");
+        }
+    }
+
+    #[test]
     fn an_inlet_lets_in_by_what_the_supply_has_above_the_muscle() {
         let commands = |value: f64| -> Vec<f64> { (0..400).map(|sample| if (10..=200).contains(&sample) { value } else { 0.0 }).collect() };
         let [mut beyond, mut below] = [commands(2.0), commands(0.3)];
-        Let::new(&[0.8, 0.1, 0.02], 0.01).run(&mut beyond);
-        Let::new(&[0.8, 0.001, 0.05], 0.01).run(&mut below);
+        for (path, law) in [(&mut beyond, [0.8, 0.1, 0.02]), (&mut below, [0.8, 0.001, 0.05])] {
+            let session = session_of(400, 0.01, |time_s| time_s);
+            Inlet.input(&law, &session.runs[0], path);
+        }
         // In step 10 the command rises along a line: about a sample of the way is missing.
         let left = |time_s: f64, samples: f64| (-samples * 0.01 / time_s).exp();
         for (path, sample, expected, error) in [

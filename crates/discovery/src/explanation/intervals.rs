@@ -10,14 +10,21 @@
 //! the noise is taken for one coherent error of unknown direction (a model discrepancy without repetitions, Kennedy and O'Hagan 2001): a parameter
 //! could be off by as much as changes the mean square by that excess, `sqrt(2 e / H)`, added in quadrature. An error of the form that is no larger
 //! than the mean square is known to cannot be seen: its standard error between recordings is part of the excess.
+//!
+//! Nor does one form know what another one says. Where another of the same effect has the same parameter and leaves no more above the mean square than
+//! that excess, the interval reaches as far beyond what that one has for it (model selection uncertainty, Buckland, Burnham and Augustin 1997).
 
 use identification::nnls;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::chain::form::{Form, Parameter};
 use crate::data::session::{Role, Run, Session};
+use crate::effects::catalogue;
 use crate::model::line::{Axis, axes, inward, outward, place};
 use crate::model::structure::{Model, Scope};
 use crate::model::workspace::Workspace;
+use crate::search::forms::polished;
+use crate::search::parallel::is_narrow;
 use crate::search::simplex::{indices_of, objective};
 
 /// Half width of the 95 % interval of every non-linear parameter, all parameters on one line, in the parameters' own normalised units. Discrete
@@ -79,11 +86,8 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
     let quantile = StudentsT::new(0.0, 1.0, (count - 1) as f64).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975));
     for (axis, &index) in searched.iter().enumerate() {
         // A row of the inverse curvature; one that is not definite falls back on its diagonal.
-        let row = inverse_row(&curvature, n, axis).unwrap_or_else(|| {
-            let mut row = vec![0.0; n];
-            row[axis] = 1.0 / curvature[axis * n + axis];
-            row
-        });
+        let diagonal = || (0..n).map(|at| if at == axis { 1.0 / curvature[axis * n + axis] } else { 0.0 }).collect();
+        let row = inverse_row(&curvature, n, axis).unwrap_or_else(diagonal);
         // The influence of each cluster on this parameter.
         let influence = |cluster: usize| -> f64 { row.iter().zip(&gradients).map(|(inverse, gradient)| inverse * gradient[cluster]).sum() };
         let variance = factor * (0..count).map(|cluster| influence(cluster).powi(2)).sum::<f64>() / (samples * samples);
@@ -92,6 +96,49 @@ pub fn half_widths(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
         result[index] = if parameter.logarithmic { line[index] * reach } else { reach / 4.0 * (parameter.high - parameter.low) };
     }
     result
+}
+
+/// Evaluations for each parameter when another form takes a form's place.
+const POLISH: usize = 20;
+
+/// As [`half_widths`], wide enough for other forms of the effects that leave as little.
+#[must_use]
+pub fn half_widths_over_forms(model: &Model, session: &Session, excess: f64) -> Vec<f64> {
+    let mut widths = half_widths(model, session, excess);
+    let mut workspace = Workspace::new(session);
+    let most = objective(model, &mut workspace, Scope::Fit) + excess + standard_error(&clusters(model, session, &mut workspace));
+    let mut first = 0;
+    for (at, slot) in model.slots.iter().enumerate() {
+        let mut farthest = vec![0.0_f64; slot.parameters.len()];
+        let residual = model.without(at).residuals(session);
+        let is_other = |form: &&'static dyn Form| form.name() == slot.form.name() && form.form() != slot.form.form();
+        let searched = |form: &&'static dyn Form| !form.spec().discrete && !is_narrow(*form);
+        for form in catalogue::forms().into_iter().filter(|form| is_other(form) && searched(form) && searched(&slot.form)) {
+            let same = |(index, parameter): (usize, &Parameter)| {
+                let is_same = |own: &Parameter| own.name == parameter.name && own.quantity == parameter.quantity;
+                Some((index, slot.form.parameters().iter().position(is_same)?))
+            };
+            let shared: Vec<(usize, usize)> = form.parameters().iter().enumerate().filter_map(same).collect();
+            let starts = if shared.is_empty() { Vec::new() } else { form.starts(session, &residual) };
+            let begun = starts.into_iter().map(|mut start| {
+                shared.iter().for_each(|&(index, same)| start[index] = slot.parameters[same]);
+                let trial = model.with_in_place_of(at, form, start);
+                (objective(&trial, &mut workspace, Scope::Screen), trial)
+            });
+            let Some((_, begun)) = begun.min_by(|x, y| x.0.total_cmp(&y.0)) else { continue };
+            let other = polished(&begun, &mut workspace, Scope::Fit, POLISH);
+            let Some(found) = other.slots.iter().find(|slot| slot.form.form() == form.form()) else { continue };
+            if objective(&other, &mut workspace, Scope::Fit) < most {
+                let far = |&(index, same): &(usize, usize)| {
+                    farthest[same] = farthest[same].max((found.parameters[index] - slot.parameters[same]).abs());
+                };
+                shared.iter().for_each(far);
+            }
+        }
+        farthest.iter().zip(&mut widths[first..]).for_each(|(far, width)| *width += far);
+        first += slot.parameters.len();
+    }
+    widths
 }
 
 /// Standard error of the mean square over clusters, from their sums of squares and numbers of samples.
@@ -131,7 +178,7 @@ fn inverse_row(matrix: &[f64], n: usize, wanted: usize) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::pneumatic_lag;
+    use crate::effects::{pneumatic_lag, supply_saturation};
     use crate::model::initial_state::InitialState;
     use crate::search::forms::polish;
     use virtual_rig as rig;
@@ -191,6 +238,29 @@ mod tests {
         }
         shares.sort_by(f64::total_cmp);
         (held, shares[6])
+    }
+
+    #[test]
+    fn an_interval_reaches_what_another_form_says_that_leaves_as_little() {
+        // A supply with a wide corner, and what a law of another knee has for its limit.
+        let case =
+            rig::hide(&CaseConfig { seed: 571, generator: Generator::Rival, noise: 0.003, ..CaseConfig::default() }).expect("a case");
+        let mut session = Session::new(&case.recordings, &[]).expect("a session");
+        let [corner, drooping] = [0, 1].map(|at| supply_saturation::FORMS[at]);
+        let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
+        let mut limited = bare.with(corner, vec![0.7, 0.05, 0.0]);
+        limited.fit(&session, Scope::Both);
+        let limited = limited.outputs(&session, |_| true);
+        let mut state = 571;
+        for (run, exact) in session.runs.iter_mut().zip(limited) {
+            run.output = exact.into_iter().map(|value| value + 0.003 * deviate(&mut state)).collect();
+        }
+        let found = polish(&bare.with(drooping, vec![0.72, 15.0]), &session, Scope::Fit, 30).model;
+        let own = half_widths(&found, &session, 0.0);
+        let least = objective(&found, &mut Workspace::new(&session), Scope::Fit);
+        let wide = half_widths_over_forms(&found, &session, least);
+        let far = (found.slots[0].parameters[0] - 0.7).abs();
+        assert!(own[0] < far && wide[0] >= far, "{far}: {own:?}, {wide:?}");
     }
 
     #[test]

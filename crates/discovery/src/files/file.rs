@@ -26,7 +26,7 @@ use crate::model::structure::{Model, Slot};
 pub const KIND: &str = "discovered";
 
 /// Version of the file; one such file is kept for the fuzz targets, `fuzz/files/discovered.toml`, and changes with it.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// One effect in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -195,7 +195,7 @@ pub fn judge(session: &Session, residual_before: &[Vec<f64>], decision: &Decisio
     let scatter = found.jump_scatter.filter(|_| jumps).unwrap_or(0.0);
     let left = Left::new(was, is - scatter, floor * floor);
     let mut effects: Vec<Effect> = Vec::new();
-    let half_widths = intervals::half_widths(after, session, (is - scatter - floor * floor).max(0.0));
+    let half_widths = intervals::half_widths_over_forms(after, session, (is - scatter - floor * floor).max(0.0));
     for name in &decision.order {
         let before: usize = after.slots.iter().take_while(|slot| slot.form.name() != *name).map(|slot| slot.parameters.len()).sum();
         let Some(slot) = after.slots.iter().find(|slot| slot.form.name() == *name) else { continue };

@@ -26,7 +26,7 @@ pub fn start_from(
     for recording in recordings.iter().chain(kept) {
         predictions.push(model::predict(model, recording, model::Fit::default())?);
     }
-    Ok(Start::new(predictions, discovered))
+    Ok(Start { predictions, discovered })
 }
 
 #[cfg(test)]
