@@ -26,6 +26,11 @@ impl Lag {
         let (keep, now, before) = lag_coefficients(time_constant_s, period_s);
         Self { keep, now, before }
     }
+    /// The state after a straight line from `last` to `value`.
+    #[inline(always)]
+    pub fn after(&self, state: f64, last: f64, value: f64) -> f64 {
+        self.keep * state + self.now * value + self.before * last
+    }
 }
 
 impl Filter<2> for Lag {
@@ -34,7 +39,7 @@ impl Filter<2> for Lag {
     }
     #[inline(always)]
     fn step(&self, [state, last]: &mut [f64; 2], value: f64) -> f64 {
-        *state = self.keep * *state + self.now * value + self.before * *last;
+        *state = self.after(*state, *last, value);
         *last = value;
         *state
     }

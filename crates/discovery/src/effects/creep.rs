@@ -161,9 +161,8 @@ impl Filter<4> for Giving {
     fn step(&self, [first, second, third, last]: &mut [f64; 4], value: f64) -> f64 {
         let mut sum = value;
         for (lag, state) in self.lags.iter().zip([first, second, third]) {
-            let mut memory = [*state, *last];
-            sum += self.share * lag.step(&mut memory, value);
-            *state = memory[0];
+            *state = lag.after(*state, *last, value);
+            sum += self.share * *state;
         }
         *last = value;
         sum

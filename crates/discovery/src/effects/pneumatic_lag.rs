@@ -118,15 +118,9 @@ impl Filter<3> for Both {
     }
     #[inline(always)]
     fn step(&self, [slow, fast, last]: &mut [f64; 3], value: f64) -> f64 {
-        let of = |lag: &Lag, state: &mut f64| {
-            let mut memory = [*state, *last];
-            lag.step(&mut memory, value);
-            *state = memory[0];
-            memory[0]
-        };
-        let both = (1.0 - self.share) * of(&self.lags[0], slow) + self.share * of(&self.lags[1], fast);
+        (*slow, *fast) = (self.lags[0].after(*slow, *last, value), self.lags[1].after(*fast, *last, value));
         *last = value;
-        both
+        (1.0 - self.share) * *slow + self.share * *fast
     }
 }
 

@@ -127,12 +127,11 @@ pub fn half_widths_over_forms(model: &Model, session: &Session, excess: f64) -> 
             });
             let Some((_, begun)) = begun.min_by(|x, y| x.0.total_cmp(&y.0)) else { continue };
             let other = polished(&begun, &mut workspace, Scope::Fit, POLISH);
-            let Some(found) = other.slots.iter().find(|slot| slot.form.form() == form.form()) else { continue };
             if objective(&other, &mut workspace, Scope::Fit) < most {
-                let far = |&(index, same): &(usize, usize)| {
-                    farthest[same] = farthest[same].max((found.parameters[index] - slot.parameters[same]).abs());
-                };
-                shared.iter().for_each(far);
+                let found = other.slots.iter().find(|slot| slot.form.form() == form.form()).map_or(&[][..], |slot| &slot.parameters);
+                for (far, own, other) in shared.iter().filter_map(|&(index, same)| Some((same, slot.parameters[same], found.get(index)?))) {
+                    farthest[far] = farthest[far].max((other - own).abs());
+                }
             }
         }
         farthest.iter().zip(&mut widths[first..]).for_each(|(far, width)| *width += far);

@@ -138,14 +138,16 @@ impl First {
         let session = bench.session;
         let wants_more = self.wants_more(session);
         let mut standing = self.standing().clone();
-        let Self { base: model, tried, firsts, pays, candidates, .. } = self;
+        let Self { base: model, bare, tried, firsts, pays, candidates } = self;
         let owned: Vec<&'static str> = model.names().collect();
         let mut found = Found { candidates, ..Found::default() };
         let mut rivals: Vec<Judged> = if pays { firsts.clone() } else { Vec::new() };
         if most_effects > 1 && wants_more {
             (bench.watch)(Progress::Stage("a second effect"));
-            let pairs = pairs::search(bench, &model, &tried, &firsts, &|pair| leaves(session, pair));
-            if let Some(pair) = pairs.first().filter(|pair| pays_beside(bench, &standing, pair)) {
+            // A little beside all that there was is what the form of an effect leaves.
+            let leaves_much = |pair: &Judged| leaves(session, pair) && pair.select > MATERIAL_SHARE * bare.select;
+            let pairs = pairs::search(bench, &model, &tried, &firsts, &leaves_much);
+            if let Some(pair) = pairs.first().filter(|pair| pair.pays(&standing, least_further(session, &standing))) {
                 standing = pair.clone();
                 rivals = pairs;
             }
@@ -169,7 +171,7 @@ impl First {
             let of_rhythms = Bench { forms, ..*bench };
             let least = least_further(session, &standing);
             let with_rhythm = bench.polished(&leaders(&of_rhythms.round(&standing.model, least)), POLISH).into_iter().next();
-            if let Some(best) = with_rhythm.filter(|best| pays_beside(bench, &standing, best)) {
+            if let Some(best) = with_rhythm.filter(|best| best.pays(&standing, least)) {
                 standing = best;
             }
         }
@@ -217,11 +219,6 @@ fn least_further(session: &Session, standing: &Judged) -> f64 {
     let floor_square = noise::floor(session, &standing.fine.residuals(session)).powi(2);
     let left = (standing.select - floor_square).max(0.0);
     (MATERIAL_SHARE * left / standing.select).max(2.0 * PENALTY)
-}
-
-/// Whether one effect more pays beside those that are there already.
-fn pays_beside(bench: &Bench<'_>, standing: &Judged, further: &Judged) -> bool {
-    further.pays(standing, least_further(bench.session, standing))
 }
 
 /// Names of a model's effects without those `owned`.
