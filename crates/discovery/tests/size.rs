@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Ceilings: lower them when it shrinks.
-const MOST_LINES: usize = 12_036;
+const MOST_LINES: usize = 12_031;
 
 const MOST_NUMBERS: usize = 40;
 

@@ -196,7 +196,7 @@ mod tests {
             let session = Session::new(&case.recordings[..12], &[]).expect("a session");
             let bare = Model::baseline(InitialState::carrying(case.truth.continuous), false);
             let (late, limit, lag) = (dead_time::FORMS[0], supply_saturation::FORMS[0], pneumatic_lag::FORMS[0]);
-            let limited = |model: &Model| model.with(limit, vec![0.8, 0.01]);
+            let limited = |model: &Model| model.with(limit, vec![0.8, 0.01, 0.0]);
             let delayed = bare.with(late, vec![0.07]);
             let models = [delayed.clone(), limited(&bare), limited(&delayed), delayed.with(lag, vec![0.01])];
             let fitted = models.iter().map(|model| refitted(&session, model));

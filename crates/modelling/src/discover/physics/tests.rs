@@ -96,8 +96,8 @@ fn what_the_microcontroller_can_run_predicts_the_same() {
         (one("resonance", "tip", &[2.0, 0.05], &[]), false, 1e-9),
         (one("resonance", "shaken-tip", &[4.0, 0.1], &[]), false, 1e-9),
         (one("resonance", "part-of-tip", &[3.0, 0.1, 0.4], &[]), false, 1e-9),
-        (one("supply-saturation", "rounded", &[0.7, 0.001], &[]), false, 3e-2),
-        (one("supply-saturation", "rounded", &[0.6, 0.1], &[]), true, 3e-2),
+        (one("supply-saturation", "rounded", &[0.7, 0.001, 0.0], &[]), false, 3e-2),
+        (one("supply-saturation", "rounded", &[0.6, 0.1, 0.1], &[]), true, 3e-2),
         (one("supply-saturation", "drooping", &[0.7, 20.0], &[]), false, 3e-2),
         (one("slew-limit", "one", &[0.5], &[]), false, 8e-2),
         (one("slew-limit", "two-sided-held", &[0.6, 0.4], &[]), false, 8e-2),
@@ -210,7 +210,7 @@ fn what_keeps_a_model_off_the_microcontroller_is_named() {
     let swings = || entry("resonance", "tip", &[3.0, 0.1], &[]);
     assert_eq!(refused(vec![swings(), swings()], false), "resonance (tip): its stage is taken by another effect");
     let lag = entry("pneumatic-lag", "before", &[0.1], &[]);
-    let supply = entry("supply-saturation", "rounded", &[0.7, 0.01], &[]);
+    let supply = entry("supply-saturation", "rounded", &[0.7, 0.01, 0.0], &[]);
     assert_eq!(refused(vec![lag, supply], false), "supply-saturation (rounded): it acts in another order there");
     let grows = entry("asymmetric-hysteresis", "thresholds-grow", &[1.5], &[]);
     assert_eq!(refused(vec![grows], true), "asymmetric-hysteresis (thresholds-grow) of stop operators");
