@@ -3,7 +3,8 @@
 /// Level: probability by which an explanation leaves the confidence set that is as good as the best.
 pub const LEVEL: f64 = 0.1;
 
-/// Materiality: share of the best explanation's gain by which others may differ and nobody cares, and of what is left that a further effect takes away.
+/// Materiality: share of the best explanation's gain by which others may differ and nobody cares, of what is left that a further effect takes away, and
+/// of all there was that a pair may leave before others are looked for.
 pub const MATERIAL_SHARE: f64 = 0.05;
 
 /// Materiality: that difference at least and at most, nats per sample. Innovations whose standard deviations differ by one percent differ by 0.01.
