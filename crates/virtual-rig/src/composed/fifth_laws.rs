@@ -54,8 +54,8 @@ fn pneumatic_lag(second: bool, draw: &mut Draw<'_>) -> Drawn {
 }
 
 /// A share of the choked mass flow by ISO 6358, from the higher pressure to the lower one, both absolute.
-fn flow_share(upstream_bar: f64, downstream_bar: f64) -> f64 {
-    let beyond = ((downstream_bar / upstream_bar - CRITICAL_RATIO) / (1.0 - CRITICAL_RATIO)).clamp(0.0, 1.0);
+pub(super) fn flow_share(critical_ratio: f64, upstream_bar: f64, downstream_bar: f64) -> f64 {
+    let beyond = ((downstream_bar / upstream_bar - critical_ratio) / (1.0 - critical_ratio)).clamp(0.0, 1.0);
     (1.0 - beyond * beyond).sqrt()
 }
 
@@ -73,9 +73,9 @@ fn fill_vent_asymmetry(second: bool, draw: &mut Draw<'_>) -> Drawn {
         let muscle_bar = state.max(0.0) + ATMOSPHERE_BAR;
         let opening = ((value - state) / full_error_bar).clamp(-1.0, 1.0);
         if opening > 0.0 {
-            opening * supply_bar * flow_share(supply_bar, muscle_bar) / volume_s
+            opening * supply_bar * flow_share(CRITICAL_RATIO, supply_bar, muscle_bar) / volume_s
         } else {
-            opening * muscle_bar * flow_share(muscle_bar, ATMOSPHERE_BAR) / volume_s
+            opening * muscle_bar * flow_share(CRITICAL_RATIO, muscle_bar, ATMOSPHERE_BAR) / volume_s
         }
     }))
 }

@@ -2,6 +2,7 @@
 //! a little.
 
 use super::draw::Draw;
+use super::fifth_laws::flow_share;
 use super::laws::{Drawn, first_order, map};
 
 /// How many there are.
@@ -24,9 +25,8 @@ pub(super) fn supply_saturation(seed: u64, draw: &mut Draw<'_>) -> Drawn {
         })),
         // The elliptic flow function of ISO 6358 with a critical ratio of 0.4, absolute pressures.
         1 => Drawn::Before(first_order(move |command, pressure| {
-            let ratio = (pressure.max(0.0) + ATMOSPHERE_BAR) / (limit + ATMOSPHERE_BAR);
-            let beyond = ((ratio - 0.4) / 0.6).max(0.0);
-            let flow = if ratio < 1.0 { limit * (1.0 - beyond * beyond).sqrt() } else { limit - pressure };
+            let [supply, muscle] = [limit, pressure.max(0.0)].map(|gauge| gauge + ATMOSPHERE_BAR);
+            let flow = if muscle < supply { limit * flow_share(0.4, supply, muscle) } else { limit - pressure };
             ((command - pressure) / servo_s).min(flow / inlet_s)
         })),
         // A long line: laminar flow of a gas goes by the difference of the squares of absolute pressures.
