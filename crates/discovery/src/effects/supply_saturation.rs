@@ -1,7 +1,7 @@
 //! `supply-saturation`: the supply's pressure is the most there is, `v = min(u, L)`, or hardly more: a relief valve lets `o (u - L)` pass. With a rounded
-//! corner: of a width of its own, or, where a regulator droops long before its limit, `v = u / (1 + (u / L)^n)^(1 / n)`. A small tank, `p`, is emptied by filling the muscle and fills again, `v = min(u, p)`,
-//! `dp/dt = (L - p) / T - k max(dv/dt, 0)`. Or the muscle fills through an inlet by what the
-//! supply has above it, or follows the command where that is slower, `dv/dt = min((u - v) / S, (L - v) / T)`.
+//! corner: of a width of its own, or, where a regulator droops long before its limit, `v = u / (1 + (u / L)^n)^(1 / n)`. A small tank, `p`, is emptied by
+//! filling the muscle and fills again, `v = min(u, p)`, `dp/dt = (L - p) / T - k max(dv/dt, 0)`. Or the muscle fills through an inlet by what the supply has
+//! above it, or follows the command where that is slower, `dv/dt = min((u - v) / S, (L - v) / T)`.
 
 use crate::chain::columns::Filter;
 use crate::chain::filters::grid;
